@@ -38,7 +38,7 @@ KNOWN = (*NEWEST, LOWEST, TOOLS)
 SMOKED = ("3.11", "3.13")
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[(?P<extras>[\w, -]+)\])?\s*(>=\s*(?P<lowest>[\w.]+))?\s*$")
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv*", "*.egg-info", "__pycache__", ".*_cache", "build", "dist", "out",
-                                  "mbdae.core.*")  # fmt: skip
+                                  "mbdae.core.*")
 BUILD = "import sys; from hatchling import build; print(build.build_sdist(sys.argv[1]))"
 COMPILER = "from hatchling import build; print(*build.get_requires_for_build_wheel())"  # ziglang where no compiler works
 INSTALLED = """

@@ -61,7 +61,7 @@ def ratios(name: str, accuracies: tuple[float, ...] = ACCURACIES) -> list[dict[s
             error = float(np.max(distance(prepared, times, r.solution(times)[:, : exact.shape[1]], exact)))
             rows.append({"scene": name, "solver": solver.label, "accuracy": accuracy, "error": error / accuracy,
                          "estimate": r.accuracy.estimated / accuracy, "warned": bool(r.warnings), "runs": r.info.runs,
-                         "rtol": r.info.solver.rtol, "cpu_s": time.process_time() - begin})  # fmt: skip
+                         "rtol": r.info.solver.rtol, "cpu_s": time.process_time() - begin})
     return rows
 
 
@@ -73,7 +73,7 @@ def main() -> None:
         for r in ratios(name):
             print(f"| {r['scene']} | {r['solver']} | {r['accuracy']:.0e} | {r['error']:.3f} | {r['estimate']:.2f} | "
                   f"{'yes' if r['warned'] else 'no'} | {r['rtol']:.1e} | {r['runs']} | "
-                  f"{r['cpu_s']:.2f} |", flush=True)  # fmt: skip
+                  f"{r['cpu_s']:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -34,13 +34,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 from native import best
 
 JOINTS = ((0, 0, 0.0892), (0, 0.1358, 0.0892), (0.425, 0.0161, 0.0892), (0.8172, 0.0161, 0.0892), (0.8172, 0.1091, 0.0892),
-          (0.8172, 0.1091, -0.0054))  # fmt: skip
+          (0.8172, 0.1091, -0.0054))
 AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 1, 0), (0, 0, -1), (0, 1, 0))
 MASSES = (3.7, 8.393, 2.33, 1.219, 1.219, 0.1879)
 CENTRES = ((0, 0.08, 0.0892), (0.2125, 0.1358, 0.0892), (0.62, 0.0161, 0.0892), (0.8172, 0.07, 0.0892), (0.8172, 0.1091, 0.05),
-           (0.8172, 0.15, -0.0054))  # fmt: skip
+           (0.8172, 0.15, -0.0054))
 INERTIAS = ((0.0103, 0.0103, 0.0067), (0.0151, 0.2269, 0.2269), (0.0041, 0.0312, 0.0312), (0.0022,) * 3, (0.0022,) * 3,
-            (0.0001,) * 3)  # fmt: skip
+            (0.0001,) * 3)
 END, POINTS, REPEATS = 2.0, 1000, 5
 THEIRS = """
 import json, sys, time, numpy as np, pinocchio as pin
@@ -108,7 +108,7 @@ def main() -> None:
         point = smallest(lambda s=solver: solve_batch(system, END, s, numbers={"elbow.mass": masses})) / POINTS
         alone = smallest(lambda s=solver: s.solve(system, END), 50)
         print(f"| {rtol:g} | {np.median(off):.1e} | {off.max():.1e} | {made.steps.mean():.0f} | {made.evaluations.mean():.0f} "
-              f"| {point:.2f} | {alone:.2f} |")  # fmt: skip
+              f"| {point:.2f} | {alone:.2f} |")
     c, out = core(), np.zeros(system.n)
     y = np.random.default_rng(1).normal(size=system.n)
     at = system.native.table.self, 0.0, y.ctypes.data, out.ctypes.data

@@ -66,7 +66,7 @@ HEAD = ("scene", "solver", "asked", "error / asked", "estimate / asked", "told",
 
 
 def accuracies(names: Sequence[str], solvers: Sequence[Any], asked: Sequence[float] = ACCURACIES,
-               max_wall: float = 200.0) -> Iterator[dict[str, Any]]:  # fmt: skip
+               max_wall: float = 200.0) -> Iterator[dict[str, Any]]:
     """Error / asked at 2001 times for every scene and solver (None: the default); a solver with an rtol is run as it is."""
     for name in names:
         make, t_end = SCENES[name]
@@ -89,7 +89,7 @@ def accuracies(names: Sequence[str], solvers: Sequence[Any], asked: Sequence[flo
                     told = "SILENT"
                 yield row | {"error / asked": error / accuracy, "estimate / asked": (r.accuracy.estimated or np.nan) / accuracy,
                              "told": told, "runs": r.info.runs, "steps": r.stats.steps,
-                             "CPU s": time.process_time() - begin}  # fmt: skip
+                             "CPU s": time.process_time() - begin}
 
 
 # -- exudyn
@@ -103,7 +103,7 @@ def exudyn_runs(python: str, elements: int, steps: Sequence[float], modified: bo
         problem = {"crank": CRANK, "rod": ROD, "elements": elements, "rate": RATE, "block": SLIDER, "t_end": 0.1, "radius": 0.8,
                    "modified": modified, "output": str(output), "steps": list(steps),
                    "section": {"mass_per_length": section.mass_per_length, "rotary_inertia": section.rotary_inertia[2],
-                               "EI": section.EI3, "EA": section.EA, "GA": section.GA2}}  # fmt: skip
+                               "EI": section.EI3, "EA": section.EA, "GA": section.GA2}}
         command = [python, "-W", "ignore", str(HERE / "exudyn_slider_crank.py"), json.dumps(problem)]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         found: list[dict[str, Any]] = json.loads(output.read_text())["runs"]
@@ -159,7 +159,7 @@ def beside_exudyn(python: str, elements: int, order: int) -> Iterator[dict[str, 
         for run in exudyn_runs(python, elements * order, steps, modified):
             what = f"step {run['h']:g}{'' if modified else ', full Newton'}"
             yield {"program": f"exudyn, {elements * order} linear", "run": what,
-                   "error": theirs.theirs(run) if "t" in run else "fails", "CPU s": run["cpu_s"]}  # fmt: skip
+                   "error": theirs.theirs(run) if "t" in run else "fails", "CPU s": run["cpu_s"]}
 
 
 def cheapest(rows: Sequence[dict[str, Any]], program: str, error: float) -> tuple[float, float]:
@@ -205,7 +205,7 @@ def sizes(space: str) -> Iterator[dict[str, Any]]:
         before = n, per_step
         yield {"space": space, "elements": n, "unknowns": system.n, "to prepare, s": ready, "CPU ms / step": 1e3 * per_step,
                "Newton / step": solution.stats.newton_iterations / solution.stats.steps, "exponent": grows,
-               "memory, MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3}  # fmt: skip
+               "memory, MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3}
 
 
 # -- joints
@@ -215,7 +215,7 @@ def joints(space: str, free: bool, t_end: float = 0.5) -> Iterator[dict[str, Any
     """Largest error of the lag angles (rad) and CPU s, all five revolutes recursive or kinematic, at equal steps or rtol."""
     exact, times = None, np.linspace(0.0, t_end, 101)
     solvers = [mb.RadauIIA(2, step=2e-3), mb.RadauIIA(2, step=1e-3), mb.RadauIIA(3, step=2e-3), mb.RadauIIA(3, rtol=1e-5),
-               mb.RadauIIA(3, rtol=1e-6), mb.IDA(rtol=1e-6, max_order=2)]  # fmt: skip
+               mb.RadauIIA(3, rtol=1e-6), mb.IDA(rtol=1e-6, max_order=2)]
     found: dict[str, list[tuple[float, float]]] = {}
     for model in (mb.Recursive(), mb.Kinematic()):
         prepared = prepare(flexible_rotor(1, free, space, model, 0.01))
@@ -229,7 +229,7 @@ def joints(space: str, free: bool, t_end: float = 0.5) -> Iterator[dict[str, Any
             found.setdefault(what, []).append((error, seconds))
     for what, ((error, seconds), (other_error, other)) in found.items():
         yield {"scene": f"{space}, speed {'free' if free else 'prescribed'}", "solver": what, "error": error, "CPU s": seconds,
-               "kinematic: error": other_error, "kinematic: CPU s": other, "recursive / kinematic": seconds / other}  # fmt: skip
+               "kinematic: error": other_error, "kinematic: CPU s": other, "recursive / kinematic": seconds / other}
 
 
 def _lags(prepared: Prepared, solution: Any, times: np.ndarray) -> np.ndarray:
@@ -254,9 +254,9 @@ def main() -> None:
         rows = list(beside_exudyn(given.exudyn, elements, order))
         table(rows, ("program", "run", "error", "CPU s"))
         compared = [{"error": e, "mbdae": cheapest(rows, "mbdae", e), "exudyn": cheapest(rows, "exudyn", e)}
-                    for e in (4e-5, 7e-5, 9.5e-5, 1.3e-4, 4e-4)]  # fmt: skip
+                    for e in (4e-5, 7e-5, 9.5e-5, 1.3e-4, 4e-4)]
         table([{k: v if k == "error" else ", ".join(f"{x:.3f}" for x in v) for k, v in row.items()} for row in compared],
-              ("error", "mbdae", "exudyn"))  # fmt: skip
+              ("error", "mbdae", "exudyn"))
     if "size" in given.tables:
         table((row for space in ("planar", "spatial") for row in sizes(space)), tuple(next(sizes("planar"))))
     if "joints" in given.tables:

@@ -86,7 +86,7 @@ def cases() -> dict[str, Case]:
         "pendulum": {"reference": BY_ADAMS}, "ground_resonance": {"reference": BY_ADAMS},
         "clearance_rotor": {"reference": (mb.RadauIIA(3, rtol=1e-8), False), "accuracies": (1e-4,)},
         "slider_crank_clearance": {"reference": (mb.RadauIIA(3, rtol=1e-11), False)},
-    }  # fmt: skip
+    }
     found = {name: example(name, **special.get(name, {})) for name in EXAMPLES}
     rotor, adams = scenes.ground_resonance, {"reference": BY_ADAMS}
     found["ground_resonance, free"] = Case(partial(importlib.import_module("ground_resonance").scene, free=True), 2.0, **adams)
@@ -114,7 +114,7 @@ def of_bodies(scene: Prepared, r: Result, times: Any) -> tuple[Any, Any]:
     out = np.zeros((len(times), scene.model.nq)), np.zeros((len(times), scene.model.nu))
     for node, _ in scene.model.bodies:
         for whole, part, first, theirs, n in ((out[0], q, node.q, own[node.name].q, node.kind.sizes[0]),
-                                              (out[1], u, node.u, own[node.name].u, node.kind.sizes[1])):  # fmt: skip
+                                              (out[1], u, node.u, own[node.name].u, node.kind.sizes[1])):
             whole[:, first : first + n] = part[:, theirs : theirs + n]
     return out
 

@@ -84,7 +84,7 @@ def with_exudyn(python: str) -> list[dict[str, Any]]:
         out = Path(folder) / "out.json"
         problem = {"crank": CRANK, "rod": ROD, "rate": RATE, "masses": MASSES, "outer": PIN + CLEARANCE, "inner": PIN,
                    "stiffness": STEEL, "damping": DAMPING, "mu": MU, "v_c": V_C, "t_end": HALF, "newton": 1e-8,
-                   "steps": STEPS, "radii": [0.6, 0.9], "modified": [True], "output": str(out)}  # fmt: skip
+                   "steps": STEPS, "radii": [0.6, 0.9], "modified": [True], "output": str(out)}
         script = str(HERE / "exudyn_clearance.py")
         subprocess.run([python, script, json.dumps(problem)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         runs: list[dict[str, Any]] = json.loads(out.read_text())["runs"]
@@ -107,7 +107,7 @@ def beside(python: str | None) -> None:
     second = scene.simulate(HALF, solver=mb.RadauIIA(3, rtol=1e-11))
     times = np.linspace(0, HALF, 201)
     print(f"reference: rtol 1e-12, {len(best['B'].contacts)} contacts; rtol 1e-11 differs by "
-          f"{apart(motion(second, times), motion(best, times)):.1e}\n")  # fmt: skip
+          f"{apart(motion(second, times), motion(best, times)):.1e}\n")
     found: dict[str, list[tuple[float, float]]] = {}
     lines = []
     for solver in [mb.RadauIIA(3, rtol=r) for r in (1e-6, 1e-7, 1e-8, 1e-9)] + [mb.IDA(rtol=r) for r in (1e-8, 1e-9, 1e-10)]:
@@ -135,7 +135,7 @@ def beside(python: str | None) -> None:
 
 FRICTIONS: dict[str, Any] = {"none": None} | {f"tanh, v_c = {v:g} m/s": mb.Coulomb(0.1, v) for v in 10.0 ** -np.arange(7)} | {
     "LuGre, sigma1 = 31 s/m": mb.LuGre(0.1, 0.15, 1e-2, 1e4, 31.0),
-    "LuGre, sigma1 = 0": mb.LuGre(0.1, 0.15, 1e-2, 1e4, 0.0)}  # fmt: skip
+    "LuGre, sigma1 = 0": mb.LuGre(0.1, 0.15, 1e-2, 1e4, 0.0)}
 
 
 def frictions(stiffness: float, rtol: float) -> Iterator[tuple[Any, ...]]:
@@ -173,7 +173,7 @@ def limits(friction: Any) -> Iterator[tuple[Any, ...]]:
             e, stats = one.result.energy, one.result.stats
             energy = np.max(np.abs(e.balance)) / max(e.dissipated[-1], 1e-3 * np.max(e.kinetic))
             yield (f"{k:g}", f"{c:g}", f"{one.depth:.1e}", f"{one.deviation:.2f}", f"{one.deepest:.1f}", one.contacts,
-                   f"{one.rtol:.0e}", f"{off:.1e}", f"{energy:.1e}", stats.steps, f"{stats.cpu_s:.2f}")  # fmt: skip
+                   f"{one.rtol:.0e}", f"{off:.1e}", f"{energy:.1e}", stats.steps, f"{stats.cpu_s:.2f}")
 
 
 def main() -> None:
@@ -193,7 +193,7 @@ def main() -> None:
             print()
     if "limit" in chosen:
         show(limits(mb.Coulomb(0.1, 0.1)), ("k", "c, m", "a, m", "deviation / (c + a)", "penetration / a", "contacts", "rtol",
-                                            "change / (c + a)", "energy error / dissipated", "steps", "CPU s"))  # fmt: skip
+                                            "change / (c + a)", "energy error / dissipated", "steps", "CPU s"))
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ def main() -> None:
         alone, single = cpu_of(partial(same.simulate, t_end, accuracy, **own))
         ratios += [whole / alone] if whole > LEAST else []
         print(f"| {name} | {whole:.3f} | {r.info.runs} | {alone:.3f} | {single.info.stats.cpu_s:.3f} | {whole / alone:.2f} | "
-              f"{whole / single.info.stats.cpu_s:.2f} |", flush=True)  # fmt: skip
+              f"{whole / single.info.stats.cpu_s:.2f} |", flush=True)
         if wanted.profile:
             profile = cProfile.Profile()
             profile.runcall(scene.simulate, t_end, accuracy)

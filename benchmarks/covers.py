@@ -79,7 +79,7 @@ def reaction_row(name: str, scene: mb.Scene, t_end: float, accuracy: float, way:
     return {"scene": name, "way": f"{way}: {r.info.solver.label}" if solver is None else way, "asked": f"{accuracy:.0e}",
             "motion, estimate / asked": r.accuracy.motion / accuracy, "reactions, error": error,
             "estimate / error": estimate / error, "covered": "yes" if "reactions" in r.accuracy.covers else "no",
-            "run, CPU s": r.info.cpu_s, "estimate, CPU ms": 1e3 * seconds}  # fmt: skip
+            "run, CPU s": r.info.cpu_s, "estimate, CPU ms": 1e3 * seconds}
 
 
 # -- the mesh of beams
@@ -92,7 +92,7 @@ def flying(elements: int, order: int) -> mb.Scene:
     """A free beam in space that turns about no principal axis."""
     s = mb.Scene("flying", space="spatial")
     s.beam("beam", (0, 0, 0), (1, 0, 0), section=SOFT, elements=elements, order=order, velocity=(1, 0.5, 0.2),
-           angular_velocity=(1, 2, 3))  # fmt: skip
+           angular_velocity=(1, 2, 3))
     return s
 
 
@@ -124,7 +124,7 @@ MOVING: dict[str, tuple[Maker, float, float]] = {
     "spin-up, 5 s": (spin_up, 5.0, 1e-8), "flying in space": (flying, 0.5, 1e-8), "shaken in the plane": (shaken, 0.5, 1e-8),
     "cantilever, dropped": (dropped, 0.5, 1e-8), "steel slider-crank": (slider_crank, 0.05, 1e-6),
     "steel pendulum, 1/20": (lambda n, p: steel_pendulum(20, n, p), 0.3, 1e-7),
-}  # fmt: skip
+}
 
 
 def positions_at_rest(make: Maker, frame: str | None, n: int, p: int) -> tuple[tuple[Prepared, Any], float]:
@@ -160,7 +160,7 @@ def of_mesh(run: Any, exact: Any, n: int, p: int) -> list[float]:
     (own, cost), (higher, dearer), (half, cheaper) = run(n, p), run(n, p + 1), run(n // 2, p)
     error = distance_of_meshes(own, exact)
     return [error, distance_of_meshes(own, higher) / error, dearer / cost,
-            distance_of_meshes(half, own) / (4**p - 1) / error, cheaper / cost]  # fmt: skip
+            distance_of_meshes(half, own) / (4**p - 1) / error, cheaper / cost]
 
 
 PARTS = {"reactions": reaction_rows, "mesh": mesh_rows}

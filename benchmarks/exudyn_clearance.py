@@ -89,7 +89,7 @@ def model(p: dict[str, Any]) -> tuple[Any, Any, list[Any]]:
     held(slider, 2)
     kind = exu.OutputVariableType.Coordinates
     sensors = [mbs.AddSensor(SensorNode(nodeNumber=i, storeInternal=True, writeToFile=False, outputVariableType=kind))
-               for i in (crank, rod, slider)]  # fmt: skip
+               for i in (crank, rod, slider)]
     mbs.Assemble()
     return container, mbs, sensors
 
@@ -119,11 +119,11 @@ def run(p: dict[str, Any], h: float, radius: float, modified: bool) -> dict[str,
     centre = [r / 2 + crank[:, 1] + r / 2 * np.cos(crank[:, 3]), crank[:, 2] + r / 2 * np.sin(crank[:, 3])]
     pin = [r + l / 2 + rod[:, 1] - l / 2 * np.cos(rod[:, 3]), rod[:, 2] - l / 2 * np.sin(rod[:, 3])]
     return found | {"cpu_s": cpu, "t": slider[:, 0].tolist(), "slider": (r + l + slider[:, 1]).tolist(),
-                    "pin": (np.array(pin) - np.array(centre)).T.tolist()}  # fmt: skip
+                    "pin": (np.array(pin) - np.array(centre)).T.tolist()}
 
 
 if __name__ == "__main__":
     problem = json.loads(sys.argv[1])
     runs = [run(problem, h, radius, modified) for h in problem["steps"] for radius in problem["radii"]
-            for modified in problem["modified"]]  # fmt: skip
+            for modified in problem["modified"]]
     Path(problem["output"]).write_text(json.dumps({"version": exu.__version__, "runs": runs}))

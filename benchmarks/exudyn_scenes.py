@@ -53,7 +53,7 @@ GRAVITY = 9.81  # m/s^2
 def position_of(mbs: Any, body: int, at: Any = (0, 0, 0)) -> Any:
     """A sensor of the position of a point of a body."""
     return mbs.AddSensor(SensorBody(bodyNumber=body, localPosition=list(at), storeInternal=True, writeToFile=False,
-                                    outputVariableType=exu.OutputVariableType.Position))  # fmt: skip
+                                    outputVariableType=exu.OutputVariableType.Position))
 
 
 # -- rigid bodies in the plane
@@ -69,7 +69,7 @@ class Planar:
         self.placed: dict[int, tuple[np.ndarray, np.ndarray]] = {self.ground: (np.zeros(2), np.eye(2))}
 
     def body(self, mass: float, inertia: float, at: Any, angle: float = 0.0, velocity: Any = (0, 0, 0), gravity: float = 0.0
-             ) -> int:  # fmt: skip
+             ) -> int:
         """A body with its centre of mass at a point; velocity (vx, vy, omega)."""
         node = self.mbs.AddNode(NodeRigidBody2D(referenceCoordinates=[*at, angle], initialVelocities=list(velocity)))
         body = int(self.mbs.AddObject(ObjectRigidBody2D(physicsMass=mass, physicsInertia=inertia, nodeNumber=node)))
@@ -130,12 +130,12 @@ def ground_resonance(container: Any, p: dict[str, Any]) -> Built:
     hub = m.body(p["block"], p["inertia"], (0, 0), velocity=(0, 0, w))
     ends = [m.marker(m.ground, (0, 0)), m.marker(hub, (0, 0))]
     m.mbs.AddObject(ObjectConnectorCartesianSpringDamper(markerNumbers=ends, stiffness=[p["stiffness"]] * 2 + [0],
-                                                         damping=[p["damping"]] * 2 + [0]))  # fmt: skip
+                                                         damping=[p["damping"]] * 2 + [0]))
     for i in range(4):
         root, tip = (np.array(end) for end in p["blades"][i])
         centre, d = (root + tip) / 2, tip - root
         blade = m.body(p["mass"], p["mass"] * float(d @ d) / 12, centre, float(np.arctan2(d[1], d[0])),
-                       (-w * centre[1], w * centre[0], w))  # fmt: skip
+                       (-w * centre[1], w * centre[0], w))
         m.hinge(hub, blade, root)
     return m.done()
 
@@ -144,11 +144,11 @@ def ground_resonance(container: Any, p: dict[str, Any]) -> Built:
 
 
 def spatial_body(mbs: Any, p: dict[str, Any], mass: float, inertia: Any, at: Any, spin: Any = (0, 0, 0), velocity: Any = (0, 0, 0)
-                 ) -> int:  # fmt: skip
+                 ) -> int:
     """A rigid body drawn in the axes of the ground: Euler parameters, or rotation vectors (Lie group)."""
     if p.get("rotation") == "lie group":
         node = mbs.AddNode(NodeRigidBodyRotVecLG(referenceCoordinates=[*at, *RotationMatrix2RotationVector(np.eye(3))],
-                                                 initialVelocities=[*velocity, *spin]))  # fmt: skip
+                                                 initialVelocities=[*velocity, *spin]))
     else:
         quaternion = RotationMatrix2EulerParameters(np.eye(3))
         rates = [0.0, *(np.asarray(spin) / 2)]
@@ -184,10 +184,10 @@ def spatial_chain(container: Any, p: dict[str, Any]) -> Built:
         body = spatial_body(mbs, p, p["mass"], rod_inertia(p["mass"], rod), ((i + 0.5) * rod, 0, 0))
         falls(mbs, body)
         ends = [mbs.AddMarker(MarkerBodyRigid(bodyNumber=before, localPosition=at_before)),
-                mbs.AddMarker(MarkerBodyRigid(bodyNumber=body, localPosition=[-rod / 2, 0, 0]))]  # fmt: skip
+                mbs.AddMarker(MarkerBodyRigid(bodyNumber=body, localPosition=[-rod / 2, 0, 0]))]
         A = axes_with_z(p["axes"][i % len(p["axes"])])
         mbs.AddObject(ObjectJointGeneric(markerNumbers=ends, constrainedAxes=[1, 1, 1, 1, 1, 0],
-                                         rotationMarker0=A, rotationMarker1=A))  # fmt: skip
+                                         rotationMarker0=A, rotationMarker1=A))
         sensors.append(position_of(mbs, body))
         before, at_before = body, [rod / 2, 0, 0]
     mbs.Assemble()
@@ -201,7 +201,7 @@ def heavy_top(container: Any, p: dict[str, Any]) -> Built:
     body = spatial_body(mbs, p, p["mass"], np.diag(p["inertia"]), p["at"], p["spin"], np.cross(p["spin"], p["at"]))
     falls(mbs, body)
     ends = [mbs.AddMarker(MarkerBodyPosition(bodyNumber=ground)),
-            mbs.AddMarker(MarkerBodyPosition(bodyNumber=body, localPosition=[-x for x in p["at"]]))]  # fmt: skip
+            mbs.AddMarker(MarkerBodyPosition(bodyNumber=body, localPosition=[-x for x in p["at"]]))]
     mbs.AddObject(ObjectJointSpherical(markerNumbers=ends))
     sensors = [position_of(mbs, body)]
     mbs.Assemble()
@@ -209,12 +209,12 @@ def heavy_top(container: Any, p: dict[str, Any]) -> Built:
 
 
 def tree(container: Any, axes: list[Any], steps: list[Any], links: list[tuple[float, Any, Any]], gravity: Any, rates: list[float]
-         ) -> Built:  # fmt: skip
+         ) -> Built:
     """A chain of revolute joints in minimal coordinates: axes, steps from joint to joint, (mass, inertia, centre) of the links,
     all in the axes of the drawing; a sensor at the centre of every link with mass."""
     mbs, n = container.AddSystem(), len(axes)
     node = mbs.AddNode(NodeGenericODE2(referenceCoordinates=[0.0] * n, initialCoordinates=[0.0] * n, initialCoordinates_t=rates,
-                                       numberOfODE2Coordinates=n))  # fmt: skip
+                                       numberOfODE2Coordinates=n))
     turned = [axes_with_z(axis) for axis in axes]
     before = [np.eye(3), *turned[:-1]]
     centres = [A.T @ np.asarray(c, dtype=float) for A, (_, _, c) in zip(turned, links, strict=True)]
@@ -223,11 +223,11 @@ def tree(container: Any, axes: list[Any], steps: list[Any], links: list[tuple[fl
         jointTransformations=exu.Matrix3DList([B.T @ A for A, B in zip(turned, before, strict=True)]),
         jointOffsets=exu.Vector3DList([B.T @ np.asarray(d, dtype=float) for B, d in zip(before, steps, strict=True)]),
         linkInertiasCOM=exu.Matrix3DList([A.T @ J @ A for A, (_, J, _) in zip(turned, links, strict=True)]),
-        linkCOMs=exu.Vector3DList(centres), linkMasses=[m for m, _, _ in links], gravity=gravity))  # fmt: skip
+        linkCOMs=exu.Vector3DList(centres), linkMasses=[m for m, _, _ in links], gravity=gravity))
     kind = exu.OutputVariableType.Position
     sensors = [mbs.AddSensor(SensorKinematicTree(objectNumber=body, linkNumber=i, localPosition=list(centres[i]),
                                                  storeInternal=True, writeToFile=False, outputVariableType=kind))
-               for i in range(n) if links[i][0]]  # fmt: skip
+               for i in range(n) if links[i][0]]
     mbs.Assemble()
     return mbs, sensors
 
@@ -263,7 +263,7 @@ def flying_beam(container: Any, p: dict[str, Any]) -> Built:
         mbs.AddObject(ObjectBeamGeometricallyExact2D(
             nodeNumbers=nodes[i : i + 2], physicsLength=h, physicsMassPerLength=s["mass_per_length"],
             physicsCrossSectionInertia=s["rotary_inertia"], physicsBendingStiffness=s["EI"], physicsAxialStiffness=s["EA"],
-            physicsShearStiffness=s["GA"]))  # fmt: skip
+            physicsShearStiffness=s["GA"]))
     marker = mbs.AddMarker(MarkerNodeRigid(nodeNumber=nodes[0]))
     force = mbs.AddLoad(LoadForceVector(markerNumber=marker, loadVector=[p["force"], 0, 0]))
     torque = mbs.AddLoad(LoadTorqueVector(markerNumber=marker, loadVector=[0, 0, p["torque"]]))
@@ -279,14 +279,14 @@ def flying_beam(container: Any, p: dict[str, Any]) -> Built:
         mbs.SetLoadParameter(load, "loadVectorUserFunction", function)
     kind = exu.OutputVariableType.Position
     sensors = [mbs.AddSensor(SensorNode(nodeNumber=i, storeInternal=True, writeToFile=False, outputVariableType=kind))
-               for i in nodes]  # fmt: skip
+               for i in nodes]
     mbs.Assemble()
     return mbs, sensors
 
 
 SCENES: dict[str, Callable[[Any, dict[str, Any]], Built]] = {
     "planar chain": planar_chain, "spatial chain": spatial_chain, "linkage": planar_linkage, "ground resonance": ground_resonance,
-    "heavy top": heavy_top, "chain tree": chain_tree, "top tree": top_tree, "flying beam": flying_beam}  # fmt: skip
+    "heavy top": heavy_top, "chain tree": chain_tree, "top tree": top_tree, "flying beam": flying_beam}
 
 
 def run(p: dict[str, Any], method: dict[str, Any], value: float) -> dict[str, Any]:

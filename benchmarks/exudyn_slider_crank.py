@@ -56,7 +56,7 @@ def model(p: dict[str, Any]) -> tuple[Any, Any, list[Any]]:
         mbs.AddObject(ObjectBeamGeometricallyExact2D(
             nodeNumbers=nodes[i : i + 2], physicsLength=l / n, physicsMassPerLength=s["mass_per_length"],
             physicsCrossSectionInertia=s["rotary_inertia"], physicsBendingStiffness=s["EI"], physicsAxialStiffness=s["EA"],
-            physicsShearStiffness=s["GA"]))  # fmt: skip
+            physicsShearStiffness=s["GA"]))
     start = mbs.AddMarker(MarkerNodePosition(nodeNumber=nodes[0]))
     mbs.AddObject(ObjectJointRevolute2D(markerNumbers=[outer, start]))
     block = mbs.AddNode(NodeRigidBody2D(referenceCoordinates=[r + l, 0, 0]))
@@ -68,7 +68,7 @@ def model(p: dict[str, Any]) -> tuple[Any, Any, list[Any]]:
     held(block, 2)
     kind = exu.OutputVariableType.Displacement
     sensors = [mbs.AddSensor(SensorNode(nodeNumber=i, storeInternal=True, writeToFile=False, outputVariableType=kind))
-               for i in nodes]  # fmt: skip
+               for i in nodes]
     mbs.Assemble()
     return container, mbs, sensors
 

@@ -45,7 +45,7 @@ def conditions(system: object, h: float) -> tuple[float, float]:
     """Condition of the matrix of the real Radau stage: as it stands, and with columns h^(index-1) and rows equilibrated."""
     fy, fyp = system.jacobian_parts(system.t0, system.y0, system.yp0)
     dense = [system.sparsity.__class__((d, system.sparsity.indices, system.sparsity.indptr), shape=(system.n,) * 2).toarray()
-             for d in (fy, fyp)] if system.sparsity is not None else [fy, fyp]  # fmt: skip
+             for d in (fy, fyp)] if system.sparsity is not None else [fy, fyp]
     K = dense[0] + 3.6378 / h * dense[1]
     scaled = K * (system.scale * h ** -(system.index - 1.0))
     return float(np.linalg.cond(K)), float(np.linalg.cond(scaled / np.abs(scaled).max(axis=1, keepdims=True)))
@@ -108,16 +108,16 @@ def rows(build: object, free: bool, models: list[tuple[type, float, float]] = MO
         yield difference | {"model": model.__name__, "k": k, "p": p, "unknowns": equations.n, "multipliers": prepared.mechanics.m,
                "newton": fixed.stats.newton_iterations / fixed.stats.steps, "cpu_fixed": cpu, "raw": raw, "scaled": scaled,
                "smallest": smallest_step(equations), "plain": smallest_step(unscaled(equations)),
-               "largest": largest_step(equations), "steps": tight.stats.steps, "cpu": tight.stats.cpu_s}  # fmt: skip
+               "largest": largest_step(equations), "steps": tight.stats.steps, "cpu": tight.stats.cpu_s}
 
 
 COLUMNS = {
     "model": "s", "k": "g", "p": "g", "unknowns": "d", "newton": ".2f", "cpu_fixed": ".2f", "raw": ".1e", "scaled": ".1e",
     "smallest": ".0e", "plain": ".0e", "largest": "g", "steps": "d", "cpu": ".2f", "fixed": ".1e", "adaptive": ".1e",
-}  # fmt: skip
+}
 HEAD = ("model", "k", "p", "unknowns", "Newton / step", "CPU s (h = 1 ms)", "cond", "cond scaled", "smallest h, s",
         "without h-scaling", "largest h, s", "steps (rtol 1e-9)", "CPU s",
-        "difference at equal steps", "difference adaptive")  # fmt: skip
+        "difference at equal steps", "difference adaptive")
 
 
 def main() -> None:

@@ -36,7 +36,7 @@ import pendulum
 
 SCENES = {"pendulum": pendulum.scene, "four-bar": four_bar.scene, "Andrews": andrews_squeezer.scene, "heavy top": heavy_top.scene,
           "rotor": ground_resonance.scene, "flexible rotor": lambda: ground_resonance.scene(flexible=True),
-          "flexible wing": lambda: flapping_wing.scene(flexible=True)}  # fmt: skip
+          "flexible wing": lambda: flapping_wing.scene(flexible=True)}
 
 
 def best(call: Callable[[], object], count: int = 400, repeats: int = 9) -> float:
@@ -63,7 +63,7 @@ def main() -> None:
         e.make("residual", "jacobian")
         at = y.ctypes.data, yp.ctypes.data, out[0].ctypes.data, out[1].ctypes.data
         cost = [best(lambda e=e, at=at: c.scene_residual(e.address, 0.0, *at[:3])) - empty,
-                best(lambda e=e, at=at: c.scene_jacobian(e.address, 0.0, *at)) - empty]  # fmt: skip
+                best(lambda e=e, at=at: c.scene_jacobian(e.address, 0.0, *at)) - empty]
         scene = make().recursive()
         free = not prepare(scene).rows
         system = (scene if free else make()).system(mb.ODE() if free else mb.Index1(multipliers="eliminated"))

@@ -102,7 +102,7 @@ def explicit(f: Callable[[float, Any], list[Any]], df: Callable[[float, Any], An
         out[:] = f(t, y)
 
     return mb.DAE(lambda t, y, yp, out: yp - np.array(f(t, y)), y0, f(0.0, y0),
-                    lambda t, y, yp, cj, out: cj * np.eye(len(y)) - np.array(df(t, y)), rhs=rhs)  # fmt: skip
+                    lambda t, y, yp, cj, out: cj * np.eye(len(y)) - np.array(df(t, y)), rhs=rhs)
 
 
 def kepler(e: float = 0.5) -> mb.DAE:
@@ -120,7 +120,7 @@ def kepler(e: float = 0.5) -> mb.DAE:
 
 def van_der_pol(mu: float = 5.0) -> mb.DAE:
     return explicit(lambda t, y: [y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]],
-                    lambda t, y: [[0, 1], [-2 * mu * y[0] * y[1] - 1, mu * (1 - y[0] ** 2)]], [2.0, 0.0])  # fmt: skip
+                    lambda t, y: [[0, 1], [-2 * mu * y[0] * y[1] - 1, mu * (1 - y[0] ** 2)]], [2.0, 0.0])
 
 
 def of_equations(system: System, t_end: float) -> Problem:
@@ -208,7 +208,7 @@ def main() -> None:
         ratio, estimate = np.array(found).T
         above = ratio > 1
         print(f"| {label} | {len(found)} | {np.median(ratio):.2f} | {ratio.max():.2g} | {above.sum()} | "
-              f"{(above & (estimate > 1)).sum()} |")  # fmt: skip
+              f"{(above & (estimate > 1)).sum()} |")
 
 
 if __name__ == "__main__":

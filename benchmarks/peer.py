@@ -114,7 +114,7 @@ def own(problem: Problem, reference: Reference) -> Iterator[Row]:
             stats = solution.stats
             error = reference.error(positions(equations.prepared, solution, problem, times), times)
             yield {"program": "mbdae", "method": ladder.label, "value": value, "error": error, "cpu_s": seconds,
-                   "steps": stats.steps, "residuals": stats.residuals}  # fmt: skip
+                   "steps": stats.steps, "residuals": stats.residuals}
             if seconds > LONGEST or error < ENOUGH:
                 break
 
@@ -170,12 +170,12 @@ def report(name: str, rows: Sequence[Row], verbose: bool) -> Iterator[Row]:
     """Cost of both programs at every level."""
     if verbose:
         table([r | {"error": f"{r['error']:.1e}", "cpu_s": f"{r.get('cpu_s', float('nan')):.4f}"} for r in rows],
-              ("program", "method", "value", "error", "cpu_s", "steps", "residuals", "failed"))  # fmt: skip
+              ("program", "method", "value", "error", "cpu_s", "steps", "residuals", "failed"))
     ours, peers = ([r for r in rows if r["program"] == p] for p in ("mbdae", "exudyn"))
     for level in LEVELS:
         mine = by_method(ours, level)
         family = {"generalised-alpha": [r for r in peers if r["method"].startswith("gen")],
-                  "kinematic tree": [r for r in peers if r["method"].startswith("kin")]}  # fmt: skip
+                  "kinematic tree": [r for r in peers if r["method"].startswith("kin")]}
         method, best = next(iter(mine.items()))
         row = {"scene": name, "error": f"{level:.0e}", "mbdae, ms": f"{1e3 * best:.1f}", "method": method}
         for label, runs in family.items():
@@ -185,7 +185,7 @@ def report(name: str, rows: Sequence[Row], verbose: bool) -> Iterator[Row]:
 
 
 HEAD = ("scene", "error", "mbdae, ms", "method", "generalised-alpha, ms", "over generalised-alpha", "kinematic tree, ms",
-        "over kinematic tree")  # fmt: skip
+        "over kinematic tree")
 
 
 def main() -> None:

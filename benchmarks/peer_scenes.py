@@ -59,7 +59,7 @@ def alpha(h: float, count: int = 7, linear: Sequence[str] = ("EXUdense",), **opt
     """Generalised-alpha of exudyn, index 3, with two spectral radii."""
     return [{"name": f"generalised-alpha, radius {radius:g}, {solver}{''.join(', ' + str(o) for o in options.values())}",
              "steps": steps(h, count), "radius": radius, "linear": solver, "options": options}
-            for solver in linear for radius in (0.6, 0.9)]  # fmt: skip
+            for solver in linear for radius in (0.6, 0.9)]
 
 
 def tree(scene: str) -> dict[str, Any]:
@@ -96,7 +96,7 @@ def chain_problem(n: int, rod: float, spatial: bool) -> Problem:
         found += alpha(1e-2, 8 if n < 20 else 6, linear, rotation="lie group")
     name = "spatial chain" if spatial else "planar chain"
     return Problem(lambda model: chain(n, rod, spatial, model), 1.0, n * rod, {"scene": name, "options": options},
-                   [*found, tree("chain tree")], bodies)  # fmt: skip
+                   [*found, tree("chain tree")], bodies)
 
 
 def andrews_problem() -> Problem:
@@ -109,14 +109,14 @@ def andrews_problem() -> Problem:
     springs = [{"k": index.get(spring.k, -1), "l": index.get(spring.l, -1), "at_k": law.at[:2].tolist(),
                 "at_l": law.at_l[:2].tolist(), "stiffness": andrews_squeezer.STIFFNESS, "length": andrews_squeezer.NATURAL}]
     given = [{"mass": float(b.mass), "inertia": float(b.inertia[2, 2]), "at": b.position[:2].tolist(), "angle": 0.0}
-             for b in listed]  # fmt: skip
+             for b in listed]
     options = {"bodies": given, "hinges": hinges, "springs": springs, "torques": [[0, andrews_squeezer.TORQUE]]}
 
     def places(r: Result) -> list[Any]:
         return [r[b.name].position for b in listed]
 
     return Problem(lambda _: andrews_squeezer.scene(), 0.03, 0.1, {"scene": "linkage", "options": options}, alpha(3e-4, 8),
-                   places, models=(None,))  # fmt: skip
+                   places, models=(None,))
 
 
 def rotor_problem() -> Problem:
@@ -126,11 +126,11 @@ def rotor_problem() -> Problem:
     root = np.array(blades[0][0])
     blades[0] = (tuple(root), tuple(root + turn @ (np.array(blades[0][1]) - root)))
     options = {"omega": 20.01, "block": 30.0, "inertia": 1.0, "stiffness": 12000.0, "damping": 150.0, "mass": 12.75,
-               "blades": [[list(map(float, end)) for end in blade] for blade in blades]}  # fmt: skip
+               "blades": [[list(map(float, end)) for end in blade] for blade in blades]}
     names = ["hub", *(f"blade{i + 1}" for i in range(4))]
     return Problem(lambda model: ground_resonance(2, True, "auto", model), 2.0, 4.5,
                    {"scene": "ground resonance", "options": options}, alpha(1e-2, 7),
-                   lambda r: [r[name].position for name in names])  # fmt: skip
+                   lambda r: [r[name].position for name in names])
 
 
 def top(model: Any) -> mb.Scene:
@@ -141,7 +141,7 @@ def top(model: Any) -> mb.Scene:
     outer, inner = (s.rigid_body(name, 0.0, 0.0, at=(0, 0, 0)) for name in ("outer", "inner"))
     body = s.rigid_body("top", 15.0, (0.234375, 0.46875, 0.234375), at=(0, 1, 0))
     for name, k, l, axis, rate in (("x", s.ground, outer, (1, 0, 0), 0.0), ("z", outer, inner, (0, 0, 1), -4.61538),
-                                   ("y", inner, body, (0, 1, 0), 150.0)):  # fmt: skip
+                                   ("y", inner, body, (0, 1, 0), 150.0)):
         s.revolute(name, k, l, at=(0, 0, 0), axis=axis, rate0=rate, model=model)
     return s
 
@@ -161,7 +161,7 @@ def flying_beam(_: Any = None, elements: int = ELEMENTS) -> mb.Scene:
     on = sympy.Piecewise((sympy.sin(sympy.pi * mb.t / PULSE) ** 4, mb.t < PULSE), (0, True))
     s = mb.Scene("flying beam")
     section = mb.Section(EA=SECTION["EA"], GA2=SECTION["GA"], GA3=SECTION["GA"], GJ=500.0, EI2=500.0, EI3=SECTION["EI"],
-                         mass_per_length=1.0, rotary_inertia=SECTION["rotary_inertia"])  # fmt: skip
+                         mass_per_length=1.0, rotary_inertia=SECTION["rotary_inertia"])
     beam = s.beam("beam", (0, 0), (BEAM, 0), section=section, elements=elements, order=1)
     s.force("push", beam, (PUSH * on, 0, 0), at=(0, 0))
     s.torque("twist", beam.at((0, 0)), (0, 0, TWIST * on))
@@ -175,9 +175,9 @@ def beam_problem() -> Problem:
         return [r["beam"].at(i / ELEMENTS).position for i in range(ELEMENTS + 1)]
 
     waves = [Ladder(f"RadauIIA({s}), waves", lambda v, s=s: mb.RadauIIA(s, rtol=v), tolerances(2, 8), mb.ODE(waves=True))
-             for s in (2, 3)]  # fmt: skip
+             for s in (2, 3)]
     return Problem(flying_beam, 5.0, BEAM, {"scene": "flying beam", "options": options}, alpha(5e-2, 7), places,
-                   models=(None,), stiff=True, more=waves)  # fmt: skip
+                   models=(None,), stiff=True, more=waves)
 
 
 PROBLEMS: dict[str, Callable[[], Problem]] = {
@@ -185,4 +185,4 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
     **{f"spatial-{n}": lambda n=n: chain_problem(n, 1.0, True) for n in (1, 4)},
     "spatial-10": lambda: chain_problem(10, 0.1, True), "short-planar-10": lambda: chain_problem(10, 0.1, False),
     "andrews": andrews_problem, "rotor": rotor_problem, "top": top_problem, "flying-beam": beam_problem,
-}  # fmt: skip
+}

@@ -177,7 +177,7 @@ def kernels(space: str, case: str, model: Any) -> dict[str, float]:
     y, yp, out, t = system.y0, system.yp0, np.empty(system.n), system.t0
     J = np.zeros((system.n, system.n) if system.sparsity is None else system.sparsity.nnz)
     row = {"unknowns": float(system.n), "residual": microseconds(lambda: system.residual(t, y, yp, out)),
-           "Jacobian": microseconds(lambda: system.jacobian(t, y, yp, 100.0, J), 300)}  # fmt: skip
+           "Jacobian": microseconds(lambda: system.jacobian(t, y, yp, 100.0, J), 300)}
     if system.rhs is not None:
         row["right-hand side"] = microseconds(lambda: system.rhs(t, y, out))
     return row
@@ -216,7 +216,7 @@ def chains(space: str, bodies: int) -> Iterator[dict[str, Any]]:
         equations = Equations(prepare(chain(bodies, space, model)))
         system = equations.system(None)
         row: dict[str, Any] = {"space": space, "bodies": bodies, "model": name, "unknowns": system.n,
-                               "recursive": equations.recursive[0], "to compile": time.process_time() - begin}  # fmt: skip
+                               "recursive": equations.recursive[0], "to compile": time.process_time() - begin}
         if name == "recursive" and not equations.recursive[0]:
             yield row  # the equations are those of the kinematic joints
             continue
@@ -256,7 +256,7 @@ def main(wanted: Sequence[str]) -> None:
     if not wanted or "kernels" in wanted:
         rows = [{"case": case, "model": f"{name}, {space}", **kernels(space, case, model)}
                 for case in ("A2", "B2") for space in ("spatial", "planar")
-                for name, model in (("recursive", mb.Recursive()), ("kinematic", mb.Kinematic()))]  # fmt: skip
+                for name, model in (("recursive", mb.Recursive()), ("kinematic", mb.Kinematic()))]
         table(rows, ("case", "model", "unknowns", "residual", "Jacobian", "right-hand side"))
     if not wanted or "rotor" in wanted:
         for case in ("A2", "B2"):

@@ -136,7 +136,7 @@ SIZES: dict[str, tuple[tuple[int, ...], float]] = {
     "planar": ((100, 250, 500, 1000, 2000), 2.0), "spatial": ((100, 250, 500, 1000, 2000), 2.0),
     "tree": ((100, 250, 500, 1000, 2000), 1.0), "grid": ((7, 11, 16, 22, 30), 0.1), "beam": ((100, 250, 500, 1000, 2000), 0.01),
     "contacts": ((10, 25, 50, 100, 200), 0.03),
-}  # fmt: skip
+}
 
 
 def scene(name: str, n: int) -> mb.Scene:
@@ -169,7 +169,7 @@ def case(name: str, n: int, t_end: float) -> Row:
     run = solver.solve(system, t_end, outputs=201)
     cpu, steps = [lap()], run.stats.steps
     row |= {"steps": steps, "iterations": run.stats.newton_iterations / steps,
-            "memory, MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}  # fmt: skip
+            "memory, MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
     del run
     for _ in range(RUNS - 1):
         solver.solve(system, t_end, outputs=201)
@@ -192,16 +192,16 @@ def theirs(name: str, n: int, t_end: float, python: str) -> float:
     for (x, y), (a, b) in rods:
         length = math.hypot(a - x, b - y)
         bodies.append({"mass": 1.0, "inertia": length**2 / 12, "at": [(x + a) / 2, (y + b) / 2],
-                       "angle": math.atan2(b - y, a - x)})  # fmt: skip
+                       "angle": math.atan2(b - y, a - x)})
     with tempfile.TemporaryDirectory() as folder:
         given, out = Path(folder) / "in.json", Path(folder) / "out.json"
         options = {"bodies": bodies, "hinges": hinges, "springs": [], "torques": [], "gravity": 9.81}
         method = {"name": "generalised-alpha", "steps": [t_end / 20], "linear": "EigenSparse", "modified": False}
         given.write_text(json.dumps({"scene": "linkage", "options": options, "t_end": t_end, "methods": [method],
-                                     "longest": 1.0, "output": str(out)}))  # fmt: skip
+                                     "longest": 1.0, "output": str(out)}))
         try:
             subprocess.run([python, "-W", "ignore", str(HERE / "exudyn_scenes.py"), f"@{given}"], check=True, timeout=300,
-                           capture_output=True, cwd=folder)  # fmt: skip
+                           capture_output=True, cwd=folder)
             (run,) = json.loads(out.read_text())["methods"][0]["runs"]
         except (subprocess.SubprocessError, OSError) as error:
             print(f"exudyn, {name} of {n}: {error}")
@@ -219,7 +219,7 @@ def exponent(rows: list[Row], column: str) -> float:
 
 
 COLUMNS = ("size", "bodies", "unknowns", "state, s", "prepare, s", "begin, s", "steps", "iterations", "step, ms", "per body, us",
-           "memory, MB", "exudyn, ms")  # fmt: skip
+           "memory, MB", "exudyn, ms")
 
 
 def table(rows: list[Row]) -> Iterator[str]:

@@ -63,7 +63,7 @@ SCENES = {  # statement, end time, accuracy
     "flexible rotor": ("import ground_resonance as e\ndef scene():\n    return e.scene(flexible=True)", None, 1e-4),
     "flexible wing": ("import flapping_wing as e\ndef scene():\n    return e.scene(flexible=True)", None, 1e-4),
     "clearance rotor": ("from clearance_rotor import scene", 0.2, 1e-4),
-}  # fmt: skip
+}
 RUN = """
 import time
 s = scene()
@@ -91,10 +91,10 @@ def process(code: str, cache: str) -> tuple[float, str]:
     """CPU time of a process of this Python that runs some code, s, and what it prints."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | {
         "MBDAE_CACHE": cache, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
-        "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "examples")])}  # fmt: skip
+        "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "examples")])}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     made = subprocess.run([sys.executable, "-W", "ignore", "-c", code], env=environment, check=True, capture_output=True,
-                          text=True)  # fmt: skip
+                          text=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, made.stdout
 
@@ -124,7 +124,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="scenes whose names contain this")
     a = parser.parse_args()
     parts = {"Python": "", "NumPy, symengine": "import numpy, symengine", "the same, SymPy": "import numpy, symengine, sympy",
-             "import mbdae": "import mbdae"}  # fmt: skip
+             "import mbdae": "import mbdae"}
     for name, code in parts.items():
         print(f"{name}: {min(process(code, 'off')[0] for _ in range(a.repeats)):.2f} s", flush=True)
     head = "scene", "accuracy", "off", "first", "second", "first call", "second call"

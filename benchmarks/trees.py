@@ -65,7 +65,7 @@ def humanoid() -> mb.Scene:
     for side in (-1, 1):
         limb(chest, top + np.array([0, 0.2 * side, 0]), np.array([0, 0.08 * side, -0.02]), 9, f"arm{side}")
         limb(_body(s, "spine0"), np.array([0, 0.1 * side, 0.0]), np.array([0, 0, -0.1]), 9,
-             f"leg{side}")  # fmt: skip
+             f"leg{side}")
     return s
 
 
@@ -115,7 +115,7 @@ def row(name: str, n: int) -> str:
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     dense = f"{1e3 * jacobian:.1f}" if n <= 500 else "-"
     return (f"| {name} | {n} | {drawn - begin:.2f} | {ready - drawn:.2f} | {us:.1f} | {1e3 * us / n:.0f} | {dense} | "
-            f"{1e6 * r.stats.cpu_s / steps / n:.2f} | {memory:.0f} |")  # fmt: skip
+            f"{1e6 * r.stats.cpu_s / steps / n:.2f} | {memory:.0f} |")
 
 
 PINOCCHIO = """
@@ -172,7 +172,7 @@ def links(scene: mb.Scene) -> list[tuple[int, list[float], list[float], list[flo
         number[joint.l], at[joint.l] = len(number), place
         J = np.diag(joint.l.inertia)
         found.append((number[joint.k], (axis / np.linalg.norm(axis)).tolist(), (place - at[joint.k]).tolist(),
-                      (joint.l.drawn.position - place).tolist(), float(joint.l.mass), J.tolist()))  # fmt: skip
+                      (joint.l.drawn.position - place).tolist(), float(joint.l.mass), J.tolist()))
     return found
 
 
@@ -204,11 +204,11 @@ def xml(scene: mb.Scene) -> str:
         _, axis, at, com, mass, J = every[i - 1]
         inner = "".join(map(body, children.get(i, [])))
         return (f'<body pos="{words(at)}"><joint type="hinge" axis="{words(axis)}" name="j{i}"/><inertial pos="{words(com)}" '
-                f'mass="{mass:.17g}" diaginertia="{words(J)}"/>{inner}</body>')  # fmt: skip
+                f'mass="{mass:.17g}" diaginertia="{words(J)}"/>{inner}</body>')
 
     return ('<mujoco><compiler angle="radian" inertiafromgeom="false"/>'
             '<option gravity="0 0 -9.81"><flag contact="disable"/></option>'
-            f'<worldbody>{"".join(map(body, children[0]))}</worldbody></mujoco>')  # fmt: skip
+            f'<worldbody>{"".join(map(body, children[0]))}</worldbody></mujoco>')
 
 
 def depth_first(scene: mb.Scene) -> list[int]:
@@ -238,7 +238,7 @@ def beside_mujoco(python: str, end: float = 1.0) -> list[str]:
     rhs(np.r_[q, v], out)
     begin = np.r_[0.05 * np.ones(n), np.zeros(n)]
     given = {"xml": xml(scene), "state": [q[order].tolist(), v[order].tolist()], "end": end,
-             "start": [begin[:n].tolist(), begin[n:].tolist()], "steps": [500, 1000, 2000, 4000, 8000]}  # fmt: skip
+             "start": [begin[:n].tolist(), begin[n:].tolist()], "steps": [500, 1000, 2000, 4000, 8000]}
     theirs, a, version, runs = other(python, MUJOCO, given)
     apart = np.max(np.abs(out[n:][order] - a)) / np.max(np.abs(a))
     lines = [f"| mj_forward ({version}), right-hand side | {theirs:.1f} us | {us:.1f} us | {us / theirs:.2f} | {apart:.1e} |"]
@@ -254,7 +254,7 @@ def beside_mujoco(python: str, end: float = 1.0) -> list[str]:
         error = float(np.max(np.abs(np.array(angles) - exact[order])))
         at = float(np.exp(np.interp(np.log(error), *np.log(np.array(sorted(own)).T))))
         lines.append(f"| run of {end:g} s, error {error:.1e} rad (RK4, {steps} steps) | {1e3 * cpu:.1f} ms | {1e3 * at:.1f} ms | "
-                     f"{at / cpu:.3f} | |")  # fmt: skip
+                     f"{at / cpu:.3f} | |")
     return lines
 
 

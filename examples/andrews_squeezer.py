@@ -19,7 +19,7 @@ import mbdae as mb
 
 BETA, THETA, GAMMA, PHI, DELTA, OMEGA, EPSILON = START = (
     -0.06171389001427645, 0.0, 0.45527981916307037, 0.22266839016588588, 0.48736497954384256, -0.22266839016588588,
-    1.2305474445498212)  # rad  # fmt: skip
+    1.2305474445498212)  # rad
 A, B, C = np.array([-0.06934, -0.00227]), np.array([-0.03635, 0.03273]), np.array([0.014, 0.072])  # m, fixed points
 MASSES = (0.04325, 0.00365, 0.02373, 0.00706, 0.0705, 0.00706, 0.05498)  # kg
 INERTIAS = (2.194e-6, 4.41e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5)  # kg m^2
@@ -44,7 +44,7 @@ def scene():
     G, H = A + turned(DELTA, 0.04, 0), A + turned(EPSILON, 0, -0.04)
     centres = (turned(b, 0.00092, 0), F - turned(bt, 0.0115, 0), B + turned(GAMMA, 0.01043, -0.01874),
                G + turned(pd, 0, -(0.02 - 0.01421)), A + turned(DELTA, 0.02308, 0.00916),
-               H + turned(oe, 0.02 - 0.01421, 0), A + turned(EPSILON, -0.00449, -0.01228))  # fmt: skip
+               H + turned(oe, 0.02 - 0.01421, 0), A + turned(EPSILON, -0.00449, -0.01228))
     K = [s.rigid_body(f"K{i + 1}", m, J, at=c) for i, (m, J, c) in enumerate(zip(MASSES, INERTIAS, centres, strict=True))]
     s.revolute("O", s.ground, K[0], at=(0, 0), torque=TORQUE)
     s.revolute("F", K[0], K[1], at=F)
@@ -56,7 +56,7 @@ def scene():
     s.revolute("A7", s.ground, K[6], at=A)
     s.revolute("B", s.ground, K[2], at=B)
     s.spring("spring", s.ground, K[2], at_k=C, at_l=B + turned(GAMMA, 0.02, -0.018),
-             stiffness=STIFFNESS, length=NATURAL)  # fmt: skip
+             stiffness=STIFFNESS, length=NATURAL)
     return s
 
 

@@ -28,7 +28,7 @@ def scene(mu=100.0):
     spin = -START / SMALL if mu else 0.0
     ball = s.rigid_body("ball", MASS, 0.4 * MASS * SMALL**2, at=at, velocity=(START, 0), angular_velocity=(0, 0, spin))
     s.contact("drum", s.ground, ball, mb.Cylinder(at=(0, 0), radius=BIG, length=0.4), mb.Sphere(radius=SMALL), normal=LAW,
-              friction=mb.Coulomb(mu, 1e-4) if mu else None)  # fmt: skip
+              friction=mb.Coulomb(mu, 1e-4) if mu else None)
     return s
 
 

@@ -51,7 +51,7 @@ measure = "T.penetration"
 
 def scene(friction="coulomb", clearance=CLEARANCE, stiffness=STIFFNESS, damping=DAMPING, bearing=BEARING,
           bearing_damping=BEARING_DAMPING, eccentricity=ECCENTRICITY, speed=OMEGA, elements=6, order=2,
-          section=TUBE):  # fmt: skip
+          section=TUBE):
     """Shaft along x from R to T, the disk in its middle. Housings are held against turning about the shaft by a stiff spring;
     they may tilt. The pin spins in the race from the start."""
     s = mb.Scene(f"clearance rotor, friction {friction}" if clearance is not None else "rotor in ideal bearings")
@@ -99,7 +99,7 @@ def pictures(out, accuracy=1e-4, t_end=t_end, solver=None, **options):
 
 
 LINES = {"coulomb": {"label": "Coulomb", "color": "#0072B2", "linewidth": 1.6},
-         "lugre": {"label": "LuGre", "color": "#D55E00", "linewidth": 1.0, "dashes": (4, 3)}}  # fmt: skip
+         "lugre": {"label": "LuGre", "color": "#D55E00", "linewidth": 1.0, "dashes": (4, 3)}}
 
 
 def _figure(rows, columns, size):
@@ -163,7 +163,7 @@ if __name__ == "__main__":
     coulomb, lugre = pictures(sys.argv[1] if len(sys.argv) > 1 else "out")
     print(coulomb, lugre, sep="\n")
     print(f"largest radius of the orbit {1e3 * np.max(np.linalg.norm(orbit(coulomb), axis=1)):.4f} mm, deepest penetration "
-          f"{1e6 * coulomb['T'].contacts.deepest:.1f} micrometres")  # fmt: skip
+          f"{1e6 * coulomb['T'].contacts.deepest:.1f} micrometres")
     known = coulomb.accuracy.estimated * coulomb.prepared.length
     print(f"orbits with Coulomb's and LuGre's law differ by {agreement(coulomb, lugre):.1e} m, the error of a run is estimated "
-          f"at {known:.1e} m: sliding this fast, the laws cannot be told apart; see stick_slip.py")  # fmt: skip
+          f"at {known:.1e} m: sliding this fast, the laws cannot be told apart; see stick_slip.py")

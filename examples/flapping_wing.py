@@ -29,7 +29,7 @@ import mbdae as mb
 POINTS = {1: (-4.91071, 0), 2: (-2.25663, 2.38975), 3: (-2.22156, 9.08609), 4: (-0.76893, 12.3488), 5: (-11.4767, 12.7227),
           6: (-44.0461, 13.86), 7: (-45.4988, 10.5974), 8: (-47.5828, 13.363), 9: (-48.0479, 10.7251), 10: (-52.9394, 13.4378),
           11: (-100.256, 14.0985), 12: (-11.539, 10.938), 13: (0, 8.75726), 14: (-4.91071, 4.3957), 15: (-7.36607, 4.3957),
-          16: (0, 0)}  # cm, left half  # fmt: skip
+          16: (0, 0)}  # cm, left half
 BODIES = {"A": (1, 2), "B": (2, 3, 4), "D": (4, 5, 6, 8), "E": (6, 7), "F": (3, 7), "G": (7, 9), "H": (9, 8, 10, 11)}
 HINGES = {"2": "AB", "3": "BF", "4": "BD", "6": "DE", "7a": "EF", "7b": "EG", "8": "DH", "9": "GH"}  # bodies k, l
 OMEGA, DENSITY, EI, GJ = 12.56, 0.1032, 29.856, 23.303  # rad/s, kg/m, N m^2, N m^2
@@ -42,7 +42,7 @@ measure = "L8.angle"
 
 
 def scene(flexible=False, case="I", elements=1, frame=False, stiffness=1.0, sense=1, space="auto",
-          bracket=False, damping=0.1):  # fmt: skip
+          bracket=False, damping=0.1):
     """Both halves as drawn; bodies and hinges of the left one are named L..., of the right one R...."""
     s = mb.Scene(f"flapping wing, {'flexible' if flexible else 'rigid'}, case {case}", space=space)
     model = mb.Classical() if case == "classical" else mb.Kinematic()

@@ -64,7 +64,7 @@ def summary(one, three):
             f"{e.friction[-1]:.3g} J, impacts {e.impact[-1]:.2g} J; energy error {np.max(np.abs(e.balance)):.1e} of "
             f"{np.max(e.kinetic):.2g} J\nagainst case I: tip {np.max(np.linalg.norm(tips[0] - tips[1], axis=1)):.2e} m, angles "
             f"{angles} rad; {three.stats.steps} steps and {three.stats.cpu_s:.1f} s CPU for {one.stats.steps} and "
-            f"{one.stats.cpu_s:.1f}")  # fmt: skip
+            f"{one.stats.cpu_s:.1f}")
 
 
 def clearance_picture(one, three, path):

@@ -63,7 +63,7 @@ def growth(speed, damper):
     failed, mean = (0.0, *(damper,) * (BLADES - 1)), (0.75 * damper,) * BLADES
     return {"linearize": rotor.linearize(frame="hub").growth.max(), "floquet": rotor.floquet(period).growth.max(),
             "failed": scene(speed, failed, isotropic=False).floquet(period).growth.max(),
-            "mean": scene(speed, mean, isotropic=False).floquet(period).growth.max()}  # fmt: skip
+            "mean": scene(speed, mean, isotropic=False).floquet(period).growth.max()}
 
 
 def picture(found, grid, path):

@@ -29,7 +29,7 @@ def scene(latch=True):
     nose, leaf = mb.Sphere(at=(WIDTH, 0), radius=0.02), mb.Box(at=(WIDTH / 2, 0), size=(WIDTH, 0.04))
     door = s.link("door", (0, 0), (WIDTH, 0), mass=MASS, shape=[leaf, nose], color="tab:brown")
     s.revolute("hinge", s.ground, door, at=(0, 0), angle0=PHI0, spring=CLOSER, limits=(0, None),
-               stop=mb.Stop(stiffness=STOP, damping=DAMPING))  # fmt: skip
+               stop=mb.Stop(stiffness=STOP, damping=DAMPING))
     if latch:
         roller = s.rigid_body("roller", 0.1, 2e-5, at=(WIDTH + 0.025, 0.03), color="tab:gray")
         s.prismatic("slide", s.ground, roller, at=(WIDTH + 0.025, 0.03), axis=(-1, 0), spring=8e4, damper=20.0)

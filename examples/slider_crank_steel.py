@@ -35,7 +35,7 @@ def ensemble(play="BC", members=MEMBERS, rtol=1e-8):
     """Steel: runs whose clearances differ by SPREAD (standard deviation)."""
     chance = np.random.default_rng(1)
     return [soft(play, STEEL, CLEARANCE + SPREAD * x).simulate(t_end, solver=mb.RadauIIA(3, rtol=rtol))
-            for x in chance.standard_normal(members)]  # fmt: skip
+            for x in chance.standard_normal(members)]
 
 
 def statistics(runs):
@@ -66,7 +66,7 @@ def report():
     both, total = single["BC"][1], single["B"][1] + single["C"][1]
     print("soft contact: deviation of the slider from ideal joints, m: "
           + ", ".join(f"{NAMES[play]} {np.max(np.abs(d)):.2e}" for play, (_, d) in single.items())
-          + f"; both less the sum of the single ones {np.max(np.abs(both - total)):.2e}")  # fmt: skip
+          + f"; both less the sum of the single ones {np.max(np.abs(both - total)):.2e}")
     runs = ensemble()
     print(f"steel: {len(runs)} clearances that differ by {SPREAD:g} m: mean, standard deviation over mean")
     for name, values in statistics(runs).items():
@@ -102,7 +102,7 @@ def picture(single, runs, path):
     for r, colour in zip(runs[:2], ("tab:blue", "tab:red"), strict=True):
         d.plot(fine / t_end, 1e-3 * r(fine)["B"].normal_force, color=colour, lw=0.8)
     d.set(title="steel: contact force at the crank pin, two members", xlabel="turns", ylabel="kN",
-          xlim=(0.33, 0.53), ylim=(0, 13))  # fmt: skip
+          xlim=(0.33, 0.53), ylim=(0, 13))
     figure.savefig(path, dpi=110)
 
 

@@ -23,7 +23,7 @@ import mbdae as mb
 
 MASS, SPRING, PULL, PRESS = 1.0, 2.0, 0.1, 1.0  # kg, N/m, m/s, N
 LAWS = {"lugre": mb.LuGre(mu_k=1.0, mu_s=1.5, v_s=1e-3, sigma0=1e5, sigma1=316.22776601683796, sigma2=0.4),
-        "coulomb": mb.Coulomb(mu=1.0, v_c=1e-3)}  # fmt: skip
+        "coulomb": mb.Coulomb(mu=1.0, v_c=1e-3)}
 
 t_end = 25.0  # s
 measure = "rail.displacement"

@@ -80,7 +80,7 @@ _HOME = {
     "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
     "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
-}  # fmt: skip
+}
 
 __all__ = [
     "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Box", "Classical", "Clearance", "Coulomb",
@@ -90,7 +90,7 @@ __all__ = [
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
     "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "audit", "compare", "export", "extremes", "load",
     "measure_order", "params", "read_table", "report", "selftest", "sweep", "t", "table",
-]  # fmt: skip
+]
 
 
 def __getattr__(name: str) -> Any:

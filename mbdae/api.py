@@ -44,7 +44,7 @@ def _by(module: str, name: str) -> Callable[..., Any]:
 
 
 ATTACHED.update(plot=_by("plots", "plot_results"), phase=_by("plots", "plot_phase"), orbit=_by("plots", "plot_orbit"),
-                animate=_by("animation", "animate"))  # fmt: skip
+                animate=_by("animation", "animate"))
 READERS["color"] = _by("plots", "hexadecimal")
 
 
@@ -89,7 +89,7 @@ class Scene(SceneData):
             return titled(f"scene '{self.name}'", rows([("problem", text) for text in error.problems]), table)
 
     def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None,
-                    out_of_plane: bool = True) -> Equilibrium:  # fmt: skip
+                    out_of_plane: bool = True) -> Equilibrium:
         """A state at rest in a frame: s.ground (default), or a body that turns steadily; see `mbdae.analysis.equilibrium`. Raises
         EquilibriumError where none is found. progress: a function, called as progress(load_factor, iterations)."""
         from mbdae.analysis import equilibrium
@@ -97,7 +97,7 @@ class Scene(SceneData):
         return equilibrium(self, frame, progress, out_of_plane)
 
     def linearize(self, at: Any = None, frame: Any = None, count: int | None = None,
-                  out_of_plane: bool = True) -> Linearization:  # fmt: skip
+                  out_of_plane: bool = True) -> Linearization:
         """Modes, frequencies, damping and growth of small departures from a steady motion; see `mbdae.analysis.linearize`."""
         from mbdae.analysis import linearize
 
@@ -115,7 +115,7 @@ class Scene(SceneData):
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
                  progress: Callable[..., None] | bool | None = None, checkpoint: Any = None, every: int | None = None,
-                 until: Any = None, record: Any = None) -> Result:  # fmt: skip
+                 until: Any = None, record: Any = None) -> Result:
         """Integrate the equations of motion to t_end (s), or to the event `until`.
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
@@ -152,13 +152,13 @@ class Scene(SceneData):
         keeper = keeper_of(checkpoint, every)
         said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
                        outputs=times, verify=verify, until=[c.name for c in watched.until],
-                       record=[c.name for c in watched.record])  # fmt: skip
+                       record=[c.name for c in watched.record])
         with limited(wall), kept(keeper, said):
             return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,
-                                   DEFAULT_OUTPUTS if outputs is None else outputs)  # fmt: skip
+                                   DEFAULT_OUTPUTS if outputs is None else outputs)
 
     def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
-                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:  # fmt: skip
+                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:
         """`simulate` after its options have been checked."""
         prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
         prepared = prepared if prepared is not None else prepared_from(self, start, end)

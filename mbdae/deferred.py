@@ -18,7 +18,7 @@ from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
            "cython_lapack", "dijkstra", "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse",
-           "maximum_flow", "median", "qr", "sp", "splu"]  # fmt: skip
+           "maximum_flow", "median", "qr", "sp", "splu"]
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -76,7 +76,7 @@ def classes_in(folder: str, base: type[T]) -> tuple[type[T], ...]:
     top = import_module(folder)
     modules = [import_module(found.name) for found in walk_packages(getattr(top, "__path__", ()), f"{folder}.")]
     found = {made.__name__: made for module in (top, *modules) for name, made in vars(module).items()
-             if name[0] != "_" and isinstance(made, type) and issubclass(made, base) and not isabstract(made)}  # fmt: skip
+             if name[0] != "_" and isinstance(made, type) and issubclass(made, base) and not isabstract(made)}
     return tuple(made for _, made in sorted(found.items()))
 
 

@@ -54,7 +54,7 @@ def replacing(path: Any) -> Iterator[Path]:
             raise
     except OSError as error:
         raise OptionError(f"'{named}' cannot be written: {error.strerror or error}; name a file in a folder that exists, may be "
-                          f"written to and has space left") from error  # fmt: skip
+                          f"written to and has space left") from error
 
 
 def write_file(path: Any, content: str | bytes) -> Path:
@@ -117,7 +117,7 @@ def first_difference(there: Any, here: Any, where: str = "") -> str | None:
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         names = [(f"{where}.{key}" if where else str(key), there[key], here[key]) for key in there if key in here]
         alone = next(((key, "what is stored" if key in there else "this call") for key in (*there, *here)
-                      if (key in there) != (key in here)), None)  # fmt: skip
+                      if (key in there) != (key in here)), None)
         if alone is not None:
             return f"{where}.{alone[0]} is part of {alone[1]} only" if where else f"{alone[0]} is part of {alone[1]} only"
     elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):

@@ -122,7 +122,7 @@ class GGL(Form):
         rows = {"q": "q", "u": "u", "s": "s", "gd": "lambda", "g": "mu"}
         index = {"q": 1, "v": 1, "s": 1, "lambda": k, "mu": k}
         return FormSpec(self.label, ggl_outputs, rows, ("lambda", "mu"), not self.algebraic, index, bool(self.algebraic),
-                        self.waves)  # fmt: skip
+                        self.waves)
 
 
 #: default of Baumgarte's alpha times the characteristic time of the scene. With 1, constraint violations decay as fast as the
@@ -166,7 +166,7 @@ class Index1(Form):
 
     def __post_init__(self) -> None:
         set_option(self, "baumgarte", _pair, f"give alpha >= 0 in 1/s, the pair (alpha, beta), or None for {RATE:g} over the "
-                                             f"characteristic time of the scene")  # fmt: skip
+                                             f"characteristic time of the scene")
         set_option(self, "multipliers", word, "or give None to have it follow from the solver", words=MULTIPLIERS)
         set_option(self, "waves", flag, WAVES)
 
@@ -185,7 +185,7 @@ class Index1(Form):
         index = {"q": 1, "v": 1, "s": 1, "lambda": 1}
         numbers, eliminated = {VELOCITY: 2 * alpha, POSITION: beta**2}, self.multipliers == "eliminated"
         return FormSpec(self.label, index1_outputs, rows, ("lambda",), dotted, index, algebraic, self.waves, numbers=numbers,
-                        eliminated=eliminated)  # fmt: skip
+                        eliminated=eliminated)
 
 
 def _pair(value: Any) -> tuple[float, float]:
@@ -245,7 +245,7 @@ class ODE(Form):
         if not rows:
             return None
         return (f"form ODE needs a scene without constraints, this one has {counted(len(rows), 'constraint row')} (such as "
-                f"{rows[0].name}): use mb.GGL(), or s.recursive() if its joints form a tree")  # fmt: skip
+                f"{rows[0].name}): use mb.GGL(), or s.recursive() if its joints form a tree")
 
 
 def default_form(prepared: Prepared, highest_index: int = 1) -> Form:
@@ -255,7 +255,7 @@ def default_form(prepared: Prepared, highest_index: int = 1) -> Form:
 
 @building
 def system_for(prepared: Prepared, form: Form | None = None, highest_index: int = 1,
-               open: bool = False) -> SceneSystem:  # fmt: skip
+               open: bool = False) -> SceneSystem:
     """The System of a prepared scene, in the variant of the form for a solver that integrates unknowns up to `highest_index`.
 
     form: None chooses `default_form`. open: numbers of the laws can be varied between runs (`MovedBodies.opened`); it has no

@@ -129,7 +129,7 @@ class Owner:
             if self._runs:
                 raise OptionError(f"{self.what} is run by another thread: runs of one System at the same time would write to the "
                                   f"same arrays. Give every thread its own, by scene.system() or mb.DAE(...), or call "
-                                  f"scene.simulate, which makes its own")  # fmt: skip
+                                  f"scene.simulate, which makes its own")
         return lock
 
     def alone(self, function: Callable[..., T], *args: Any) -> T:
@@ -198,7 +198,7 @@ def check(doing: str) -> None:
     if call is not None and time.perf_counter() - call.begin > call.max_wall:
         reached = 0.0 if call.solution is None else float(call.solution.t[-1])
         raise WallClockError(f"max_wall = {call.max_wall:g} s of wall time is used up while {doing}: raise max_wall, or simplify "
-                             f"what is asked", reached, "", call.solution)  # fmt: skip
+                             f"what is asked", reached, "", call.solution)
 
 
 def came(solution: Any) -> None:

@@ -77,7 +77,7 @@ def number(value: Any, *, least: float = -math.inf, above: float = -math.inf, mo
         raise BadValueError(f"{shown(value)} is not finite")
     if abs(found) > LARGEST or 0 < abs(found) < SMALLEST:
         raise BadValueError(f"{shown(value)} is too large or too small to calculate with: numbers are 0, or "
-                            f"{SMALLEST:g} to {LARGEST:g} in magnitude")  # fmt: skip
+                            f"{SMALLEST:g} to {LARGEST:g} in magnitude")
     if found < least or found <= above or found > most:
         raise BadValueError(f"{shown(value)} is not {_range(least, above, most)}")
     return found
@@ -200,7 +200,7 @@ def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
         except TypeError as error:
             raise BadValueError(f"{shown(value)} is a class that cannot be used without arguments ({error})") from error
     raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(name) for name in known)}, nor an object of class "
-                        f"{base.__name__}")  # fmt: skip
+                        f"{base.__name__}")
 
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:
@@ -317,7 +317,7 @@ class AsStated(NamesAttributes):
             raise AttributeError(f"{self._called}: {name} = {shown(value)} comes after its statement, which alone counts: give "
                                  f"it there, in a function that makes the scene; for many values mb.sweep(scene, "
                                  f"{{'{vars(self)['name']}.{name}': [...]}}, t_end=...), for joint models "
-                                 f"scene.replace(...)")  # fmt: skip
+                                 f"scene.replace(...)")
         super().__setattr__(name, value)
 
 

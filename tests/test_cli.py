@@ -165,14 +165,14 @@ def test_a_run_that_is_stopped_keeps_what_it_computed(number, code, as_json, fil
     ("check FILE | true", {0, 141}), ("check FILE >&- 2>&- <&-", {0}), ("check FILE >/dev/full", {1}),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in [
         ("run FILE --json | head -1", {0, 141}), ("run FILE --json 2>&-", {0}), ("check absent.py --json | true", {2, 141})]),
-])  # fmt: skip
+])
 def test_output_that_nobody_reads_causes_no_traceback(redirected, codes, file):
     if "/dev/full" in redirected and not Path("/dev/full").exists():
         pytest.skip("no full device")
     words = f"{sys.executable} -m mbdae {redirected.replace('FILE', file())}; echo code ${{PIPESTATUS[0]}} >&3"
     with open("code", "w") as told:
         done = subprocess.run(["bash", "-c", f"exec 3>&{told.fileno()}; {words}"], capture_output=True, text=True, timeout=30,
-                              pass_fds=[told.fileno()], check=False)  # fmt: skip
+                              pass_fds=[told.fileno()], check=False)
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert int(Path("code").read_text().split()[1]) in codes, done.stderr
@@ -182,7 +182,7 @@ def test_output_that_nobody_reads_causes_no_traceback(redirected, codes, file):
 @pytest.mark.parametrize("variables", [
     pytest.param({"TERM": "dumb"}, marks=pytest.mark.slow),
     {"TERM": "", "NO_COLOR": "1", "COLUMNS": "40", "PYTHONIOENCODING": "ascii"},
-])  # fmt: skip
+])
 def test_any_terminal_will_do(variables, file):
     import os
     import pty
@@ -190,7 +190,7 @@ def test_any_terminal_will_do(variables, file):
     name = file(PENDULUM.replace("t_end = 0.5", "t_end = 50"))
     ours, theirs = pty.openpty()
     process = subprocess.Popen([sys.executable, "-m", "mbdae", "run", name], stdout=theirs, stderr=theirs, stdin=theirs,
-                               env=os.environ | variables)  # fmt: skip
+                               env=os.environ | variables)
     os.close(theirs)
     shown = b""
     with contextlib.suppress(OSError):  # the other end is closed
@@ -232,7 +232,7 @@ def test_a_scene_with_a_mistake_ends_with_1_and_names_it(file, capsys):
     (["run", "swing.py", "--accuracy", "7"], "accuracy = 7"),
     (["run", "swing.py", "--form", "ode"], "form ODE needs a scene without constraints"),
     (["run", "swing.py", "--solver", "ida", "--form", "index3"], "has index 3"),
-])  # fmt: skip
+])
 def test_wrong_usage_ends_with_2_and_the_next_step(arguments, words, file, capsys):
     file()
     file("", "empty.py")

@@ -133,7 +133,7 @@ def test_mistakes_are_told_with_their_line(text, folder, capsys):
     ("t_end = -1.0", "t_end of 'swing.py' = -1.0 is not positive"),
     ("measure = 3", "measure = 3 in 'swing.py' is no sensor: give item.quantity"),
     ("measure = 'angle'", "measure = 'angle' in 'swing.py' is no sensor: give item.quantity"),
-])  # fmt: skip
+])
 def test_what_a_file_states_is_checked_before_the_run(line, words, folder, capsys):
     (folder / "swing.py").write_text(FILE + line + "\n")
     assert main(["run", "swing.py"]) == 2

@@ -38,7 +38,7 @@ def named(source: str) -> set[str]:
 def test_the_core_names_no_joint() -> None:
     files = [path for part in CORE for path in (*ROOT.glob(f"{part}.py"), *(ROOT / part).rglob("*.py"))]
     found = {str(path.relative_to(ROOT)): names for path in files
-             if (names := named(path.read_text(encoding="utf-8")))}  # fmt: skip
+             if (names := named(path.read_text(encoding="utf-8")))}
     assert found == {"symbolic/joint.py": {"drive"}}  # where the parameter that prescribes a coordinate gets its name
 
 

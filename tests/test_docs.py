@@ -46,7 +46,7 @@ def test_every_block_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyt
 
 
 COMMANDS = sorted({line.split("  #")[0].strip() for page in PAGES for text, _ in blocks(page, "bash")
-                   for line in text.splitlines() if line.startswith("mbdae ")})  # fmt: skip
+                   for line in text.splitlines() if line.startswith("mbdae ")})
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -65,7 +65,7 @@ def headings(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", [*PAGES, *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "CHANGELOG"))],
-                         ids=lambda page: page.relative_to(ROOT).as_posix())  # fmt: skip
+                         ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page: Path) -> None:
     for target, anchor in LINK.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
         there = (page.parent / target).resolve() if target else page

@@ -15,7 +15,7 @@ from mbdae import errors
     errors.WallClockError("used up", 0.5), errors.EquilibriumError("none", lambda: None, 0.3),
     errors.SteadyError("depends", object()),
     errors.OptionError("wrong"), errors.LawError("not stated"),
-], ids=lambda error: type(error).__name__)  # fmt: skip
+], ids=lambda error: type(error).__name__)
 def test_errors_arrive_with_their_text(error: errors.MbdaeError) -> None:
     found = pickle.loads(pickle.dumps(error))
     assert type(found) is type(error)

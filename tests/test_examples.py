@@ -167,7 +167,7 @@ def test_a_pin_that_oscillates_in_its_race_is_no_whirl():
 
 
 CASES = {(1, False): "A1_prescribed_1axis", (2, False): "A2_prescribed_2axis_iso",
-         (1, True): "B1_free_1axis", (2, True): "B2_free_2axis_iso"}  # fmt: skip
+         (1, True): "B1_free_1axis", (2, True): "B2_free_2axis_iso"}
 
 
 WAYS = {"IDA": (mb.IDA(), None), "RadauIIA(3)": (mb.RadauIIA(3), None), "recursive": (None, mb.Recursive())}
@@ -175,7 +175,7 @@ WAYS = {"IDA": (mb.IDA(), None), "RadauIIA(3)": (mb.RadauIIA(3), None), "recursi
 
 @pytest.mark.parametrize(("axes", "free", "solver", "model"), [
     pytest.param(*case, *way, id=f"{CASES[case]}, {name}", marks=[pytest.mark.slow] * ((i + k) % 3 != 1 or case == (2, False)))
-    for i, case in enumerate(CASES) for k, (name, way) in enumerate(WAYS.items())])  # fmt: skip
+    for i, case in enumerate(CASES) for k, (name, way) in enumerate(WAYS.items())])
 def test_ground_resonance_follows_the_nonlinear_reference(axes, free, solver, model):
     import ground_resonance
 

@@ -21,11 +21,11 @@ LAYERS = [
     {"system"}, {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},
     {"deferred", "disk"}, {"threads"}, {"notation", "errors"},
     {"process"},
-]  # fmt: skip
+]
 #: parts of `system` from the bottom up, as its docstring says
 SYSTEM = ["base", "shown_index", "dae", "model", "motion", "changes", "start_of_beams", "positions", "nearest", "start",
           "start_with_contacts", "dependent_rows", "many_rows", "redundancy", "undetermined", "assembled",
-          "prepare", "sampling", "scene_system", "without_multipliers"]  # fmt: skip
+          "prepare", "sampling", "scene_system", "without_multipliers"]
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: the System interface is all an integrator sees; kernels are called by these alone
 KERNELS_CALLED_BY = {"system", "results", "run", "contracts", "export"}
@@ -54,7 +54,7 @@ def _imported(source: str, module: str, is_package: bool) -> Iterator[str]:
             base = ".".join([*(above if node.level else []), *([node.module] if node.module else [])])
             yield from (f"{base}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Call) and node.args and getattr(node.func, "id", getattr(node.func, "attr", "")) in (
-                "import_module", "__import__"):  # fmt: skip
+                "import_module", "__import__"):
             first = node.args[0].values[0] if isinstance(node.args[0], ast.JoinedStr) else node.args[0]
             if isinstance(first, ast.Constant):
                 yield str(first.value).rstrip(".")
@@ -91,7 +91,7 @@ def test_no_import_makes_a_circle() -> None:
     "def g():\n    from p.a import f", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from p.a import f",
     "class Late:\n    def g(self):\n        import p.a", "from importlib import import_module\nimport_module('p.a')",
     "import importlib\ndef g(n):\n    importlib.import_module(f'p.a.{n}')",
-])  # fmt: skip
+])
 def test_every_kind_of_import_counts(late: str, tmp_path: Path) -> None:
     """The test of circles sees an import however it is written."""
     root = tmp_path / "p"

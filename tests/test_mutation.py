@@ -40,7 +40,7 @@ def test_mutants_of_python():
     assert changed(PYTHON, "f.py") == {
         ("1", "2"), ("<", "<="), ("and", "or"), ("not ", ""), ("2", "3"), (condition, f"not ({condition})"), ("h(a)", "pass"),
         ("a -= -3", "pass"), ("-", ""), ("3", "4"), ('x[0] = f"{a + 1}"', "pass"), ("0", "1"), ("+", "-"), ("/", "*"),
-        ("4.5", "5.5")}  # fmt: skip
+        ("4.5", "5.5")}
     assert all(is_valid(m.applied(PYTHON), Path("f.py")) for m in mutants(PYTHON, "f.py"))
 
 
@@ -86,7 +86,7 @@ def h(x):
 
 
 @pytest.mark.parametrize(("old", "expected", "names"), [
-    ("2", [1], {"LIMIT"}), ("> 1", [5], set()), ("x + 1", [6, 7], set()), ("return x\n", [8], set())])  # fmt: skip
+    ("2", [1], {"LIMIT"}), ("> 1", [5], set()), ("x + 1", [6, 7], set()), ("return x\n", [8], set())])
 def test_the_statement_around_a_mistake(old, expected, names):
     """Of a condition its head."""
     at = SOURCE.index(old)

@@ -20,7 +20,7 @@ CELLS = [
     ("r.to_dataframe('hinge.angle')", "table"), ("mb.compare(s, 0.2, accuracies=(1e-3,))", "picture and table"),
     ("mb.extremes(s, 0.2, vary={'rod.mass': [1.0]}, runs=[mb.Run(solver=mb.RadauIIA(3))])", "table"),
     ("mb.export(s, format='c')", "table"), ("mb.report(mb.Revolute)", "page"),
-]  # fmt: skip
+]
 MARKS = {"picture": ("<img", "image/png"), "table": ("<table", "<pre"), "page": ("<iframe",), "and": ("",)}
 
 

@@ -46,7 +46,7 @@ def test_unknown_name() -> None:
     ("from andrews_squeezer import scene", 1e-3), ("from clearance_rotor import scene", 2e-3),
     ("import ground_resonance as e; scene = lambda: e.scene(flexible=True)", 0.02),
     ("import flapping_wing as e; scene = lambda: e.scene(flexible=True)", 5e-3),
-])  # fmt: skip
+])
 def test_a_run_imports_neither_scipy_nor_masked_arrays(statement: str, t_end: float) -> None:
     """Stiff, flexible and with contacts: SciPy takes 0.1 to 0.2 s to be imported, as long as many runs."""
     code = f"import sys; sys.path.insert(0, 'examples'); {statement}; scene().simulate({t_end}, accuracy=1e-3)"
@@ -58,7 +58,7 @@ def test_a_run_imports_neither_scipy_nor_masked_arrays(statement: str, t_end: fl
 @pytest.mark.parametrize(("statement", "heavy"), [
     ("import mbdae", "sympy symengine matplotlib scipy sksundae"), ("from mbdae import Scene", "sympy matplotlib sksundae"),
     ("from mbdae import load", "sympy matplotlib sksundae"),
-])  # fmt: skip
+])
 def test_import_is_light(statement: str, heavy: str) -> None:
     code = f"import sys; {statement}; print([m for m in '{heavy}'.split() if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
@@ -70,7 +70,7 @@ def test_a_result_that_is_loaded_can_be_drawn_and_stored(tmp_path: Path) -> None
     s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
     s.simulate(0.1, accuracy=1e-3, outputs=3).save(tmp_path / "a.npz")
     code = ("import mbdae as mb; r = mb.load('a.npz'); r.plot('hinge.angle', path='a.png'); r.phase('hinge.angle', 'hinge.rate', "
-            "path='b.png'); r.orbit('rod', path='c.png'); r.animate('d.html'); r.save('e.npz')")  # fmt: skip
+            "path='b.png'); r.orbit('rod', path='c.png'); r.animate('d.html'); r.save('e.npz')")
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
     assert {f.name for f in tmp_path.iterdir()} == {"a.npz", "a.png", "b.png", "c.png", "d.html", "e.npz"}
 

@@ -121,7 +121,7 @@ def test_names_of_the_readme_are_public():
     for name in set(re.findall(r"\bmb\.([A-Za-z]\w*)", README + features)):
         assert name in mb.__all__, f"README names mb.{name}"
     methods = {m for table in re.findall(r"^\| (?:Bodies|Joints|Forces) \|.*$", features, re.MULTILINE)
-               for m in re.findall(r"`([a-z]\w*)`", table)}  # fmt: skip
+               for m in re.findall(r"`([a-z]\w*)`", table)}
     assert len(methods) > 15
     for method in methods:
         assert callable(getattr(mb.Scene, method)), f"README lists s.{method}"

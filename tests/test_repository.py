@@ -20,7 +20,7 @@ MODULES = sorted((ROOT / "mbdae").rglob("*.py"))
 PICTURES = ROOT / "docs" / "img"  #: of the README, made by a command; tests/test_docs.py holds them to it
 LARGEST, FILE_LINES, FUNCTION_LINES = 200_000, 400, 60  # bytes, lines, lines
 GENERATED = re.compile(r"(^|/)(__pycache__|build|dist|out|\.venv[^/]*|[^/]*\.egg-info|\.(pytest|mypy|ruff)_cache)/|"
-                       r"\.(pyc|so|dll|dylib|o|png|svg|gif|npz|whl|html|pdf)$")  # fmt: skip
+                       r"\.(pyc|so|dll|dylib|o|png|svg|gif|npz|whl|html|pdf)$")
 #: absolute paths of a home, a scratch or a work directory
 MACHINE = re.compile(r"(?<![\w.~/-])/(?:home|root|Users|work|tmp|mnt|var)/[\w.-]+|\b[A-Z]:\\\\?\w")
 
@@ -54,7 +54,7 @@ def test_nothing_generated_is_kept() -> None:
 def test_no_paths_of_one_machine() -> None:
     wrong = [f"{path.relative_to(ROOT)}:{i + 1}: {line.strip()[:100]}"
              for path in kept_files() if path != Path(__file__).resolve() and path.parent != PICTURES
-             for i, line in enumerate(path.read_text(encoding="utf-8").splitlines()) if MACHINE.search(line)]  # fmt: skip
+             for i, line in enumerate(path.read_text(encoding="utf-8").splitlines()) if MACHINE.search(line)]
     assert not wrong
 
 
@@ -83,13 +83,13 @@ def undocumented(tree: ast.Module) -> list[str]:
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_") and not node.bases:
             found += [f"{node.name}.{method.name}" for method in node.body
                       if isinstance(method, ast.FunctionDef) and not method.name.startswith("_")
-                      and not ast.get_docstring(method)]  # fmt: skip
+                      and not ast.get_docstring(method)]
     return found
 
 
 def test_public_names_are_documented() -> None:
     wrong = [f"{path.relative_to(ROOT)}: {name}" for path in MODULES
-             for name in undocumented(ast.parse(path.read_text(encoding="utf-8")))]  # fmt: skip
+             for name in undocumented(ast.parse(path.read_text(encoding="utf-8")))]
     assert not wrong
 
 
@@ -129,7 +129,7 @@ def test_the_quick_part_names_tests_that_exist() -> None:
     listed = [line for line in lines if line and not line.startswith("#")]
     assert len(set(listed)) == len(listed)
     absent = [line for line in listed if line.split("::")[1] not in
-              {f.name for f in functions(ROOT / "tests" / line.split("::")[0])}]  # fmt: skip
+              {f.name for f in functions(ROOT / "tests" / line.split("::")[0])}]
     assert not absent
     covered = {line.split("/")[0] for line in listed if "/" in line}
     assert covered == {path.parent.name for path in (ROOT / "tests").glob("*/test_*.py")} - {"reference", "fuzz", "oracles"}

@@ -24,7 +24,7 @@ FOLDER = find(ROOT)
 NAMES = runner.claims(FOLDER)
 CHECKS = {name: runner.load(FOLDER, name) for name in NAMES}
 CASES = [pytest.param(check.claim, case, id=f"{name}: {case.name}, {case.solver}", marks=[pytest.mark.slow] * case.slow)
-         for name, check in CHECKS.items() for case in check.cases()]  # fmt: skip
+         for name, check in CHECKS.items() for case in check.cases()]
 STATED = """
 from runner import Case, Claim, Found
 

@@ -30,9 +30,9 @@ from mbdae.values import (
 )
 
 NUMBERS = [0.5, np.float32(0.5), np.float64(0.5), np.array(0.5), Fraction(1, 2), Decimal("0.5"),
-           sp.Rational(1, 2), se.Rational(1, 2)]  # fmt: skip
+           sp.Rational(1, 2), se.Rational(1, 2)]
 REFUSED = [True, np.True_, "0.5", b"0.5", None, 1j, np.complex128(1), sp.I, sp.zoo, sp.Symbol("w"), [0.5], np.array([0.5]), {},
-           math.nan, math.inf, Decimal("nan"), 1e308, 10**400, 5e-324, float, math]  # fmt: skip
+           math.nan, math.inf, Decimal("nan"), 1e308, 10**400, 5e-324, float, math]
 
 
 @pytest.mark.parametrize("value", NUMBERS, ids=lambda v: type(v).__name__)
@@ -54,7 +54,7 @@ def test_what_is_no_number_is_refused_with_the_value(value: object) -> None:
 def test_bounds_are_told() -> None:
     for bounds, value, told in (({"above": 0}, 0, "0 is not positive"), ({"least": 0}, -1, "-1 is not 0 or more"),
                                 ({"least": 0, "most": 1}, 2, "2 is not between 0 and 1"),
-                                ({"above": 0, "most": 1}, 0, "0 is not more than 0, at most 1")):  # fmt: skip
+                                ({"above": 0, "most": 1}, 0, "0 is not more than 0, at most 1")):
         with pytest.raises(BadValueError, match=f"^{told}$"):
             number(value, **bounds)
     assert number(0, least=0) == 0
@@ -84,7 +84,7 @@ def test_arrays_are_the_users_no_more_and_show_what_he_wrote() -> None:
                         (Decimal("nan"), r"^Decimal\('NaN'\) is not finite$"),
                         (np.ma.array([1.0, 2.0], mask=[0, 1]), "masked entries: fill them"), (b"12", "not an array of numbers$"),
                         (bytearray(b"12"), "not an array of numbers$"),
-                        (np.timedelta64(1, "s"), "is not a number$")):  # fmt: skip
+                        (np.timedelta64(1, "s"), "is not a number$")):
         with pytest.raises(BadValueError, match=told):
             array(value)
     assert entries([1, [2, 3]]).shape == (2,)
@@ -122,7 +122,7 @@ def test_paths_of_files_that_can_be_written(tmp_path: Path) -> None:
     assert file_to_write(str(tmp_path / "a.PNG"), suffixes=(".png", ".svg")) == file_to_write(tmp_path / "a.PNG")
     for value, told in ((3, "3 is not a path"), (b"a", "b'a' is not a path"), ("", "'' is not a path"), ("a\0", "is not a path"),
                         (tmp_path, "is a folder"), (tmp_path / "b" / "a", "in a folder '.*b' that does not exist"),
-                        ("x" * 5000, "cannot be a file")):  # fmt: skip
+                        ("x" * 5000, "cannot be a file")):
         with pytest.raises(BadValueError, match=told):
             file_to_write(value)
     with pytest.raises(BadValueError, match=r"'a\.gif' does not end in \.png or \.svg"):
@@ -133,7 +133,7 @@ def test_lists_are_read_entry_by_entry_and_texts_are_none() -> None:
     assert sequence(np.array([1, 2]), number, above=0) == [1.0, 2.0]
     for value, told in (("ab", "'ab' is not a list"), (3, "3 is not a list"), ({1: 2}, "is not a list"), ({1.0}, "is not a list"),
                         (np.array(1.0), "is not a list"),
-                        ([1, -2], r"\[1, -2\] has a wrong entry, -2 is not positive")):  # fmt: skip
+                        ([1, -2], r"\[1, -2\] has a wrong entry, -2 is not positive")):
         with pytest.raises(BadValueError, match=told):
             sequence(value, number, above=0)
 

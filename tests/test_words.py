@@ -19,7 +19,7 @@ def pendulum(rod: str = "rod") -> mb.Scene:
 
 @pytest.mark.parametrize(("theirs", "ours"), [
     ("RK45", "'dop853'"), ("ode45", "'dop853'"), ("bdf", "'cvodebdf' or 'ida'"), ("LSODA", "'cvode'"),
-    ("Adams", "'cvodeadams'")])  # fmt: skip
+    ("Adams", "'cvodeadams'")])
 def test_methods_of_other_programs_have_counterparts(theirs: str, ours: str) -> None:
     with pytest.raises(mb.OptionError, match=rf"solver = '{theirs}' is a method of other .*; its counterpart here is {ours}"):
         pendulum().simulate(1.0, solver=theirs)
@@ -29,7 +29,7 @@ def test_attributes_that_do_not_exist_are_answered_with_the_closest() -> None:
     s = pendulum()
     r = s.simulate(0.01)
     for held, wrong, meant in ((s, "simulat", "simulate"), (r, "accurcy", "accuracy"), (s["rod"], "outlin", "outline"),
-                               (s["hinge"], "modle", "model"), (r["hinge"], "angel", "angle")):  # fmt: skip
+                               (s["hinge"], "modle", "model"), (r["hinge"], "angel", "angle")):
         with pytest.raises(AttributeError, match=f"has no '{wrong}': did you mean '{meant}'"):
             getattr(held, wrong)
     assert [repr(s[name]) for name in ("hinge", "rod")] == ["<revolute 'hinge'>", "<body 'rod'>"]

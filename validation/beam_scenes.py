@@ -20,14 +20,14 @@ def bend45(load: float, elements: int, order: int) -> mb.Scene:
     section = mb.Section(E, E / 2 * 5 / 6, E / 2 * 5 / 6, E / 2 / 6, E / 12, E / 12, **INERTIA)
     s = mb.Scene("45 degree bend")
     beam = s.beam("bend", section=section, elements=elements, order=order,
-                  curve=lambda a: (100 * math.sin(a * math.pi / 4), 100 * (1 - math.cos(a * math.pi / 4)), 0.0))  # fmt: skip
+                  curve=lambda a: (100 * math.sin(a * math.pi / 4), 100 * (1 - math.cos(a * math.pi / 4)), 0.0))
     s.weld("clamp", s.ground, beam.at((0, 0, 0)))
     s.force("load", beam.at(end), (0, 0, load))
     return s
 
 
 def cantilever(section: mb.Section, elements: int, order: int, length: float = 1.0, force: Any = None, moment: Any = None,
-               space: str = "auto", axis2: Any = None) -> mb.Scene:  # fmt: skip
+               space: str = "auto", axis2: Any = None) -> mb.Scene:
     """A straight beam along x, clamped at the origin, with a dead force (N) and a moment (N m) on its tip."""
     s = mb.Scene("cantilever", space=space)
     beam = s.beam("beam", (0, 0), (length, 0), section=section, elements=elements, order=order, axis2=axis2)
@@ -50,7 +50,7 @@ def princeton(load: float, degrees: float, elements: int, order: int) -> mb.Scen
     section, L = strip()
     a = math.radians(degrees)
     return cantilever(section, elements, order, L, force=(0, load * math.sin(a), load * math.cos(a)), space="spatial",
-                      axis2=(0, 1, 0))  # fmt: skip
+                      axis2=(0, 1, 0))
 
 
 def strip() -> tuple[mb.Section, float]:

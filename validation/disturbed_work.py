@@ -79,14 +79,14 @@ def compared(folder: Path) -> Any:
 def mapped(folder: Path) -> Any:
     """A map of extremes."""
     return mb.extremes(scenes.chain(), 0.2, vary={"a.mass": [0.1, 1.0, 10.0]}, runs=[mb.Run(mb.RadauIIA(3), mb.GGL())],
-                       accuracy=1e-3, resume=folder / "map.json")  # fmt: skip
+                       accuracy=1e-3, resume=folder / "map.json")
 
 
 #: name -> work in a folder
 WORK: dict[str, Callable[[Path], Any]] = {
     "simulate": one_run, "save": saved, "checkpoint": kept_run, "sweep": swept, "sweep of a scene": swept_scene,
     "compare": compared, "extremes": mapped,
-}  # fmt: skip
+}
 
 
 def told(found: Any) -> str:

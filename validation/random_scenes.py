@@ -32,7 +32,7 @@ def _axis(rng: np.random.Generator, planar: bool) -> np.ndarray:
 
 
 def _body(s: mb.Scene, rng: np.random.Generator, name: str, a: np.ndarray, b: np.ndarray, planar: bool,
-          free: bool = False) -> mb.scene.components.Body:  # type: ignore[name-defined]  # fmt: skip
+          free: bool = False) -> mb.scene.components.Body:  # type: ignore[name-defined]
     mass = float(10 ** rng.uniform(-0.7, 0.7))
     length2 = float(np.sum((b - a) ** 2))
     base = mass * length2 / 12
@@ -72,14 +72,14 @@ def _tree(s: mb.Scene, rng: np.random.Generator, planar: bool, n: int) -> None:
 
 
 def _join(s: mb.Scene, rng: np.random.Generator, name: str, k: object, l: object, a: np.ndarray, b: np.ndarray,
-          planar: bool) -> None:  # fmt: skip
+          planar: bool) -> None:
     kind = rng.choice(["revolute", "revolute", "revolute", "prismatic", "spherical", "weld", "bushing", "drive", "orientation"])
     if getattr(k, "is_point", False):
         kind = "spherical"  # a point mass has no axes a joint could use
     spring, damper = (float(10 ** rng.uniform(0, 1.5)), float(rng.uniform(0, 0.3))) if rng.random() < 0.4 else (None, None)
     if kind == "revolute":
         s.revolute(name, k, l, at=a, axis=_axis(rng, planar), angle0=float(rng.uniform(-1, 1)) if rng.random() < 0.3 else None,
-                   rate0=float(rng.normal()) if rng.random() < 0.3 else None, spring=spring, damper=damper)  # fmt: skip
+                   rate0=float(rng.normal()) if rng.random() < 0.3 else None, spring=spring, damper=damper)
     elif kind == "drive":
         s.revolute(name, k, l, at=a, axis=_axis(rng, planar), angle=0.5 * mb.t + 0.3 * mb.t**2)
     elif kind == "prismatic":

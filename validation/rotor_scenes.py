@@ -24,7 +24,7 @@ def _rotor(speed: float, eccentricity: float, section: mb.Section, order: int) -
 
 
 def rotor_on_springs(stiffness: Any, speed: float = 24.0, eccentricity: float = 0.0, section: mb.Section = SLENDER,
-                     order: int = 3) -> mb.Scene:  # fmt: skip
+                     order: int = 3) -> mb.Scene:
     """Both ends of the shaft on springs along y and z (N/m), without damping and without clearance."""
     s, shaft = _rotor(speed, eccentricity, section, order)
     s.bushing("bearing R", s.ground, "housing", at=R, stiffness=(1e7, *stiffness, 1e6, 0, 0))
@@ -33,7 +33,7 @@ def rotor_on_springs(stiffness: Any, speed: float = 24.0, eccentricity: float = 
 
 
 def rotor_with_clearance(friction: Any = None, clearance: float = 8e-4, damping: float = 0.3, section: mb.Section = TUBE,
-                         order: int = 2) -> mb.Scene:  # fmt: skip
+                         order: int = 2) -> mb.Scene:
     """1 mm of eccentricity; the pin at T has play in a race of 2 kg on springs and dampers."""
     s, shaft = _rotor(24.0, 1e-3, section, order)
     race = s.rigid_body("race", 2.0, (2e-3, 1e-3, 1e-3), at=T)

@@ -25,6 +25,6 @@ def largest(a: Any, b: Any = 0.0) -> float:
 
 
 def with_both(name: str, measure: Callable[[Any], Found | Sequence[Found]], slow: bool = False,
-              more: Sequence[Any] = ()) -> list[Case]:  # fmt: skip
+              more: Sequence[Any] = ()) -> list[Case]:
     """The same measurement with IDA, with Radau IIA, and with the solvers in `more`."""
     return [Case(name, solver.label, lambda solver=solver: measure(solver), slow) for solver in (*SOLVERS, *more)]  # type: ignore[misc]

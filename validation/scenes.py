@@ -169,5 +169,5 @@ def steady_sliding(velocity: float) -> mb.Scene:
     s = mb.Scene("steady sliding")
     mass = s.rigid_body("mass", 1.0, 0.1, at=(0, 0))
     s.prismatic("slide", s.ground, mass, at=(0, 0), axis=(1, 0, 0), position=velocity * mb.t, friction=_of_canudas(),
-                normal_force=1.0)  # fmt: skip
+                normal_force=1.0)
     return s

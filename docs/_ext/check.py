@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 LOADED = {"script": "src", "img": "src", "source": "src", "video": "src", "iframe": "src", "link": "href"}
 #: words that engineers type into the search
 WORDS = ("latch backlash motor spring damper pid cable limit stop hinge bearing wear gear units csv video jacobian "
-         "eigenfrequency belt brake rope friction contact clearance controller frequency")  # fmt: skip
+         "eigenfrequency belt brake rope friction contact clearance controller frequency")
 ELSEWHERE = re.compile(r"(https?:)?//")
 
 

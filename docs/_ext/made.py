@@ -26,14 +26,14 @@ GALLERY = {
     "Rotor in ground resonance": "ground_resonance", "Planetary gear": "gearbox_torques", "Suspension": "quarter_car",
     "Over-constrained loop": "over_constrained_loop", "Crane": "crane", "Stick-slip": "stick_slip",
     "Whirling shaft": "whirling_shaft", "Slider-crank with clearance": "slider_crank_clearance",
-}  # fmt: skip
+}
 #: pages of theory: title, and what `mb.report` is asked for (an expression)
 THEORY = {
     "revolute": "mb.Revolute", "prismatic": "mb.Prismatic", "spherical": "mb.Spherical", "universal": "mb.Universal",
     "classical": "mb.Classical()", "recursive": "mb.Recursive()",
     "clearance": "'clearance'", "hertz": "mb.Hertz", "coulomb": "mb.Coulomb", "lugre": "mb.LuGre", "beam": "'beam'",
     "rigid-body": "'rigidbody'", "gear": "'gear'", "four-bar": "__import__('four_bar').scene()",
-}  # fmt: skip
+}
 def newest(*folders: Path) -> float:
     """When the last of the files in folders, or of files, was changed."""
     files = [file for folder in folders for file in (folder.rglob("*.py") if folder.is_dir() else [folder])]
@@ -73,7 +73,7 @@ def example(name: str) -> None:
 :language: python
 :start-at: import
 ```
-""", encoding="utf-8")  # fmt: skip
+""", encoding="utf-8")
 
 
 def paragraphs(text: str) -> str:
@@ -110,7 +110,7 @@ def pages() -> None:
     MADE.mkdir(exist_ok=True)
     copied()
     sources = {("example", name): EXAMPLES / f"{name}.py" for name in GALLERY.values()} | {
-        ("theory", name): EXAMPLES / "four_bar.py" for name in THEORY}  # fmt: skip
+        ("theory", name): EXAMPLES / "four_bar.py" for name in THEORY}
     package = newest(ROOT / "mbdae", Path(__file__))
     wanted = [page for page, source in sources.items() if stale(MADE / f"{page[1]}.md", package, source)]
     count = os.cpu_count() or 1
@@ -133,7 +133,7 @@ def relinked(app: Any, page: str, source: list[str]) -> None:
     """Links out of docs/: to pages of the project, which are copied, and to files, which are kept beside the site."""
     text = re.sub(r"\]\((?:\.\./)+(CONTRIBUTING|CHANGELOG)\.md", lambda m: f"](/made/{m[1].lower()}.md", source[0])
     source[0] = re.sub(r"\]\((\.\./[\w/]+\.md)\)", lambda m: m[0] if (ROOT / "docs" / page).parent.joinpath(m[1]).resolve()
-                       .is_relative_to(ROOT / "docs") else f"](path:{m[1]})", text)  # fmt: skip
+                       .is_relative_to(ROOT / "docs") else f"](path:{m[1]})", text)
 
 
 def gallery() -> Any:

@@ -53,7 +53,7 @@ SEARCHES = 200  #: largest number of corrections of the search for a stable stat
 OFF = 1e-6
 SOLVED = "not estimated: the equations are solved until `residual` of the state at rest remains"
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
-           "mesh": "not measured: compare with beams of one order more"}  #: texts of `accuracy` of the result  # fmt: skip
+           "mesh": "not measured: compare with beams of one order more"}  #: texts of `accuracy` of the result
 Progress = Callable[[float, int], None]  #: called with the load factor reached and the corrections so far
 
 
@@ -104,20 +104,20 @@ class Equilibrium(Result):
 
     def save(self, path: Any) -> None:
         raise OptionError(f"an equilibrium has one instant and is not stored: save a run that starts from it "
-                          f"(s.simulate(..., start=e).save({shown(path)}))")  # fmt: skip
+                          f"(s.simulate(..., start=e).save({shown(path)}))")
 
     def __repr__(self) -> str:
         return (f"<Equilibrium of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': load factor "
                 f"{self.load_factor:.6g}, residual {self.residual:.1e}, {counted(self.iterations, 'iteration')}"
                 f"{f', stiffness negative in {self.unstable} direction(s)' if self.unstable else ''}"
                 f"{self._plane}{', motions out of the plane grow' if self.out_of_plane == 'unstable' else ''}"
-                f"{', mesh: not covered' if self.accuracy.has_mesh else ''}>")  # fmt: skip
+                f"{', mesh: not covered' if self.accuracy.has_mesh else ''}>")
 
 
 @naming_arguments
 @single_threaded
 def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None = None,
-                out_of_plane: bool = True) -> Equilibrium:  # fmt: skip
+                out_of_plane: bool = True) -> Equilibrium:
     """A state at rest in a frame: s.ground (default), or a body that turns steadily about a fixed axis.
 
     The frame's rate is the one the scene's start or its prescribed angle gives that body; prescribed motions keep their
@@ -131,7 +131,7 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     refuse_sampled(scene, "equilibrium")
     body = body_of(scene, frame if frame is not None else scene.ground)
     told = optional("progress", progress, function, "give a function progress(load_factor, iterations), or None",
-                    takes="load_factor, iterations")  # fmt: skip
+                    takes="load_factor, iterations")
     look = option("out_of_plane", out_of_plane, flag, LOOK)
     statics = Statics(Rest(prepare(scene), body))
     statics.check_steady(statics.begin)
@@ -158,7 +158,7 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     motion = reason_not_steady(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
     if motion:
         raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {motion}; loads or joints change with "
-                               f"time as seen in that frame; give another frame=", result)  # fmt: skip
+                               f"time as seen in that frame; give another frame=", result)
     return result
 
 
@@ -169,7 +169,7 @@ def _refuse_other_branch(found: Equilibrium) -> None:
     if m.redundant and np.max(off) > OFF * max(1.0, found.prepared.length):
         row = m.rows[int(np.argmax(off))].name
         raise EquilibriumError(f"the search for a state at rest ended where the redundant constraint {row} is violated by "
-                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)  # fmt: skip
+                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)
 
 
 def as_result(statics: Statics, point: Point) -> Equilibrium:
@@ -280,11 +280,11 @@ class _Path:
         before = s.stiffness(s.tangent(s.begin)).softest()[0]
         motion = motion_in_words(s.mechanics.model, motions[:, 0], s.units)
         met = (f"at this limit point the stiffness against {motion} nearly vanishes" if sizes[0] < 0.1 * before[0] else
-               f"no state at rest was found for slightly larger loads; the motion of least stiffness is {motion}")  # fmt: skip
+               f"no state at rest was found for slightly larger loads; the motion of least stiffness is {motion}")
         return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {met}; lower "
                                 f"the loads, stiffen the scene, or simulate what follows from the state reached, which this "
                                 f"error holds as `.equilibrium`",
-                                where, point.load_factor)  # fmt: skip
+                                where, point.load_factor)
 
     # -- scenes without stiffness of their own
 
@@ -311,7 +311,7 @@ class _Path:
                 return point
         unheld_motion = self._unheld(point)
         raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'iteration')}: {unheld_motion}; "
-                               f"{STOP_IT}, or start the scene nearer to its state at rest")  # fmt: skip
+                               f"{STOP_IT}, or start the scene nearer to its state at rest")
 
     def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
         """A correction no larger than `radius` (scene's length, rad); it lowers the potential energy, where there is one."""

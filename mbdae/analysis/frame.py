@@ -242,7 +242,7 @@ def add_dead_loads(m: Mechanics, force: Array) -> Array:
 def unresolved(m: Mechanics) -> float:
     """Largest force, in N m as in `Dynamics`, that rounding errors of the positions can cause in the stiffest beam."""
     stiffest = [1 / min((v for n, v in line.numbers.items() if n.startswith("compliance_N") and v > 0), default=np.inf)
-                for line in m.model.lines]  # fmt: skip
+                for line in m.model.lines]
     return UNRESOLVED * max(stiffest, default=0.0) * m.model.length
 
 

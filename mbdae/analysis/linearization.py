@@ -52,7 +52,7 @@ class Linearization(OnMesh, Modes[Mode]):
     out_of_plane: str | None = None
 
     def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None,
-                 known: Structure) -> None:  # fmt: skip
+                 known: Structure) -> None:
         self.prepared, self.frame, self.t, self.pencil = prepared, frame.name, t, pencil
         self.axes = frame.rotation
         model = prepared.model
@@ -119,20 +119,20 @@ class Linearization(OnMesh, Modes[Mode]):
         lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  {'error':>8}  bodies"]
         for i, mode in enumerate(self.modes):
             lines.append(f"{i + 1:>4}  {mode.frequency:>11.5g}  {mode.angular_frequency:>11.5g}  {mode.damping:>10.3g}  "
-                         f"{mode.growth:>11.4g}  {self.errors[i]:>8.1e}  {participants(mode)}")  # fmt: skip
+                         f"{mode.growth:>11.4g}  {self.errors[i]:>8.1e}  {participants(mode)}")
         lines.append(f"errors: of the roots, 1/s, by rounding; stable: {'not decided' if self.stable is None else self.stable}")
         lines += [OUT_OF_PLANE[self.out_of_plane]] if self._plane else []
         return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
         return (f"<Linearization of '{self.prepared.model.scene.name}'{self._plane}, in the frame of '{self.frame}': "
-                f"{counted(len(self.modes), 'mode')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
+                f"{counted(len(self.modes), 'mode')}{', ' * bool(self.mesh)}{self._on_mesh}>")
 
 
 @naming_arguments
 @single_threaded
 def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None,
-              out_of_plane: bool = True) -> Linearization:  # fmt: skip
+              out_of_plane: bool = True) -> Linearization:
     """The equations linearised about a steady motion, in a frame: s.ground (default), or a body that turns steadily.
 
     at: a Result (its end), (Result, t), an equilibrium, or None for the start of the scene. Departures are resolved along
@@ -159,7 +159,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     if change:
         raise SteadyError(f"the linearised equations change with time in the frame of '{axes.name}': {change}; where they are "
                           f"periodic, use s.floquet(period); otherwise give the body that turns steadily as frame=, or start "
-                          f"from a steady motion, at=s.equilibrium(frame=...)", found)  # fmt: skip
+                          f"from a steady motion, at=s.equilibrium(frame=...)", found)
     if look:
         known = at.out_of_plane if isinstance(at, Equilibrium) and at.frame == axes.name else None
         found.out_of_plane = known or looked_at(prepared, axes.name)
@@ -178,7 +178,7 @@ def start_at(scene: SceneData, at: Any) -> Start | None:
     said, meant = ([item.name for item in known._items] for known in (result.prepared.model.scene, scene))
     if said != meant:
         raise OptionError(f"at is a state of scene '{result.prepared.model.scene.name}', which has other items than "
-                          f"'{scene.name}': give a state of this scene")  # fmt: skip
+                          f"'{scene.name}': give a state of this scene")
     return result.state_for(scene, t)
 
 

@@ -73,7 +73,7 @@ def quadratic(p: Pencil, whole: Pencil) -> Quadratic:
     zeroth = A[:, at["p"]] + A[:, at["w"]] @ turn
     return Quadratic(sp.hstack([second, sp.csr_matrix((len(rows), len(others)))], format="csc"),
                      sp.hstack([first, E[:, others]], format="csc"), sp.hstack([zeroth, A[:, others]], format="csc"),
-                     len(at["p"]), len(at["p"]) + len(at["s"]) - len(at["c"]))  # fmt: skip
+                     len(at["p"]), len(at["p"]) + len(at["s"]) - len(at["c"]))
 
 
 def softest_beam(model: Model) -> float:
@@ -190,7 +190,7 @@ def _conservative(q: Quadratic, e: Quadratic, count: int, scale: float) -> tuple
             begin = factors.solve(q.M @ begin)
         inverse = LinearOperator((n, n), matvec=factors.solve, dtype=float)
         squares, vectors = eigsh(q.K, k=count, M=q.M, sigma=shift, OPinv=inverse, v0=begin,
-                                 ncv=min(q.freedoms - 1, max(2 * count + 1, 40)))  # fmt: skip
+                                 ncv=min(q.freedoms - 1, max(2 * count + 1, 40)))
     mass = np.einsum("nk,nk->k", vectors, q.M @ vectors)
     step = np.einsum("nk,nk->k", vectors, q.K @ vectors) / mass - squares  # Rayleigh's quotient: exact to the second order
     squares = squares + step
@@ -226,7 +226,7 @@ def _general(q: Quadratic, e: Quadratic, count: int, scale: float) -> tuple[Comp
             begin = solve(begin)
         wanted = min(2 * count + 4, 2 * q.freedoms - 2)
         values, vectors = eigs(LinearOperator((size, size), matvec=solve, dtype=float), k=wanted, which="LM", v0=begin,
-                               ncv=min(2 * q.freedoms - 1, max(2 * wanted + 1, 60)))  # fmt: skip
+                               ncv=min(2 * q.freedoms - 1, max(2 * wanted + 1, 60)))
         values = shift + 1 / values
     chosen = np.argsort(np.abs(values), kind="stable")[: 2 * count + 2]
     chosen = chosen[values[chosen].imag >= 0]

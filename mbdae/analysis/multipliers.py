@@ -78,7 +78,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         self.exponents = exponents(found.values, period)
         shapes = self._frames @ basis @ found.vectors
         self.modes = [FloquetMode(complex(self.exponents[i]), scaled(shapes[:, i]), self, complex(mu), float(self.errors[i]))
-                      for i, mu in enumerate(found.values) if mu.imag >= 0]  # fmt: skip
+                      for i, mu in enumerate(found.values) if mu.imag >= 0]
 
     @property
     def roots(self) -> Any:
@@ -115,7 +115,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         name = f"'{self.prepared.model.scene.name}'{self._plane}"
         head = (f"scene {name}, period {self.period:.9g} s from t = {self.t:g} s, {self.steps} steps; errors are those of "
                 f"the multipliers, relative; frequencies are known up to multiples of "
-                f"{2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
+                f"{2 * np.pi / self.period:.5g} rad/s")
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
         for i, mode in enumerate(self.modes):
             mu = f"{mode.multiplier.real:.6g}" + (f"{mode.multiplier.imag:+.6g}i" if mode.multiplier.imag else "")
@@ -127,7 +127,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 
     def __repr__(self) -> str:
         return (f"<Floquet of '{self.prepared.model.scene.name}'{self._plane}, period {self.period:.9g} s: "
-                f"{counted(len(self.multipliers), 'multiplier')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
+                f"{counted(len(self.multipliers), 'multiplier')}{', ' * bool(self.mesh)}{self._on_mesh}>")
 
 
 def on_circle(multipliers: Complex, errors: Array) -> NDArray[np.bool_]:
@@ -179,10 +179,10 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     Raises SteadyError where state or equations do not repeat, with what differs.
     """
     period = option("period", period, number, "give the time in s after which the motion repeats, such as 2 pi / rotor speed",
-                    above=0)  # fmt: skip
+                    above=0)
     count = optional("count", count, whole, "give the number of largest multipliers, 1 or more, or None for all", least=1)
     accuracy = option("accuracy", accuracy, number, "give the error of exponent x period, a number from 1e-11 to 0.01",
-                      least=1e-11, most=1e-2)  # fmt: skip
+                      least=1e-11, most=1e-2)
     refuse_sampled(scene, "floquet")
     prepared = _prepared(scene, at, period)
     system = system_for(prepared, highest_index=3)
@@ -268,11 +268,11 @@ def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
     """Leaves out inaccurate multipliers that were not asked for; warns where one that was asked for is inaccurate."""
     if worst > accuracy:
         text = (f"floquet: the multipliers have relative errors of up to {worst:.1e} with {found.steps} steps a period, and more "
-                f"do not help; accuracy = {accuracy:g} was asked: ask for fewer modes (count=) or a looser accuracy")  # fmt: skip
+                f"do not help; accuracy = {accuracy:g} was asked: ask for fewer modes (count=) or a looser accuracy")
         warn(text)
     decayed = np.abs(found.values) <= LOST * np.max(np.abs(found.values), initial=0.0)
     all_asked = bool(np.all(asked | decayed))
     keep = np.logical_or(asked, found.change <= max(worst, accuracy)) | (decayed & all_asked)
     left = int(np.sum(~keep))
     return replace(found, values=found.values[keep], vectors=found.vectors[:, keep], errors=found.errors[keep],
-                   rounding=found.rounding[keep], unresolved=left)  # fmt: skip
+                   rounding=found.rounding[keep], unresolved=left)

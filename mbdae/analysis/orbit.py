@@ -96,13 +96,13 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
     if off > RETURN:
         raise SteadyError(f"after period = {period:.9g} s {difference}: give a whole period of the motion, and start on that "
                           f"motion: pass at=(result, t) of a run whose transients have died out, or "
-                          f"at=s.equilibrium(frame=...)")  # fmt: skip
+                          f"at=s.equilibrium(frame=...)")
     sign, turns = _later(prepared, system, run, acting)
     changed_equation = _changed(prepared, system, run, period, (sign, turns))
     if changed_equation:
         raise SteadyError(f"the equations do not repeat after period = {period:.9g} s, although the motion does: "
                           f"{changed_equation}; give a period after which loads and prescribed motions repeat too (a force "
-                          f"that grows with every turn never does)")  # fmt: skip
+                          f"that grows with every turn never does)")
     return Return(off, acting, run.stats.steps, sign)
 
 
@@ -113,7 +113,7 @@ def acting_states(system: SceneSystem, run: Solution) -> Numbers:
         return states
     some = _some(len(run.t))
     size = sum(abs(derivatives(of, run.t[i], run.y[i], run.yp[i])[0])
-               for i, of in zip(some, _systems(run, system, run.t[some]), strict=True))  # fmt: skip
+               for i, of in zip(some, _systems(run, system, run.t[some]), strict=True))
     return acting(size, np.setdiff1d(np.arange(system.n), states), states)
 
 
@@ -156,7 +156,7 @@ def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[floa
 
 
 def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: float,
-             later: tuple[Array, Array]) -> str | None:  # fmt: skip
+             later: tuple[Array, Array]) -> str | None:
     """Which equation differs a period later on the same motion; None where all repeat."""
     sign, turns = later
     scale = np.maximum(system.scale, np.max(np.abs(run.y), axis=0))
@@ -245,7 +245,7 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
     if Q.shape[1] != expected:
         raise OptionError(f"floquet: the constraints allow {Q.shape[1]} independent changes of positions, velocities and states "
                           f"at the start, where {expected} are expected: the position is singular; start at another instant "
-                          f"of the motion (at=(result, t))")  # fmt: skip
+                          f"of the motion (at=(result, t))")
     return Departures(T, back * returned.sign, units, Q, nu)
 
 
@@ -254,7 +254,7 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
     rigid = z[np.asarray(abs(Fy[z][:, z]).sum(axis=1)).ravel() == 0] if len(z) else z
     if len(rigid):
         raise OptionError(f"floquet needs finite stiffnesses of all beams, and the one that belongs to {system.names[rigid[0]]} "
-                          f"is infinite; give that beam a section with finite ones")  # fmt: skip
+                          f"is infinite; give that beam a section with finite ones")
 
 
 def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:

@@ -182,7 +182,7 @@ class Pencil:
 
 
 def pencil(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, t: float, y: Array, yp: Array,
-           parts: tuple[Any, Any] | None = None) -> Pencil:  # fmt: skip
+           parts: tuple[Any, Any] | None = None) -> Pencil:
     """The linearisation of a system at (t, y, y'); `parts`: dF/dy and dF/dy' where they are known."""
     nq, nu = mechanics.nq, mechanics.nu
     b = basis(system, mechanics, frame, y[:nq], y[nq : nq + nu])
@@ -192,7 +192,7 @@ def pencil(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, t: floa
 
 
 def with_errors(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, t: float, y: Array, yp: Array,
-                beside: list[Pencil]) -> Pencil:  # fmt: skip
+                beside: list[Pencil]) -> Pencil:
     """`pencil` with bounds of the errors of its entries: `ROUNDED` times the sums of the absolute values of their terms, and
     twice the largest difference from pencils `beside` it, made from numbers that differ by rounding."""
     p = pencil(system, mechanics, frame, t, y, yp)

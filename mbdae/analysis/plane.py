@@ -98,7 +98,7 @@ class Tangent:
         except RuntimeError:  # which SciPy raises for a singular matrix
             raise EquilibriumError("no single state at rest: an internal state of the scene, or a combination of some, is an "
                                    "integrator: its rate does not depend on its own value, and it stays where a run has brought "
-                                   "it; simulate until it rests, and linearize there, s.linearize(at=r)") from None  # fmt: skip
+                                   "it; simulate until it rests, and linearize there, s.linearize(at=r)") from None
 
 
 class DenseStiffness:
@@ -210,7 +210,7 @@ LEAST = 1e-9  #: a moment of inertia of at most this part of the largest of a bo
 LOOK = "give True to have the stability of a planar scene against motions out of its plane looked at, or False"
 #: what a print of a planar scene says, by what was found
 OUT_OF_PLANE = {"stable": "planar: motions out of the plane are stable", "unstable": "planar: motions out of the plane grow",
-                None: "planar: motions out of the plane are not looked at"}  # fmt: skip
+                None: "planar: motions out of the plane are not looked at"}
 
 
 def looked_at(prepared: Prepared, frame: str) -> str | None:
@@ -230,7 +230,7 @@ def looked_at(prepared: Prepared, frame: str) -> str | None:
         worst = int(np.argmax(found.values.real))
         rate = f" by {found.values[worst].real:.4g}/s" if found.values[worst].real > found.errors[worst] else ""
         warn(f"scene '{model.scene.name}' is planar, and small motions out of its plane grow{rate} here: what it says of this "
-             "state holds while something keeps it in the plane; Scene(..., space='spatial') has these motions")  # fmt: skip
+             "state holds while something keeps it in the plane; Scene(..., space='spatial') has these motions")
     return "stable" if found.stable else "unstable"
 
 
@@ -250,7 +250,7 @@ def _spectrum(planar: Prepared, frame: str) -> Spectrum | None:
     if not len(places):
         return None
     moving = [n.name for n in prepared.model.nodes if n.kind is NodeKind.SPATIAL and n.name in unknown
-              and np.isin(np.arange(n.u + 3, n.u + 5), places).any()]  # fmt: skip
+              and np.isin(np.arange(n.u + 3, n.u + 5), places).any()]
     known = structure(system, m, axes, state, places)
     if m.model.lines:
         found = growth(p, softest_beam(m.model), known)

@@ -211,7 +211,7 @@ def _root_of_largest(scaled: Array, axis: int) -> Array:
 
 
 def _improved(E: Array, A: Array, values: Complex, V: Complex, W: Complex,
-              chosen: NDArray[np.intp]) -> tuple[Complex, Complex, Complex]:  # fmt: skip
+              chosen: NDArray[np.intp]) -> tuple[Complex, Complex, Complex]:
     """Chosen roots (imaginary part >= 0) with both vectors after two steps of inverse iteration; conjugates follow."""
     n = len(E)
     values, V, W = values.copy(), V.copy(), W.copy()

@@ -229,7 +229,7 @@ class OnMesh:
         if self._finer is None:
             raise OptionError("mesh_error: the state of a run has no counterpart on a finer mesh: linearise about "
                               "s.equilibrium() or the start, or repeat run and analysis with beams of one order "
-                              "more")  # fmt: skip
+                              "more")
         here, there = self.roots, self._finer().roots
         # pairs of roots with the least sum of squared distances: with squares, real roots are paired in rising order
         mine, others = linear_sum_assignment(np.abs(here[:, None] - there) ** 2)
@@ -248,7 +248,7 @@ class OnMesh:
         if not self.mesh:
             return ""
         beams = ", ".join(f"'{name}' {counted(sum(elements), 'element')} of order {order}"
-                          for name, (elements, order) in self.mesh.items())  # fmt: skip
+                          for name, (elements, order) in self.mesh.items())
         if "mesh_error" in vars(self):
             return f"mesh of {beams}: relative error of at most {np.nanmax(vars(self)['mesh_error'], initial=0.0):.1e}"
         return f"mesh of {beams}: its error is not covered{' (.mesh_error measures it)' if self._finer is not None else ''}"

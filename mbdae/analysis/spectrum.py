@@ -123,7 +123,7 @@ def errors_of(p: Pencil, r: Reduced, units: Array) -> Reduced:
     own = _reduced(p.errors, size, size, s, 2 * turn)  # twice: the errors of the turn itself are in proportion to it
     right, left = _reduced(sizes, off, size, s, turn), _reduced(sizes, size, off, s, turn)
     return replace(own, M=own.M + right.M + left.M, C=own.C + right.C + left.C, K=own.K + right.K + left.K, B=own.B + left.B,
-                   D=own.D + left.D, S2=own.S2 + right.S2, S1=own.S1 + right.S1, S0=own.S0 + right.S0)  # fmt: skip
+                   D=own.D + left.D, S2=own.S2 + right.S2, S1=own.S1 + right.S1, S0=own.S0 + right.S0)
 
 
 def _eliminate(out: dict[str, list[Array]]) -> None:
@@ -176,14 +176,14 @@ def spectrum(r: Reduced, e: Reduced, count: int | None, known: Structure = UNKNO
     n, k = len(r.M), len(r.Es)
     if 2 * n + k > LARGEST and count is None:
         raise OptionError(f"the linearised scene has {2 * n + k} states, and all modes are computed up to {LARGEST} states only; "
-                          f"ask for the lowest ones, such as s.linearize(count=20)")  # fmt: skip
+                          f"ask for the lowest ones, such as s.linearize(count=20)")
     r, e = _without_noise(r, e)
     if 2 * n + k > LARGEST:
         return _lowest(r, e, int(count or 1))
     values, vectors = np.zeros(2 * n + k, dtype=complex), np.zeros((2 * n + k,) * 2, dtype=complex)
     errors, verdicts, at = np.zeros(2 * n + k), list[bool | None](), 0
     size = np.block([[np.abs(r.M) + np.abs(r.C) + np.abs(r.K), np.abs(r.B) + np.abs(r.D)],
-                     [np.abs(r.S2) + np.abs(r.S1) + np.abs(r.S0), np.abs(r.Es) + np.abs(r.As)]])  # fmt: skip
+                     [np.abs(r.S2) + np.abs(r.S1) + np.abs(r.S0), np.abs(r.Es) + np.abs(r.As)]])
     for part in parts(size):
         x, s = part[part < n], part[part >= n] - n
         found, verdict = _of_part(_cut(r, x, s), _cut(e, x, s), known)
@@ -221,7 +221,7 @@ def _without_noise(r: Reduced, e: Reduced) -> tuple[Reduced, Reduced]:
 def _cut(r: Reduced, x: NDArray[np.intp], s: NDArray[np.intp]) -> Reduced:
     """The equations of some displacements x and internal states s."""
     rows = {"M": (x, x), "C": (x, x), "K": (x, x), "B": (x, s), "D": (x, s), "Es": (s, s), "As": (s, s), "S2": (s, x),
-            "S1": (s, x), "S0": (s, x)}  # fmt: skip
+            "S1": (s, x), "S0": (s, x)}
     return replace(r, N=r.N[:, x], **{name: getattr(r, name)[np.ix_(*at)] for name, at in rows.items()})
 
 
@@ -339,4 +339,4 @@ def _lowest(r: Reduced, e: Reduced, count: int) -> Spectrum:
     keep = keep[np.lexsort((values[keep].real, digits(values[keep].imag)))][:count]
     grows = bool(np.any(values.real > errors))
     return Spectrum(values[keep], V[:, keep], errors[keep],
-                    False if grows else True if np.all(values.real + errors <= 0) else None)  # fmt: skip
+                    False if grows else True if np.all(values.real + errors <= 0) else None)

@@ -57,7 +57,7 @@ class Laws:
     def none_resists(self, p: Any) -> bool:
         """Whether no law has a stiffness against the motion p (nu,), divided by the roots of the weights."""
         return all(np.max(np.abs(S @ p[own])) <= NOISE * np.max(np.abs(S)) * np.max(np.abs(p[own]))
-                   for own, S in self._split["K"])  # fmt: skip
+                   for own, S in self._split["K"])
 
     def surely(self, name: str, N: Array) -> bool:
         """Whether x^T S x >= 0 is certain for S = "K" or "C" on the motions N x.
@@ -133,7 +133,7 @@ def pencil_with_errors(system: Assembly, m: Mechanics, frame: RotatingFrame, sta
 
 
 def structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State,
-              some: NDArray[np.intp] | None = None) -> Structure:  # fmt: skip
+              some: NDArray[np.intp] | None = None) -> Structure:
     """What the laws one by one, and the motions of the scene as a whole, say of the equations at a state; some: the displacements
     that these equations have (default: all)."""
     t, q, u = state[:3]

@@ -336,4 +336,4 @@ class Statics:
                 motion = f"'{name}' turns freely, and loads of {abs(point.hold):.4g} N m about its axis change its rate"
         if motion is not None:
             raise EquilibriumError(f"no state is at rest in the frame of '{name}': {motion}; give another frame=, or prescribe "
-                                   f"a steady motion")  # fmt: skip
+                                   f"a steady motion")

@@ -40,7 +40,7 @@ STEADY = 1e-4
 
 
 def reason_not_steady(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
-              tolerance: float = STEADY, beams: tuple[Assembly, Array] | None = None) -> str | None:  # fmt: skip
+              tolerance: float = STEADY, beams: tuple[Assembly, Array] | None = None) -> str | None:
     """Why the motion from a state is not steady in the frame; None where it is. beams: for a scene with beams its complete
     system with stresses, and their values, which a steady motion keeps."""
     m = prepared.mechanics
@@ -97,7 +97,7 @@ def _accelerates(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Arra
 
 
 def _accelerates_by_stresses(m: Mechanics, frame: RotatingFrame, beams: tuple[Assembly, Array],
-                             state: tuple[float, Array, Array, Array], tolerance: float) -> str | None:  # fmt: skip
+                             state: tuple[float, Array, Array, Array], tolerance: float) -> str | None:
     t, q, u, s = state
     found = dynamics(beams[0], m, t, q, u, s, beams[1])
     off = forces_off(m, steady_acceleration(m.model, frame, q, u), found)
@@ -149,7 +149,7 @@ class Rest:
             along_its_axis = "along its axis of rotation " if size else ""
             raise OptionError(f"frame = '{node.name}': it translates {along_its_axis}at {along:.4g} m/s; a frame may turn "
                               f"steadily about a fixed axis: take s.ground or another body, or start it without that "
-                              f"velocity")  # fmt: skip
+                              f"velocity")
         return r + np.cross(rate, v) / size**2 if size else r
 
     @cached_property
@@ -160,7 +160,7 @@ class Rest:
     def axes(self, q: Array) -> RotatingFrame:
         """The frame at positions q."""
         return RotatingFrame(self.frame.name, frame_at(self.model, self.frame.name, q, self.start.u).rotation, self.frame.rate,
-                             self.frame.node)  # fmt: skip
+                             self.frame.node)
 
     def velocities(self, q: Array) -> Array:
         """u (nu,): every node turns with the frame, and its body spins relative to it as at the start, about axes of the body."""
@@ -205,7 +205,7 @@ class Rest:
             return self.starter.project_velocities(q, u)
         except StartError as error:
             raise OptionError(f"no state is at rest in the frame of '{self.frame.name}': {error.problems[0]}; give another "
-                              f"frame=, or prescribe rates that fit together") from error  # fmt: skip
+                              f"frame=, or prescribe rates that fit together") from error
 
     def _turn(self, node: Node, q: Array, u: Array, omega: Array) -> None:
         set_velocity(node, q, u, np.cross(self.frame.rate, position(node, q) - self.center), omega)
@@ -254,14 +254,14 @@ class Rest:
         worst = largest(np.abs(rate))
         if abs(rate[worst]) > size * max(1.0, self.model.length):
             return (f"joints or prescribed motions keep the scene moving there: constraint {self.mechanics.rows[worst].name} by "
-                    f"{abs(rate[worst]):.4g} m/s or rad/s")  # fmt: skip
+                    f"{abs(rate[worst]):.4g} m/s or rad/s")
         up = steady_acceleration(self.model, self.frame, q, u)
         G, gamma = (f(self.t, q[None], *more)[0] for f, more in
-                    ((self.mechanics.constraint_jacobian, ()), (self.mechanics.acceleration_bias, (u[None],))))  # fmt: skip
+                    ((self.mechanics.constraint_jacobian, ()), (self.mechanics.acceleration_bias, (u[None],))))
         off, terms = G @ up + gamma, np.abs(G) @ np.abs(up) + np.abs(gamma)
         spin = max(float(np.linalg.norm(angular_velocity(n, q, u))) for n in nodes_in_space(self.model))
         worst = largest(np.abs(off))
         if abs(off[worst]) <= 1e-7 * (terms[worst] + spin**2 * np.max(np.abs(G[worst]))) + 1e-12:
             return None
         return (f"constraint {self.mechanics.rows[worst].name} prescribes a motion that is not steady, with an acceleration of "
-                f"{abs(off[worst]):.4g} m/s^2 or rad/s^2")  # fmt: skip
+                f"{abs(off[worst]):.4g} m/s^2 or rad/s^2")

@@ -101,7 +101,7 @@ class Audit:
         for row in self.equations:
             lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {row.said}".rstrip())
         lines += [f"{c.claimed.name:>8}  {c.verdict:<13}  {'':>8}  claimed {c.claimed.count}, counted {_counted(c)}"
-                  for c in self.claims]  # fmt: skip
+                  for c in self.claims]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -116,7 +116,7 @@ class Audit:
             "claims": [
                 {"claim": c.claimed.words, "printed": c.claimed.count, "derived": c.counted, "verdict": c.verdict,
                  "remark": c.remark or None} for c in self.claims],
-        }  # fmt: skip
+        }
 
     def to_json(self, path: str | Path | None = None) -> str:
         """`to_dict` as JSON text, also written to the file `path` where one is named."""
@@ -128,7 +128,7 @@ class Audit:
         rows = [[v, str(n), VERDICTS[v]] for v, n in counts.items() if n]
         blocks: list[Block] = [Paragraph(HOW), Table(["verdict", "equations", "meaning"], rows)]
         blocks.append(Section("Overview", [Table(["equation", "verdict", "residual", "repair or remark"], [
-            [r.equation, r.verdict, _shown(r.residual), escaped(r.said)] for r in self.equations])]))  # fmt: skip
+            [r.equation, r.verdict, _shown(r.residual), escaped(r.said)] for r in self.equations])]))
         for section in dict.fromkeys(r.printed.section for r in self.equations):
             rows_in = [r for r in self.equations if r.printed.section == section]
             inside = [b for r in rows_in for b in _blocks(r)]
@@ -162,7 +162,7 @@ def _blocks(row: Row) -> list[Block]:
     out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
     if row.said:
         out.append(Paragraph(told(escaped(f"for {row.where}" * bool(row.where)), row.tex or escaped(row.repair),
-                                  escaped(row.remark)) + "."))  # fmt: skip
+                                  escaped(row.remark)) + "."))
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))
@@ -187,7 +187,7 @@ def _latex(equation: Printed) -> str:
 
 @naming_arguments
 def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None,
-          quantities: Mapping[str, Any] | None = None) -> Audit:  # fmt: skip
+          quantities: Mapping[str, Any] | None = None) -> Audit:
     """Compare published formulas, given as a file or as its text, with their derivation; returns an `Audit` of verdicts.
 
     laws: classes of your own that the text names, {name: class}. counts: numbers to compare with those that the text claims,
@@ -198,21 +198,21 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
     remedy = "give a file of printed formulas, or its text"
     text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))
     own = _by_name("laws", laws, lambda law: isinstance(law, type), "a class of a law",
-                   "give {name: class of a law}")  # fmt: skip
+                   "give {name: class of a law}")
     given = _by_name("counts", counts, counts_something, "a whole number from 0, or a function",
-                     "give {words of the claim: number, or a function that counts}")  # fmt: skip
+                     "give {words of the claim: number, or a function that counts}")
     if "\n" not in text:
         if not Path(text).is_file():
             raise AuditError(f"there is no file '{text}'; name one with printed formulas, or give their text in several lines")
         text = _text_of(Path(text))
     stated = _by_name("quantities", quantities, is_expression, "an expression of SymPy or a number",
-                      "give {meaning: expression of SymPy in names of the text}")  # fmt: skip
+                      "give {meaning: expression of SymPy in names of the text}")
     found = read(text, own, stated)
     if not found.equations and not found.claims:
         raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: add some")
     for words in sorted(set(given) - {c.words for c in found.claims}):
         raise OptionError(f"counts = {shown(counts)}: the text has no claim with the words {shown(words)}; its claims: "
-                          f"{', '.join(shown(c.words) for c in found.claims) or 'none, leave counts out'}")  # fmt: skip
+                          f"{', '.join(shown(c.words) for c in found.claims) or 'none, leave counts out'}")
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
 
 

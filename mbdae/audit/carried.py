@@ -40,7 +40,7 @@ _SIGNS = {"delta": r"\delta", "rate": r"\frac{d}{dt}", "slope": r"\frac{d}{ds}"}
 #: functions with a LaTeX form of their own; the others are written as name and brackets
 _CALLS = {"norm": r"\left\|{0}\right\|", "abs": r"\left|{0}\right|", "sqrt": r"\sqrt{{{0}}}",
           "sum": r"\sum_{{{1}={2}}}^{{{3}}} {0}", "integral": r"\int_{{{2}}}^{{{3}}} {0} \, d{1}",
-          "diff": r"\frac{{\partial {0}}}{{\partial {1}}}"}  # fmt: skip
+          "diff": r"\frac{{\partial {0}}}{{\partial {1}}}"}
 _LONG = {*_SIGNS, "sum", "integral", "diff"}  #: functions that need brackets before an exponent or a transposition sign
 _KNOWN = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "det"}  #: names of LaTeX commands
 Letters = Mapping[str, str]  #: names of symbols with the TeX that the text gives for them
@@ -152,7 +152,7 @@ def _call(node: Node, letters: Letters) -> str:
 
 def _no_case() -> Value:
     raise SizeError("a se.Piecewise in the class of the law has no case that holds in this state; end it with the case (value, "
-                    "True)")  # fmt: skip
+                    "True)")
 
 
 def _cases(*parts: str) -> str:
@@ -169,13 +169,13 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(cmath, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "log")},
     **{name: getattr(cmath, name) for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},
     "atan2": complex_atan2, "floor": lambda a: complex(math.floor(a.real)),
-}  # fmt: skip
+}
 _PYTHON = Language(
     lambda e: f"({e})" if isinstance(e, se.Integer) else f"({complex(e)!r})", python_power,
     {name: called(name) for name in _FUNCTIONS} | dict.fromkeys(("let", "UnevaluatedExpr"), lambda a: a)
     | {"StrictLessThan": _compared("<"), "LessThan": _compared("<="), "Equality": _compared("=="), "Unequality": _compared("!=")}
     | {"And": lambda *a: f"({' and '.join(a)})", "Or": lambda *a: f"({' or '.join(a)})", "Not": lambda a: f"(not {a})"}
-    | {"BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False", "Piecewise": _cases})  # fmt: skip
+    | {"BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False", "Piecewise": _cases})
 
 
 def expression_function(symbols: Sequence[Any], steps: Mapping[Any, Any], outputs: Sequence[Any]) -> Callable[..., list[Any]]:
@@ -247,7 +247,7 @@ class Carried:
             raise SizeError(f"an audit knows no joint '{word}' with coordinates; {give_own_class}")
         if any(spec.unit == "rotation" for spec in cls.coordinates.values()):
             raise SizeError(f"the joint '{word}' turns freely, which an audit cannot use: name one whose coordinates are "
-                            f"angles and displacements")  # fmt: skip
+                            f"angles and displacements")
         self.coordinates = tuple(cls.coordinates)
         self.inputs, self.function = _program(cls, motion_key(cls, _stated(cls).structure()))
 

@@ -161,7 +161,7 @@ def _values(sides: Sequence[Node], env: Env) -> list[Value]:
         if not np.all(np.isfinite(np.asarray(value, dtype=complex))):
             piece = infinite(side, env) or side
             raise SizeError(f"{piece} is infinite or undefined in a random state of motion: correct it, or state by `states:` "
-                            f"in which states it is finite")  # fmt: skip
+                            f"in which states it is finite")
     return found
 
 
@@ -279,11 +279,11 @@ class SymbolicMotion(Motion):
 
     def relative_angle(self) -> Value:
         raise SizeError("no mistake of the user: the relative angle of two free bodies has no formula in symbols, so that both "
-                        "sides are compared by numbers only")  # fmt: skip
+                        "sides are compared by numbers only")
 
     def _copy(self, amount: complex) -> Motion:
         raise SizeError("no mistake of the user: a complex step takes a derivative of numbers, not of symbols, so that both "
-                        "sides are compared by numbers only")  # fmt: skip
+                        "sides are compared by numbers only")
 
 
 def identical(equation: Printed, inner: str, side: int = 1) -> bool:

@@ -24,7 +24,7 @@ from mbdae.reports.units import BASIC, law_faults, powers_of, scales, shown, uni
 
 Edited = tuple["Edit", Node]
 _EXCHANGED = {a: b for one, other in (("sin", "cos"), ("sinh", "cosh"), ("asin", "acos"), ("asinh", "acosh"))
-              for a, b in ((one, other), (other, one))}  # fmt: skip
+              for a, b in ((one, other), (other, one))}
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Edit:
         """Whether the change only adds or removes a tilde or a transposition."""
         marks = ("cross", "transposed")
         return len(self.pieces) == 2 and any(isinstance(a, Node) and a.kind in marks and a.parts == (b,)
-                                             for a, b in (self.pieces, self.pieces[::-1]))  # fmt: skip
+                                             for a, b in (self.pieces, self.pieces[::-1]))
 
     @property
     def words(self) -> str:
@@ -56,7 +56,7 @@ class Edit:
     def tex(self, letters: Mapping[str, str]) -> str:
         """Description of the change with formulas in TeX."""
         shown = [f"${carried.formula(p, letters) if isinstance(p, Node) else carried.name(str(p), letters)}$"
-                 for p in (*self.pieces, *filter(None, [self.where]))]  # fmt: skip
+                 for p in (*self.pieces, *filter(None, [self.where]))]
         form = self.form.replace("->", r"$\to$") + (" in {}" if self.where is not None else "")
         return form.format(*shown)
 
@@ -235,7 +235,7 @@ def powers(node: Node, envs: Sequence[Env]) -> NDArray[np.float64] | None:
     """Exponents of m, kg and s of every entry (nan where it is 0); None where an entry has no unit."""
     with np.errstate(all="ignore"):
         before, *after = (np.array([np.ravel(evaluate(node, replace(env, scale=scale, store={}))) for env in envs])
-                          for scale in (PLAIN, *scales()))  # fmt: skip
+                          for scale in (PLAIN, *scales()))
     return powers_of(before, after)
 
 
@@ -303,7 +303,7 @@ def _culprit(node: Node, envs: Sequence[Env]) -> str:
 
 #: functions of normal laws and friction laws, with the units of their arguments and of what they return
 _FUNCTIONS = {"elastic_force": (("m",), "N"), "damping_force": (("m", "m/s"), "N"), "energy": (("m",), "J"),
-              "coefficient": (("m/s",), "1")}  # fmt: skip
+              "coefficient": (("m/s",), "1")}
 
 
 def of_laws(names: Iterable[str], own: Own) -> list[str]:
@@ -326,7 +326,7 @@ def _of_part(cls: Any) -> list[str]:
     for function, (units, wanted) in _FUNCTIONS.items() if cls else ():
         if function in vars(cls):
             before, *after = (np.array([[_returned(cls, function, units, seed, scale)] for seed in range(3)])
-                              for scale in (PLAIN, *scales()))  # fmt: skip
+                              for scale in (PLAIN, *scales()))
             p = powers_of(before, after)
             if p is None:
                 return [f"its {function} has terms with different units"]

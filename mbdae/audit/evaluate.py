@@ -48,7 +48,7 @@ class NestedError(SizeError):
 
 #: messages of numerical errors, in words
 _CAUSES = {ZeroDivisionError: "a quantity it divides by is 0", OverflowError: "a number in it grows beyond all bounds",
-           np.linalg.LinAlgError: "its matrix has no inverse"}  # fmt: skip
+           np.linalg.LinAlgError: "its matrix has no inverse"}
 
 
 def reason(error: Exception, what: object) -> str:
@@ -133,12 +133,12 @@ _PLAIN: dict[str, Callable[..., Value]] = {
     "atan": lambda v: np.arctan(_number(v)), "asinh": lambda v: np.arcsinh(_number(v)),
     "acosh": lambda v: np.arccosh(_number(v) + 0j), "atanh": lambda v: np.arctanh(_number(v)),
     "trace": lambda m: np.trace(_square(m)), "det": lambda m: np.linalg.det(_square(m)),
-}  # fmt: skip
+}
 #: functions with real values for some arguments alone: whether the real part is one of those, and the condition in words
 _REAL: dict[str, tuple[Callable[[float], bool], str]] = {
     "sqrt": (lambda x: x >= 0, "{} > 0"), "log": (lambda x: x > 0, "{} > 0"), "acosh": (lambda x: x >= 1, "{} > 1"),
     **dict.fromkeys(("asin", "acos", "atanh"), (lambda x: abs(x) <= 1, "{} in (-1, 1)")),
-}  # fmt: skip
+}
 PARTIAL = (*_REAL, "power", "inverse", "tan")  #: functions and pieces that are not defined for all arguments
 
 
@@ -195,7 +195,7 @@ def _times(a: Value, b: Value) -> Value:
         return a * b
     if a.shape[1] != b.shape[0]:
         raise SizeError(f"sizes do not fit: {size(a)} times {size(b)}, where the left one needs as many columns as the right "
-                        f"one has rows")  # fmt: skip
+                        f"one has rows")
     c = a @ b
     return c[0, 0] if c.shape == (1, 1) else c
 
@@ -295,11 +295,11 @@ def _block(node: Node, at: Source) -> Value:
     fills = [[p.kind == "number" and p.value == 0 for p in row.parts] for row in node.parts]
     fill = at.fill if len(grid[0]) == 1 else 1
     heights = [_common([np.shape(v)[0] if _ndim(v) else 1 for v, f in zip(r, fs, strict=True) if not f], fill)
-               for r, fs in zip(grid, fills, strict=True)]  # fmt: skip
+               for r, fs in zip(grid, fills, strict=True)]
     widths = [_common([np.shape(r[j])[1] if _ndim(r[j]) else 1 for r, fs in zip(grid, fills, strict=True) if not fs[j]])
-              for j in range(len(grid[0]))]  # fmt: skip
+              for j in range(len(grid[0]))]
     rows = [[np.zeros((h, w), dtype=complex) if f else np.reshape(v, (h, w)) for v, f, w in zip(r, fs, widths, strict=True)]
-            for r, fs, h in zip(grid, fills, heights, strict=True)]  # fmt: skip
+            for r, fs, h in zip(grid, fills, heights, strict=True)]
     out: Any = np.block(rows)
     return out[0, 0] if out.shape == (1, 1) else out
 
@@ -316,4 +316,4 @@ _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
     "number": lambda n, at: at.constant(n.value), "symbol": lambda n, at: at.value(n.value), "sum": _sum, "product": _product,
     "neg": lambda n, at: -evaluate(n.parts[0], at), "inverse": _inverse, "power": _power, "call": _call,
     "cross": lambda n, at: cross(evaluate(n.parts[0], at)), "transposed": _transposed, "block": _block,
-}  # fmt: skip
+}

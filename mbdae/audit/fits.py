@@ -158,7 +158,7 @@ class Fit:
         if not exact or abs(float(c) - np.exp(x[0])) > EXACT * float(c):
             return None
         signs = np.prod([np.sign(v) ** int(p) if p.denominator == 1 else np.where(v > 0, 1.0, np.nan)
-                         for (_, v), p in zip(some, powers, strict=True)], axis=0) * np.sign(r)  # fmt: skip
+                         for (_, v), p in zip(some, powers, strict=True)], axis=0) * np.sign(r)
         if np.any(np.isnan(signs)) or np.ptp(np.atleast_1d(signs)) != 0:
             return None
         return Monomial(c * int(np.ravel(signs)[0]), tuple((piece, p) for (piece, _), p in zip(some, powers, strict=True)))
@@ -248,7 +248,7 @@ def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: i
         yield from (made("product", *c) for c, s in chains if s == (size or (1, 1)))
         last = length + 1 == longest
         chains = [((*c, f), (s[0], t[1])) for c, s in chains for f, t in shapes.items()
-                  if s[1] == t[0] and (not last or t[1] == width)]  # fmt: skip
+                  if s[1] == t[0] and (not last or t[1] == width)]
         if len(chains) > MANY:
             return
 

@@ -66,7 +66,7 @@ class LawState:
     """A derived law in one state of motion, with values of all of its symbols."""
 
     def __init__(self, name: str, motion: Motion, given: Mapping[str, float], own: Own = (), sides: str = "kl",
-                 declared: frozenset[str] = frozenset()) -> None:  # fmt: skip
+                 declared: frozenset[str] = frozenset()) -> None:
         """given: values of parameters by name, all others being random; sides: the bodies that are the law's k and l; declared:
         see `derived`."""
         self.d, self.motion = derived(name, own, declared), motion
@@ -86,7 +86,7 @@ class LawState:
         m = self.motion
         Q, w = m.rotation(side), m.of("w", side)
         for v, value in ((f.center, m.of("x", side)), (f.arm, np.zeros((3, 1))), (f.center_velocity, m.of("v", side)),
-                         (f.w, w), (f.spin, Q.T @ w)):  # fmt: skip
+                         (f.w, w), (f.spin, Q.T @ w)):
             self._put(list(v), value[:, 0])
         for axes in ((f.x, f.y, f.z), f.body):
             for i, v in enumerate(axes):

@@ -182,7 +182,7 @@ class Motion:
             "Q": k["Q"] @ turned(q[0, 0] * _E3), "x": k["x"] + s[0], "v": k["v"] + W @ s[0] + s[1],
             "a": k["a"] + (A + W @ W) @ s[0] + 2 * W @ s[1] + s[2], "w": k["w"] + u[0, 0] * b,
             "alpha": k["alpha"] + up[0, 0] * b + u[0, 0] * W @ b,
-        }  # fmt: skip
+        }
 
     def of(self, name: str, side: str) -> Value:
         """A motion vector of a body (3, 1) by its name in VECTORS."""
@@ -246,7 +246,7 @@ class Motion:
     def _copy(self, amount: complex) -> Motion:
         if self.stepped and np.imag(amount):
             raise NestedError("no mistake of the user: a derivative by a complex step stands inside of another, so that the "
-                              "outer one is taken by finite differences")  # fmt: skip
+                              "outer one is taken by finite differences")
         other = copy(self)
         other.memory = {}
         if np.imag(amount):
@@ -268,7 +268,7 @@ class Motion:
     def _increments(self, how: str) -> dict[str, Value]:
         known = {f"{n} {s}": self.vector(f"{how} {n} {s}") for n in ("turn", "x") for s in "kl"}
         known |= {f"coordinate {name}": self.number(f"{how} phi" + (f" of {name}" if i else ""))
-                  for i, name in enumerate(self.coordinates)}  # fmt: skip
+                  for i, name in enumerate(self.coordinates)}
         if how == "linear":
             known |= {f"{n} {s}": self.vector(f"linear {n} {s}") for n in ("w", "alpha") for s in "kl"}
             known |= {n: self.number(f"linear {n}") for n in ("phidot", "phiddot")}

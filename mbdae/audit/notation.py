@@ -29,10 +29,10 @@ from mbdae.errors import MbdaeError
 PLAIN = ("abs", "sign", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh",
          "atanh", "exp", "log", "sqrt")
 FUNCTIONS = dict.fromkeys((*PLAIN, "norm", "trace", "det", "delta", "rate", "slope"), 1) | {
-    "atan2": 2, "diff": 2, "sum": 4, "integral": 4}  # fmt: skip
+    "atan2": 2, "diff": 2, "sum": 4, "integral": 4}
 BINDING = ("sum", "integral")  #: functions whose second argument is a bound name
 _TOKEN, _COMPARED = (re.compile(rf"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?)|([^\W\d]\w*)|({signs}[-+*/^'~()\[\],;=]))")
-                     for signs in ("<=|", "<=|>=|!=|<|>|"))  # fmt: skip
+                     for signs in ("<=|", "<=|>=|!=|<|>|"))
 
 GIVE_OWN_CLASS = "give a class of your own as mb.audit(..., laws={{'{0}': {0}}})"  #: what to do where a law is not known
 

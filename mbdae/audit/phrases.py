@@ -46,7 +46,7 @@ PHRASES: list[Phrase] = []
 
 
 def register(rules: Mapping[str, Rule], vanishes: bool = True, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
-             given: bool = False, drawn: bool = False) -> None:  # fmt: skip
+             given: bool = False, drawn: bool = False) -> None:
     """Register rules under their wordings, "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words.
     The further arguments are those of `Phrase`."""
     kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
@@ -104,7 +104,7 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = ""
         own = (name or text,) if known.given else ()
         return Meaning(f"{text} {name}" if known.given and name else text, units, known, (*own, *match.groups()), letter)
     raise AuditError(f"line {line}: mbdae does not know the meaning '{text}'; the list of those it knows: "
-                     "from mbdae.audit import wordings; wordings()")  # fmt: skip
+                     "from mbdae.audit import wordings; wordings()")
 
 
 #: stands in for the phrase of a symbol that the text (`let`) or the caller of `audit` defines
@@ -222,7 +222,7 @@ class Env:
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
             value = evaluate(meaning.node, replace(self, scope=meaning.scope, stated=self.stated | self.scope.texts, names={},
-                                                   store=self._inner(id(meaning))))  # fmt: skip
+                                                   store=self._inner(id(meaning))))
         else:
             value = meaning.value(self.plain) * self._sign(meaning.phrase)
         if not meaning.phrase.drawn:

@@ -165,7 +165,7 @@ class _File:
             self.assumed += self._assumptions(at, line)
         else:
             raise AuditError(f"line {at}: '{line}' is neither a symbol nor an equation: write `NAME [UNIT]: MEANING`, "
-                             f"`let NAME [UNIT] = FORMULA` or `NUMBER: STATEMENT`")  # fmt: skip
+                             f"`let NAME [UNIT] = FORMULA` or `NUMBER: STATEMENT`")
 
     def _set(self, at: int, word: str, rest: str) -> None:
         if word == "title":
@@ -202,7 +202,7 @@ class _File:
         wrong = checked_kind(kind, self.own)
         if wrong:
             self.doubt = (f"line {at}: 'states: {words}': {wrong}; write free, clearance or the name of a joint, with `only` "
-                          f"after it where the text speaks of no other states")  # fmt: skip
+                          f"after it where the text speaks of no other states")
             raise AuditError(self.doubt)
         self.states, self.only = kind, only
 
@@ -213,10 +213,10 @@ class _File:
         try:
             if letter is not None and not _prints(letter):
                 raise AuditError(f"line {at}: '${letter}$' prints nothing or is no TeX: give the TeX of the letter that the text "
-                                 f"prints for {name}")  # fmt: skip
+                                 f"prints for {name}")
             known = () if defined and units.strip() == "?" else tuple(_unit(u, at) for u in units.split(","))
             self.symbols[name] = self._defined(at, name, meaning, known, letter or "") if defined else (
-                self._understood(at, name, meaning, known, letter or ""))  # fmt: skip
+                self._understood(at, name, meaning, known, letter or ""))
             self.assumed += self._assumptions(at, f"{name} {within}") if within else []
             self.unread.pop(name, None)
             if old is not None and [u.powers for u in old.units] != [u.powers for u in known]:
@@ -256,9 +256,9 @@ class _File:
             if name in self.unread:
                 declared = self.unread[name]
                 raise AuditError(f"{line}: the symbol '{name}' has no meaning: correct its declaration, {declared} "
-                                 f"(in '{where}')")  # fmt: skip
+                                 f"(in '{where}')")
             raise AuditError(f"{line}: the symbol '{name}' has no meaning: declare it above as `{name} [unit]: meaning` or "
-                             f"`let {name} [unit] = formula` (in '{where}')")  # fmt: skip
+                             f"`let {name} [unit] = formula` (in '{where}')")
 
     def _equation(self, at: int, line: str, match: re.Match[str]) -> None:
         first = self.places.setdefault(match[1], at)
@@ -273,7 +273,7 @@ class _File:
         stated = (*self.assumed, *(one for text in assumed for one in self._assumptions(at, text)))
         self.printed[match[1]] = statements
         self._add(Printed(match[1], statements, scope, self.section, self.states, self.only, said, self.found.inner, self.doubt,
-                          before=dict(self.before), stated=stated))  # fmt: skip
+                          before=dict(self.before), stated=stated))
 
     def _add(self, equation: Printed) -> None:
         self.found.equations.append(equation)
@@ -294,7 +294,7 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
     def rule(env: Env) -> Value:
         for name in (n for n in names if n != "t" and n not in env.scope.symbols):
             raise AuditError(f"quantities: the expression for '{text}' contains {name}: declare it in the text, or "
-                             f"leave it out")  # fmt: skip
+                             f"leave it out")
         values = [env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names]
         try:
             found = compute(*values)

@@ -176,7 +176,7 @@ def _at_zero(equation: Printed, env: Env, name: str) -> str:
         undefined = True
         # a quantity that the laws or the motion of bodies define has a value, unless its law says that it has none there
         if name in statement.symbols() and any(f and _valued(equation, side.free - {name} if side.parts else side.free)
-                                               for f, side in zip(finite, statement.sides, strict=True)):  # fmt: skip
+                                               for f, side in zip(finite, statement.sides, strict=True)):
             return "gap"
     return "formula" if undefined else ""
 
@@ -243,7 +243,7 @@ def remarks(equation: Printed, states: States) -> list[str]:
     except NO_VALUE:
         found = []
     return found + [f"{n} meant something else before: {was}" for n, was in sorted(equation.before.items())
-                    if n in equation.used]  # fmt: skip
+                    if n in equation.used]
 
 
 # -- other solutions of a constraint

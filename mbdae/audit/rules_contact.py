@@ -102,7 +102,7 @@ def _sense(env: Env) -> float:
 
 def _no_contact() -> float:
     raise AuditError("race and pin do not touch or do not slide in a random state of motion, where this direction or force has "
-                     "no value: leave the equation out, or name a normal law with force at every penetration")  # fmt: skip
+                     "no value: leave the equation out, or name a normal law with force at every penetration")
 
 
 def _friction_force(env: Env) -> Value:
@@ -143,12 +143,12 @@ register({
     "velocity of l relative to k" + AT: _relative_velocity,
     "sliding velocity" + AT: _sliding,
     "friction force along the sliding": _friction_force,
-})  # fmt: skip
+})
 register({
     "radius on {side}": _radius,
     "normal direction from k to l": _normal,
     "direction of sliding" + AT: lambda env, k, l, number: _unit(_sliding(env, k, l, number)),
-}, vanishes=False)  # fmt: skip
+}, vanishes=False)
 register({
     "contact force of the normal force on {side}": _normal_on,
     "contact force and moment of friction on {side}" + AT: _friction_on,
@@ -156,7 +156,7 @@ register({
         _work(env, lambda side: _normal_on(env, side), {"k": k, "l": l}, number)),
     "contact work of friction" + AT: lambda env, k, l, number: (
         _work(env, lambda side: _friction_on(env, side, k, l, number), {"k": k, "l": l}, number)),
-}, side="open")  # fmt: skip
+}, side="open")
 
 
 # -- normal laws and friction laws
@@ -214,7 +214,7 @@ register({
     "normal force of {name}": lambda env, name: _elastic(env, name) + _damping_force(env, name),
     "coefficient of restitution of {name}": lambda env, name: (
         complex(part(env, name, Normal).coefficient_of_restitution(float(np.real(_impact_speed(env)))))),
-}, vanishes=False)  # fmt: skip
+}, vanishes=False)
 
 
 # -- friction laws
@@ -226,7 +226,7 @@ def _options(env: Env, name: str) -> dict[str, Any]:
     cls = part_class(name, env.scope.own)
     stated = inspect.signature(cls.__init__).parameters if cls is not None else {}
     found = {o: _option(env, o) if env.declares(f"friction parameter {o}", f"parameter {o} of {name}") else stated[o].default
-             for o in getattr(cls, "options", ()) if o in stated}  # fmt: skip
+             for o in getattr(cls, "options", ()) if o in stated}
     return found | {"damping_decay": False}
 
 

@@ -35,16 +35,16 @@ def law(env: Env, name: str) -> LawState:
     if cls is None and part is not None:
         kind = "friction" if issubclass(part, Friction) else "normal"
         raise AuditError(f"{name} is a {kind} law, which acts in a contact or a joint: write `{kind} force of {name}` as the "
-                         f"meaning")  # fmt: skip
+                         f"meaning")
     if cls is None:
         plain = name.removesuffix(WITH_COORDINATES)
         raise AuditError(f"an audit knows no law '{name}'; {GIVE_OWN_CLASS.format(plain)}")
     if issubclass(cls, LineLaw):
         raise AuditError(f"{name} is a law on a line, as of beams: write the meaning `strains NAMES of {name}` or `energy of "
-                         f"{name} per length`")  # fmt: skip
+                         f"{name} per length`")
     if cls.frames != ("k", "l"):
         raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit takes only laws between two "
-                         f"bodies, k and l: leave it out")  # fmt: skip
+                         f"bodies, k and l: leave it out")
     declared = env.parameters(name)
 
     def made() -> LawState:
@@ -120,7 +120,7 @@ def _coordinate(env: Env, of: str) -> Value:
     if [spec.unit for spec in stated.values()] != ["rad"]:
         has = ", ".join(f"{name} ({spec.unit})" for name, spec in stated.items())
         raise AuditError(f"{of} has not one angle as coordinate, but {has}; write `coordinate NAME of the joint` under `states: "
-                         f"{of.lower()}`")  # fmt: skip
+                         f"{of.lower()}`")
     return env.motion.first[0]
 
 
@@ -128,7 +128,7 @@ def _coordinate(env: Env, of: str) -> Value:
 def _coordinate_of_states(env: Env, name: str) -> Value:
     if name not in env.motion.coordinates:
         raise AuditError(f"the states of this section have no coordinate '{name}'; they have "
-                         f"{', '.join(env.motion.coordinates) or 'none'}")  # fmt: skip
+                         f"{', '.join(env.motion.coordinates) or 'none'}")
     return env.motion.coordinates[name][0]
 
 
@@ -181,16 +181,16 @@ def _row_work(env: Env, rows: str, of: str) -> Value:
     state, wanted = _rows(env, of, rows)
     moved = env.motion.moved("virtual")
     displacements = {(what, side): np.imag(moved.of("x", side)) / STEP if what == "move" else env.motion.turn_between(moved, side)
-                     for what in ("move", "turn") for side in "kl"}  # fmt: skip
+                     for what in ("move", "turn") for side in "kl"}
     return sum(state.row_force(row) * (state.row_gradient(row, *at).T @ displacement)[0, 0]
-               for row in wanted for at, displacement in displacements.items())  # fmt: skip
+               for row in wanted for at, displacement in displacements.items())
 
 
 register({
     "opposite of row {rows} of {name}": lambda env, rows, of: -_row(env, rows, of),  # its multiplier changes sign too
     "dissipated power of {name}": lambda env, of: law(env, of).number(law(env, of).d.dissipated_power),
     "applied force of {name} on {parts}": lambda env, of, parts: -_law_force(env, of, parts),
-})  # fmt: skip
+})
 
 
 # -- laws on a line (beams), evaluated at the section
@@ -231,12 +231,12 @@ def _point(env: Env, law: Any) -> dict[Any, Any]:
 
 
 STRAINS: dict[str, Rule] = dict.fromkeys(["strains {names} of {name2}", "strain {names} of {name2}"], lambda env, wanted, of: (
-    _numbers(env, of, lambda _, law: law.strains(make_point(NodeKind.SPATIAL)), wanted)))  # fmt: skip
+    _numbers(env, of, lambda _, law: law.strains(make_point(NodeKind.SPATIAL)), wanted)))
 register(STRAINS | {
     "stress resultants {names} of {name2}": lambda env, wanted, of: (
-        _numbers(env, of, lambda line, _: dict(line.resultants), wanted))})  # fmt: skip
+        _numbers(env, of, lambda line, _: dict(line.resultants), wanted))})
 register({
     "energy of {name} per length": lambda env, of: _numbers(env, of, lambda line, _: {"energy": line.energy}, "energy"),
     "kinetic energy of {name} per length": lambda env, of: (
         _numbers(env, of, lambda _, law: {"energy": law.kinetic_energy(make_point(NodeKind.SPATIAL))}, "energy")),
-}, vanishes=False)  # fmt: skip
+}, vanishes=False)

@@ -57,7 +57,7 @@ QUANTITIES: dict[str, Rule] = {
     "curvature of the section": lambda env: _spin(env, "line"),
     "virtual displacement of the section": lambda env: env.changes("virtual", lambda e: e.motion.section()[0]),
     "virtual rotation of the section": lambda env: _spin(env, "virtual"),
-}  # fmt: skip
+}
 #: quantities that the text alone defines, drawn at random by the name of their symbol
 GIVEN: dict[str, Rule] = {
     "number": lambda env, name: env.number(f"number {name}"),
@@ -72,7 +72,7 @@ GIVEN: dict[str, Rule] = {
     "vector fixed in {side}": lambda env, name, side: env.motion.rotation(side) @ env.motion.vector(f"arm {name}"),
     "point fixed in {side}": lambda env, name, side: (
         env.motion.of("x", side) + env.motion.rotation(side) @ env.motion.vector(f"arm {name}")),
-}  # fmt: skip
+}
 
 
 def _in_time(env: Env, key: str, shape: tuple[int, ...] = ()) -> Value:
@@ -138,7 +138,7 @@ def _tangent(env: Env, of_k: str, of_angle: str) -> Value:
 
 register(ROTATIONS | MATRICES, vanishes=False)
 register({"stiffness matrix of l in the unknowns of k and the angle": lambda env: _tangent(env, "turn", "phi")},
-         vanishes=False, needs=(("r", "N m", "residual of l"),))  # fmt: skip
+         vanishes=False, needs=(("r", "N m", "residual of l"),))
 register(QUANTITIES | FORCES)
 register({wording: rule for wording, rule in GIVEN.items() if "positive" not in wording}, given=True)
 register({wording: rule for wording, rule in GIVEN.items() if "positive" in wording}, vanishes=False, given=True)

@@ -113,7 +113,7 @@ class _Goal:
     def _idle(self, node: Node) -> set[Node]:
         """Function calls with the same value in all states, such as derivatives of constants, and inner sums that are 0."""
         return {n for n in node.walk() if (n.kind == "call" and n.value not in BINDING and self._same(n, 1))
-                or (n.kind == "sum" and n is not node and self._same(n, 0))}  # fmt: skip
+                or (n.kind == "sum" and n is not node and self._same(n, 0))}
 
     def _same(self, node: Node, factor: int) -> bool:
         """Whether a formula has in all states its value in the first one (factor 1), or is 0 in all (factor 0)."""
@@ -215,7 +215,7 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
     if level == 0 or (plain is not None and plain[1][0].size <= PLAIN):
         return plain if plain is not None and plain[1][0].size <= PLAIN else None
     found = (_smallest(node, chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
-             or _smallest(node, missing(node, goal, candidates), goal))  # fmt: skip
+             or _smallest(node, missing(node, goal, candidates), goal))
     if found or level == 1:
         return found
     return _twice(node, once, goal, candidates) or _smallest(node, supplements(node, candidates), goal)
@@ -313,7 +313,7 @@ def _terms(name: str, scope: Scope, env: Env) -> Iterator[Node]:
     """Terms linear in a vector: the vector, its cross products with others, their transposes, with both signs."""
     r = symbol(name)
     crossed = [made("product", made("cross", symbol(other)), r) for other in scope.symbols
-               if np.shape(env.value(other)) == (3, 1)]  # fmt: skip
+               if np.shape(env.value(other)) == (3, 1)]
     for term in [r, *crossed]:
         for shown in (term, made("transposed", term)):
             yield from (shown, made("neg", shown))

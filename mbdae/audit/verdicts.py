@@ -32,7 +32,7 @@ SIGN = "right with the opposite sign"
 #: side on which a rule gives a force, and the side to declare in a text with the opposite sign
 DECLARED = {"left": "applied", "applied": "left"}
 OPPOSITE = {"applied": "as the forces applied to the bodies or with the opposite multipliers",
-            "left": "as it stands on the left-hand side of the equations of motion"}  # fmt: skip
+            "left": "as it stands on the left-hand side of the equations of motion"}
 SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
 
 
@@ -171,11 +171,11 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
     found = domain(equation, states)
     if found.gap:
         return Row(equation, INCOMPLETE, residual, f"say what holds where {found.gap} = 0",
-                   told(f"not defined where {found.gap} = 0", nowhere_else))  # fmt: skip
+                   told(f"not defined where {found.gap} = 0", nowhere_else))
     units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     said = units or told(nowhere_else, *remarks(equation, states))
     return Row(equation, MISPRINT if units else RIGHT, residual, remark=said, where="" if units else found.said,
-               symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
+               symbolic=not nowhere_else and identical(equation, states.inner))
 
 
 def _open_sides(equation: Printed) -> set[str]:
@@ -191,14 +191,14 @@ def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_si
         said = f"{SIGN}, {OPPOSITE[other]}"
         return Row(equation, AMBIGUOUS, gap, f"say on which side: forces: {other}", said)
     return Row(equation, RIGHT, gap, remark=_unbalanced(equation, states), symbolic=identical(equation, states.inner, side),
-               side=side)  # fmt: skip
+               side=side)
 
 
 def _unbalanced(equation: Printed, states: States) -> str:
     """Remark on forces and moments printed for both bodies that leave a resultant moment; empty where there is none."""
     env, total = states.joint[0], np.zeros((3, 1))
     sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.subject for s in equation.statements))
-             if n in equation.scope.symbols and equation.scope.symbols[n].phrase.side == "open"}  # fmt: skip
+             if n in equation.scope.symbols and equation.scope.symbols[n].phrase.side == "open"}
     if set(sides) != {"k", "l"}:
         return ""
     for side, name in sides.items():
@@ -237,7 +237,7 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
     part = "" if doubt or units else in_part(equation, states)
     if part:
         return Row(equation, INCOMPLETE, residual, f"say that it holds for {part}", f"or {found}" if found else "",
-                   repaired=found.equation if found else None)  # fmt: skip
+                   repaired=found.equation if found else None)
     if found is not None:
         why = told(*dict.fromkeys((units, doubt)))
         return _repaired(Row(equation, MISPRINT, residual, str(found), why, tex=found.tex), found, states)
@@ -295,7 +295,7 @@ def _repaired(row: Row, found: Repair, states: States) -> Row:
     again = replace(states, equation=found.equation, inner=found.equation.inner or "l")
     gap = max(compared(s, again).gap for s in found.equation.statements)
     new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
-           if n not in row.printed.scope.symbols and n in found.equation.used]  # fmt: skip
+           if n not in row.printed.scope.symbols and n in found.equation.used]
     accents = ["accents alone, which are easily lost in printing and reading"] if found.accents else []
     row = replace(row, remark=told(row.remark, *new, *accents))
     same = identical(found.equation, again.inner, states.side)

@@ -71,7 +71,7 @@ def _judged(a: Namespace, error: Exception) -> tuple[int, str]:
         return 1, "the memory of this machine is used up; ask for a shorter run or a looser accuracy"
     line = traceback.extract_tb(error.__traceback__)[-1]
     return 1, (f"this is an error in mbdae, {type(error).__name__}: {error} (line {line.lineno} of {line.filename}); "
-               f"please report it with your file and what the option --debug prints")  # fmt: skip
+               f"please report it with your file and what the option --debug prints")
 
 
 def _complain(a: Namespace, error: BaseException, code: int, text: str | None = None, usage: str = "") -> int:

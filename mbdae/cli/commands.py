@@ -30,7 +30,7 @@ def check(a: argparse.Namespace) -> int:
     start = found.prepared.start
     _json(a, {"scene": found.prepared.model.scene.name, "planar": found.planar, "degrees_of_freedom": found.degrees_of_freedom,
            "unknowns": found.unknowns, "redundant": list(found.redundant), "pruned": list(found.pruned),
-           "start_changes": [str(change) for change in start.changes]})  # fmt: skip
+           "start_changes": [str(change) for change in start.changes]})
     return 0
 
 
@@ -59,11 +59,11 @@ def run(a: argparse.Namespace) -> int:
         if measure:
             print(f"{measure} at t = {r.t[-1]:g} s: {final}")
         print(f"largest constraint violation {r.drift.position.max(initial=0.0):.1e}, "
-              f"largest energy balance error {abs(r.energy.balance).max():.1e} J")  # fmt: skip
+              f"largest energy balance error {abs(r.energy.balance).max():.1e} J")
         for joint, c in r.contacts.items():
             loose = f" m, play {c['play']:.2g} m; normal force times sliding distance {c['wear']:.3g} J" if "play" in c else ""
             print(f"'{joint}': {c['contacts']:.0f} contacts, the first at t = {c['first']:.6g} s; penetration up to "
-                  f"{c['deepest']:.2g}{loose or ' (m or rad) past its limits'}")  # fmt: skip
+                  f"{c['deepest']:.2g}{loose or ' (m or rad) past its limits'}")
         _list(a.written)
     for warning in r.warnings:
         print(f"mbdae: warning: {warning}", file=sys.stderr)
@@ -204,7 +204,7 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
         "reliable": r.reliable, "contacts": {joint: {k: v if math.isfinite(v) else None for k, v in c.items()}
                                              for joint, c in r.contacts.items()},
         "warnings": list(r.warnings), "written": written,
-    }  # fmt: skip
+    }
 
 
 def _report_audit(a: argparse.Namespace) -> int:

@@ -25,7 +25,7 @@ def cache(a: argparse.Namespace) -> int:
     if a.json:
         data = {"path": str(kept.folder) if kept.folder else None, "used": kept.used, "why_not": kept.why or None,
                 "limit": kept.limit, "files": found.entries, "bytes": found.size, "hits": found.hits, "misses": found.misses,
-                "removed": removed}  # fmt: skip
+                "removed": removed}
         print(json.dumps(data, indent=1), file=a.stdout)
         return 0
     print(f"{kept.folder or 'nothing is kept on disk'}{'' if kept.used else f', not used: {kept.why}'}")
@@ -33,7 +33,7 @@ def cache(a: argparse.Namespace) -> int:
         print(f"{removed} files removed")
     if kept.used:
         print(f"{found.entries} files, {found.size / 1e6:.1f} MB of at most {kept.limit / 1e6:.0f} MB; "
-              f"{found.hits} hits, {found.misses} misses")  # fmt: skip
+              f"{found.hits} hits, {found.misses} misses")
     return 0
 
 
@@ -102,7 +102,7 @@ def _report(commands: Any, action: Any) -> None:
     text = "derivation of a law with its checks, the sheet of a scene, or an audit of published formulas"
     p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
     what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; a Python file with "
-            "scene(); a file of printed formulas (.audit), which are compared with their derivation")  # fmt: skip
+            "scene(); a file of printed formulas (.audit), which are compared with their derivation")
     formats = [ending[1:] for ending in REPORTS]
     p.add_argument("what", metavar="NAME|FILE", help=what)
     p.add_argument("--format", choices=formats, help="default: that of --out, else md (of an audit a table)")

@@ -34,7 +34,7 @@ def find(root: str | Path | None = None) -> Path:
             if any((folder / "validation").glob("*/check.py")):
                 return folder / "validation"
     raise OptionError(f"there is no folder validation/ with claims in {here}{'' if root else ' or above'}: "
-                      "run this in a clone of mbdae's repository, or name one by --root")  # fmt: skip
+                      "run this in a clone of mbdae's repository, or name one by --root")
 
 
 def runner_of(folder: Path) -> Any:
@@ -49,7 +49,7 @@ def runner_of(folder: Path) -> Any:
 NAME = "__mp_main__"
 RUN_AS = ("__main__", NAME)
 EXAMPLE = ("add one that returns a mb.Scene:\n\n    def scene():\n        s = mb.Scene('name')\n        ...\n"
-           "        return s\n")  # fmt: skip
+           "        return s\n")
 
 
 @contextmanager
@@ -172,7 +172,7 @@ def _warn_of_hidden(tree: ast.Module, path: Path, file: str) -> None:
             found = None
         if found is not None and (found.origin is None or Path(found.origin).resolve() != beside.resolve()):
             print(f"mbdae: warning: `import {name}` in '{file}' takes the module that is installed, not '{beside.name}' beside "
-                  f"it; rename that where it is meant", file=sys.stderr)  # fmt: skip
+                  f"it; rename that where it is meant", file=sys.stderr)
 
 
 def _is_beside(module: Any, folder: Path) -> bool:

@@ -66,7 +66,7 @@ def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float],
                   "model": {name: encode(model) for name, model in run.models.items()} or None, "label": run.label,
                   "own": own_classes(run.solver, run.form)} for run in runs],
         "reference": "computed" if given is None else f"given, {_digest(given)}", "environment": environment(),
-    }  # fmt: skip
+    }
 
 
 def _scene(problem: Problem) -> dict[str, Any]:
@@ -74,7 +74,7 @@ def _scene(problem: Problem) -> dict[str, Any]:
     s = problem.scene
     if s is not None:
         return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements,
-                "laws": own_laws(problem.stated.prepared.model) if problem.stated.prepared else {}, "own": own_of(s)}  # fmt: skip
+                "laws": own_laws(problem.stated.prepared.model) if problem.stated.prepared else {}, "own": own_of(s)}
     system = problem.system(None)
     out, values = np.empty(system.n), []
     for k in range(PROBES):
@@ -84,7 +84,7 @@ def _scene(problem: Problem) -> dict[str, Any]:
         values.append(out.copy())
     own = {name: reads(thing) for name, thing in vars(system).items() if isinstance(thing, FunctionType)}
     return {"names": list(system.names), "index": np.asarray(system.index).tolist(), "t0": system.t0, "y0": system.y0.tolist(),
-            "yp0": system.yp0.tolist(), "residuals": _digest(np.array(values)), "functions": own}  # fmt: skip
+            "yp0": system.yp0.tolist(), "residuals": _digest(np.array(values)), "functions": own}
 
 
 def _digest(values: Array) -> str:
@@ -127,7 +127,7 @@ class Checkpoint(ResumeFile):
                 "cpu_s": self.cpu_s, "total_cpu_s": self.total_cpu_s,
                 "finals": [vars(run) | {"values": packed(run.values)} for run in self.tightest_runs.values()],
                 "truth": None if self.reference_values is None else packed(self.reference_values),
-            })  # fmt: skip
+            })
 
 
 @dataclass
@@ -183,7 +183,7 @@ class Split:
 
 
 def _execute(problem: Problem, queue: Sequence[tuple[Run, float | None]], smallest: float, kept: Checkpoint, begin: float,
-             tell: Callable[[int, int, str], None]) -> None:  # fmt: skip
+             tell: Callable[[int, int, str], None]) -> None:
     """Compute the reference and the missing rows, one after another, each stored as soon as it is done. queue: every run with an
     accuracy (None: the solver has a tolerance or step of its own); smallest: smallest of the accuracies asked; begin: process
     time (s) at which the comparison began; tell: called as tell(done, total, label) before every run."""
@@ -250,7 +250,7 @@ def counts(solution: Solution | None) -> dict[str, Any]:
 def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver] | str] | None = None,
             accuracies: Sequence[float] = ACCURACIES, measure: str | None = None, reference: Any = None,
             max_wall: float | None = MAX_WALL,
-            progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Comparison:  # fmt: skip
+            progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Comparison:
     """Run a scene (or a System) to t_end (s) with every run at every accuracy; returns a `Comparison`.
 
     runs: list of mb.Run, or of solvers (objects, classes, names); default IDA and Radau. measure: a sensor such as "C.angle";
@@ -279,7 +279,7 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     differences = pairwise(list(kept.tightest_runs.values()), problem.error)
     rows = with_front(kept.rows, kept.reference.difference or 0.0)
     return Comparison(problem.name, problem.t_end, measure, problem.what, kept.reference, asked, rows,
-                      differences, kept.cpu_s, kept.total_cpu_s, environment())  # fmt: skip
+                      differences, kept.cpu_s, kept.total_cpu_s, environment())
 
 
 def _checked_accuracies(accuracies: Any) -> tuple[float, ...]:

@@ -39,7 +39,7 @@ def page(w: ComparisonData) -> str:
     number = f"{counted(len({run.label for run in w.runs}), 'method')}, {counted(len(w.runs), 'run')}"
     failures = [line.removeprefix("failed: ") for line in failure_lines(w.failures)]
     title = escape(f"Work and precision of {counted(len(w.runs), 'run')}: error over CPU time and over residual evaluations, "
-                   f"both logarithmic; the numbers are in the table of runs")  # fmt: skip
+                   f"both logarithmic; the numbers are in the table of runs")
     parts = [
         f"<p>{number} to t = {w.t_end:g} s. Error: {escape(w.what)}.</p>\n",
         section("verdict", "Reached at least cost", bullets(w.choices)),
@@ -48,14 +48,14 @@ def page(w: ComparisonData) -> str:
         f'<div class="narrow">{inline_svg(w, True, title, "narrow")}</div>\n</figure>\n',
         _runs(w), _reference(w), _pairwise(w),
         made_with(f"{w.total_cpu_s:.1f} s, {w.cpu_s:.1f} s of it in solvers", w.environment),
-    ]  # fmt: skip
+    ]
     return document(f"Solvers compared: {w.scene}", "", parts, SCRIPT)
 
 
 def _runs(w: ComparisonData) -> str:
     names = [*list(COLUMNS)[:-1], "front"]
     head = "".join(f'<th scope="col" title="{escape(meaning)}"><button type="button">{escape(name)}</button></th>'
-                   for name, meaning in zip(names, COLUMNS.values(), strict=True))  # fmt: skip
+                   for name, meaning in zip(names, COLUMNS.values(), strict=True))
     kinds = [' class="failed"' if run.failure else ' class="front"' if run.pareto else "" for run in w.runs]
     rows = [_row(cells(run), kind) for run, kind in zip(w.runs, kinds, strict=True)]
     meanings = "; ".join(f"{name}: {meaning}" for name, meaning in COLUMNS.items() if name not in ("run", ""))
@@ -80,7 +80,7 @@ def _pairwise(w: ComparisonData) -> str:
     matrix = ""
     if lines := pairwise_cells(w.pairwise):
         matrix = html_table("pairs", headings(lines[0]), [_row(line) for line in lines[1:]],
-                            "Largest differences between the tightest runs")  # fmt: skip
+                            "Largest differences between the tightest runs")
     return section("pairs", "Cross-check", f"<p>{escape(str(w.pairwise))}</p>\n{matrix}")
 
 

@@ -134,7 +134,7 @@ class Problem:
                               f"mb.Run(mb.IDA())")
         if not any(c.has_models for c in self.scene.joints):
             raise OptionError(f"model {run.model_label}: scene '{self.name}' has no joint with coordinates, which alone have "
-                              f"joint models: give runs without a model, such as mb.Run(mb.IDA())")  # fmt: skip
+                              f"joint models: give runs without a model, such as mb.Run(mb.IDA())")
         return Equations(prepare(with_models(self.scene, run), t_end=self.t_end))
 
     @cached_property
@@ -256,7 +256,7 @@ def refuse_no_reference(given: Any) -> None:
     """OptionError where `given` is neither None, a Result nor a function of the times."""
     if given is not None and not isinstance(given, Result):
         option("reference", given, function, "give a Result, a function of the times (nt,), or None to have one computed",
-               takes="times")  # fmt: skip
+               takes="times")
 
 
 def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
@@ -267,7 +267,7 @@ def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
                               "reference out")
         if [b.name for b in given.prepared.model.scene.bodies] != [b.name for b in problem.scene.bodies]:
             raise OptionError(f"reference is a Result of a scene with other bodies; give one of this scene to t = "
-                              f"{problem.t_end:g} s")  # fmt: skip
+                              f"{problem.t_end:g} s")
         if (end := given.solution.t[-1]) < problem.t_end:
             raise OptionError(f"reference is a Result that ends at t = {end:g} s; give one to t = {problem.t_end:g} s")
         label = f"given result, {given.solution.solver.label} {given.info.form}"
@@ -281,7 +281,7 @@ def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
     shape = problem.values(problem.solve(solver, None, repeat=False).solution).shape
     if values.shape != shape:
         raise OptionError(f"reference returns an array of shape {values.shape}; return {problem.measure} at the times given, "
-                          f"with shape {shape}")  # fmt: skip
+                          f"with shape {shape}")
     return Reference("given function", None, None, None), values
 
 
@@ -312,7 +312,7 @@ def computed_reference(problem: Problem, smallest: float) -> tuple[Reference, An
 
 
 def _of_the_nearest(problem: Problem, first: Reference, made: Sequence[tuple[str, int | None, float | None, Any]]
-                    ) -> tuple[Reference, Any]:  # fmt: skip
+                    ) -> tuple[Reference, Any]:
     """The reference where no second run confirms the first: of the two runs with the smallest difference the one that was made
     earlier, with that difference as its uncertainty. made: (name, number of steps, CPU time in s, values) of every run."""
     pairs = [(problem.error(made[j][-1], made[i][-1]), i, j) for j in range(len(made)) for i in range(j)]

@@ -46,7 +46,7 @@ class Run:
         set_option(self, "label", text, "give a text, or None to have it made")
         if not _is_model(self.model):
             raise OptionError(f"model = {shown(self.model)} is not a joint model: give one such as mb.Kinematic(), "
-                              f"{{name of a joint: model}}, or None")  # fmt: skip
+                              f"{{name of a joint: model}}, or None")
 
     @property
     def models(self) -> dict[str, JointModel]:
@@ -94,7 +94,7 @@ def described(choice: Any, name: str) -> str:
 
 
 def default_runs(constrained: bool, system: System | None = None, others: Mapping[JointModel, bool] | None = None,
-                 resolving: Form | None = None) -> list[Run]:  # fmt: skip
+                 resolving: Form | None = None) -> list[Run]:
     """The runs of a comparison where the user names none: IDA (up to index 1) and Radau IIA; with constraints Radau IIA in index
     3 and 1 too; CVODE and DOP853 where there is a right-hand side.
 
@@ -212,7 +212,7 @@ def _columns(own: Prepared, wanted: Prepared) -> list[int]:
         twin = twins.get(node.body.name)
         if twin is None or twin.kind is not node.kind:
             raise OptionError(f"body '{node.body.name}' is missing in this run or has other unknowns than in the reference: "
-                              f"motions cannot be compared; name a sensor to compare by, such as measure='C.angle'")  # fmt: skip
+                              f"motions cannot be compared; name a sensor to compare by, such as measure='C.angle'")
         positions += range(twin.q, twin.q + node.kind.sizes[0])
         velocities += range(own.mechanics.nq + twin.u, own.mechanics.nq + twin.u + node.kind.sizes[1])
     return positions + velocities

@@ -67,7 +67,7 @@ def with_front(rows: Sequence[Row], uncertainty: float = 0.0) -> tuple[Row, ...]
     """The rows with the Pareto front of error and CPU time marked; errors below the reference's uncertainty are not on it."""
     known = [row.measured for row in rows if row.measured is not None]
     front = {(error, cpu) for error, cpu in known if (error > uncertainty or not uncertainty)
-             and not any(e <= error and c <= cpu and (e, c) != (error, cpu) for e, c in known)}  # fmt: skip
+             and not any(e <= error and c <= cpu and (e, c) != (error, cpu) for e, c in known)}
     return tuple(replace(row, pareto=row.measured in front) for row in rows)
 
 
@@ -196,7 +196,7 @@ class ComparisonData(Study):
             "reference": asdict(self.reference), "accuracies": list(self.accuracies),
             "runs": [asdict(row) for row in self.runs], "cheapest": best, "pairwise": asdict(self.pairwise),
             "cpu_s": self.cpu_s, "total_cpu_s": self.total_cpu_s, "environment": self.environment,
-        }  # fmt: skip
+        }
         return dict(json.loads(json.dumps(data)))
 
     def table(self) -> str:
@@ -210,14 +210,14 @@ class ComparisonData(Study):
         lines.append(f"{self.total_cpu_s:.1f} s of CPU time, {self.cpu_s:.1f} s of it in solvers; {versions}; "
                      f"{self.environment['machine']}, {self.environment['cpus']} CPUs")
         wrapped = [[line] if len(line) <= WIDTH or "  " in line else
-                   textwrap.wrap(line, WIDTH, break_long_words=False, break_on_hyphens=False) for line in lines]  # fmt: skip
+                   textwrap.wrap(line, WIDTH, break_long_words=False, break_on_hyphens=False) for line in lines]
         return "\n".join(itertools.chain(*wrapped))
 
 
 MARKS = ("*", "failed")
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
          "start": "of start, rank and equations of the scene there", "compan.": "of the runs that would estimate its error",
-         "judge": "of its warnings and the checks after the run"}  # fmt: skip
+         "judge": "of its warnings and the checks after the run"}
 #: heading and meaning of each column
 COLUMNS = {
     "run": "solver, form, joint model and options that differ from their defaults",

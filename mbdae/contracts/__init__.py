@@ -37,7 +37,7 @@ from mbdae.values import number, option, shown
 
 #: LINES: how to read the lines of the LawError of `selftest`; MOST_LINES: largest number of lines of one contract
 LINES = ("Each line: the check, the bodies k - l (spatial: a rigid body in space) and the options of the first variant that "
-         "fails, and what is wrong.")  # fmt: skip
+         "fails, and what is wrong.")
 MOST_LINES = 20
 
 
@@ -79,7 +79,7 @@ def _read(law: type[Law] | type[Part], name: str, value: Any) -> Any:
         return option(name, value, number, f"give a number in {unit}, or leave it out")
     known = [*law.options, *law.params]
     raise OptionError(f"{name} = {shown(value)}: {law.__name__} has no option or parameter {unknown_name(name, known)} it has "
-                      f"{', '.join(known) or 'none'}")  # fmt: skip
+                      f"{', '.join(known) or 'none'}")
 
 
 def _of_law(law: type[Law], options: dict[str, Any], called: str = "") -> SelfTest:
@@ -94,7 +94,7 @@ def _of_law(law: type[Law], options: dict[str, Any], called: str = "") -> SelfTe
     if violations:
         listed = "\n  - ".join(["", *violations])
         legend = "".join(f"\n{contract}, {counted(len(entries), 'place')}: {MEANS[contract]}"
-                         for contract, entries in run.failed.items() if entries)  # fmt: skip
+                         for contract, entries in run.failed.items() if entries)
         what_lines_say = f"\n{LINES}{legend}" if legend else ""
         raise LawError(f"{called or law.__name__} breaks the contract of laws:{listed}{what_lines_say}")
     return SelfTest(law.__name__, tuple(run.checked), run.refused, run.worst)
@@ -116,7 +116,7 @@ def _of_part(part: type[Part], options: dict[str, Any]) -> SelfTest:
     refuse_missing(part, [o for o in part.options if o not in options])
     if not issubclass(part, Friction | Normal):
         raise LawError(f"{part.__name__} is neither a friction law (mb.Friction) nor a normal law (mb.Normal); derive it "
-                       f"from one of them")  # fmt: skip
+                       f"from one of them")
     undeclared = list(declaration(part))
     if undeclared:
         raise LawError(f"{part.__name__} breaks the contract of laws:\n  - " + "\n  - ".join(undeclared))
@@ -124,7 +124,7 @@ def _of_part(part: type[Part], options: dict[str, Any]) -> SelfTest:
     role = "friction" if issubclass(part, Friction) else "normal"
     given = {f"{role}_{name}": value for name, value in options.items() if name in part.params}
     return replace(_of_law(JournalContact, {role: chosen, **given}, f"{part.__name__}, in the contact of a pin in its race,"),
-                   law=part.__name__)  # fmt: skip
+                   law=part.__name__)
 
 
 @dataclass

@@ -73,14 +73,14 @@ def of_elements(d: Derived) -> list[tuple[Target, Expr]]:
 #: groups of outputs that `Case.all_outputs` puts into one kernel
 EVALUATED: tuple[Outputs, ...] = (
     ggl_outputs, dynamics, position, velocity, acceleration, statement, scalars, starts, of_elements,
-)  # fmt: skip
+)
 
 
 class Case:
     """A law in one variant with random states, evaluated by `Kernel.oracle`: NumPy on the symbolic expressions."""
 
     def __init__(self, law: type[Law], structure: Structure, sides: tuple[Side, ...], given: dict[str, float],
-                 family: dict[Any, Case] | None = None, compiles: bool = True) -> None:  # fmt: skip
+                 family: dict[Any, Case] | None = None, compiles: bool = True) -> None:
         self.law, self.structure, self.given = law, structure, given
         self.compiles = compiles  #: whether compiled code is evaluated too; False: NumPy alone, which is faster to prepare
         self.family = family if family is not None else {}
@@ -210,7 +210,7 @@ def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Itera
 
 
 _OF_ROWS = {"g": "row", "gd": "rate of row", "gdd": "acceleration of row", "lambda": "multiplier of row",
-            "mu": "multiplier mu of row"}  # fmt: skip
+            "mu": "multiplier mu of row"}
 _OF_BODIES = {"u": "equation of motion", "q": "kinematic equation"}
 
 

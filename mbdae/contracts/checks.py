@@ -25,7 +25,7 @@ from mbdae.system.base import Array
 BOUNDS = {
     "Jacobian": 1e-10, "compiled kernel": 1e-12, "rates": 1e-11, "virtual work": 1e-11, "action = reaction": 1e-10,
     "invariance": 1e-10, "power": 1e-11, "inertia": 1e-11, "singular states": 0.0, "planar = spatial": 1e-11, "motion": 1e-9,
-}  # fmt: skip
+}
 
 _DERIVED = "; of a law whose functions are finite and smooth, this is an error in mbdae: please report it with the law"
 #: what every contract compares, for messages
@@ -326,4 +326,4 @@ CONTRACTS: dict[str, Callable[[Case], Iterator[Measured]]] = {
     "Jacobian": jacobian, "compiled kernel": compiled, "rates": rates_of_rows, "virtual work": virtual_work,
     "action = reaction": reciprocity, "invariance": invariance, "power": power, "inertia": inertia,
     "singular states": singular, "planar = spatial": planar, "motion": stated_motion,
-}  # fmt: skip
+}

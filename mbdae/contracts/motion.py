@@ -75,7 +75,7 @@ def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) 
 def symbols(law: Joint) -> dict[str, Any]:
     """A symbol for every coordinate, of a free rotation those of its quaternion and its angular velocity."""
     free = {c: Rotation.of([se.Symbol(f"{c}_P{i}") for i in range(4)], Vec(*(se.Symbol(f"{c}_w{i}") for i in range(3))))
-            for c in law.coordinates.keys() - law.scalars().keys()}  # fmt: skip
+            for c in law.coordinates.keys() - law.scalars().keys()}
     return {c: free.get(c, se.Symbol(c)) for c in law.coordinates}
 
 
@@ -244,10 +244,10 @@ class _Moving:
             which = "too many" if rank > wanted else "too few"
             if rank != wanted:
                 yield (f"number of independent rows, {rank} where {wanted} leave just the motion free ({which}),",
-                       abs(rank - wanted))  # fmt: skip
+                       abs(rank - wanted))
             if len(G) > rank:
                 yield (f"number of rows, {len(G)} of which {rank} are independent (leave out what follows from other rows),",
-                       len(G) - rank)  # fmt: skip
+                       len(G) - rank)
 
     def ties(self) -> Iterator[Measured]:
         """A row that equates a coordinate to a value has a positive derivative by that value: this is the sign convention."""
@@ -261,7 +261,7 @@ class _Moving:
                 yield f"row '{row}', which does not depend on the coordinate that it ties,", 1.0
             else:
                 yield (f"slope of row '{row}' over the coordinate that it ties, which must be positive,",
-                       float(max(0.0, -np.min(slope))))  # fmt: skip
+                       float(max(0.0, -np.min(slope))))
 
     def branches(self) -> Iterator[Measured]:
         """The branches, expressions that must be positive, are positive where the motion leads."""
@@ -269,7 +269,7 @@ class _Moving:
             if target[0] == "positive":
                 least = float(np.min(e.real))
                 yield (f"expression '{target[1]}' of `branches`, which must be positive where the motion puts l,",
-                       0.0 if least > 0 else 1 - least)  # fmt: skip
+                       0.0 if least > 0 else 1 - least)
 
     # -- solutions of the rows that are not meant
 
@@ -285,13 +285,13 @@ class _Moving:
         for i in np.flatnonzero(meant):
             off = self._off(solved, found, int(i))
             yield (f"second solution of the rows, which no expression of `branches` refuses ({names[i]}),",
-                   off if off > APART else 0.0)  # fmt: skip
+                   off if off > APART else 0.0)
 
     def _starts(self) -> tuple[Values, list[str]]:
         """States from which solutions are searched, and their names: l turned by half a turn about each of its axes, then l at
         random places, with random values of the coordinates that are unknowns."""
         offs = [("half a turn about its x axis", turn([np.pi, 0, 0])), ("half a turn about its y axis", turn([0, np.pi, 0])),
-                ("half a turn about its z axis", turn([0, 0, np.pi]))]  # fmt: skip
+                ("half a turn about its z axis", turn([0, 0, np.pi]))]
         names = [name for name, _ in offs] + ["found from a random place"] * STARTS
         picked = np.arange(len(names)) % self.points
         values = {name: e[picked] for name, e in self.values.items()}

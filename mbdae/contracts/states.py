@@ -67,9 +67,9 @@ class Domain:
         if given:
             raise OptionError(f"the motion of {name} cannot be evaluated: it is finite and real at none of {DRAWS} random values "
                               f"of its coordinates with {given}; give values of its parameters, as in mb.selftest({name}, "
-                              f"parameter=value)")  # fmt: skip
+                              f"parameter=value)")
         raise OptionError(f"the motion of {name} cannot be evaluated: it is finite and real at none of {DRAWS} random values of "
-                          f"its coordinates; state it by functions that are defined near 0")  # fmt: skip
+                          f"its coordinates; state it by functions that are defined near 0")
 
 
 Values = dict[str, NDArray[Any]]  #: symbol name -> (points,) real or complex

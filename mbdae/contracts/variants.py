@@ -31,20 +31,20 @@ _BRISTLES = PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay",
 _VALUES: dict[str, tuple[Any, ...]] = {
     "following": (False, True), "tilting": (False, True), "count": (3,), "normal": (Hertz(1, damping=1).structure(),),
     "friction": (_DRY, _BRISTLES),
-}  # fmt: skip
+}
 #: joints and coordinates on which a law for one coordinate (spring, motor) is tried: a displacement and an angle computed from
 #: the frames, one of several coordinates, and an angle that is an unknown
 _COORDINATES: tuple[Choice, ...] = (
     {"joint": Prismatic, "coordinate": None, "kept": False}, {"joint": Revolute, "coordinate": None, "kept": False},
     {"joint": Cylindrical, "coordinate": "angle", "kept": False}, {"joint": Revolute, "coordinate": None, "kept": True},
-)  # fmt: skip
+)
 
 
 def refuse_missing(law: type, options: list[str]) -> None:
     """LawError for the first of the options of a law that have no value."""
     if options:
         raise LawError(f"{law.__name__} has the option '{options[0]}': say mb.selftest({law.__name__}, {options[0]}=...) with a "
-                       f"value for it")  # fmt: skip
+                       f"value for it")
 
 
 def choices(law: type[Law], given: Choice) -> tuple[list[Choice], list[Choice]]:
@@ -87,12 +87,12 @@ def _of_joint(law: type[Joint]) -> tuple[list[Choice], list[Choice]]:
 def _check_joint(law: type[Joint], choice: Choice) -> None:
     choice["kept"] = bool(choice["kept"]) or law.must_keep()
     for option, names, coordinates in (("kept", law.coordinates, "coordinates"), *((o, law.scalars(), "angles and displacements")
-                                                                            for o in ("friction", "rubs"))):  # fmt: skip
+                                                                            for o in ("friction", "rubs"))):
         if choice[option] and not names:
             raise OptionError(f"{option} = {shown(choice[option])}: {law.__name__} has no {coordinates}; leave it out")
     if choice["rubs"] is not None and choice["rubs"] not in law.scalars():
         raise OptionError(f"rubs = {shown(choice['rubs'])}: friction acts on one of the coordinates of {law.__name__}, "
-                          f"{' or '.join(law.scalars())}: give its name")  # fmt: skip
+                          f"{' or '.join(law.scalars())}: give its name")
 
 
 def _on_coordinate(law: type[Law]) -> tuple[list[Choice], list[Choice]]:

@@ -266,7 +266,7 @@ def store() -> Store:
 
 PACKAGE = Path(__file__).resolve().parent.parent
 FACTS = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "Features", "CPU implementer", "CPU architecture",
-         "CPU variant", "CPU part")  #: lines of /proc/cpuinfo about instruction sets  # fmt: skip
+         "CPU variant", "CPU part")  #: lines of /proc/cpuinfo about instruction sets
 
 
 @lru_cache(maxsize=1)
@@ -287,7 +287,7 @@ def releases() -> list[str]:
 
     library = str(symengine_wrapper.__file__)
     return [symengine.__version__, str(os.stat(library).st_size), numpy.__version__, sys.version,
-            sys.implementation.name]  # fmt: skip
+            sys.implementation.name]
 
 
 def machine() -> list[str]:

@@ -22,7 +22,7 @@ from mbdae.disk import store, surroundings
 
 #: classes that an entry may contain in addition to plain values: compiled functions, expressions, floats of NumPy
 ALLOWED = {("symengine.lib.symengine_wrapper", "llvm_loading_func"), ("symengine.lib.symengine_wrapper", "load_basic"),
-           ("numpy", "float64")}  # fmt: skip
+           ("numpy", "float64")}
 
 
 def key_of(*parts: str) -> str | None:
@@ -71,7 +71,7 @@ def keep(key: str | None, value: Any) -> None:
 
 
 PLAIN = ("Zero", "One", "NegativeOne", "Half", "Integer", "Rational", "Pi", "Exp1", "BooleanTrue", "BooleanFalse", "Infinity",
-         "NegativeInfinity", "NaN", "GoldenRatio", "EulerGamma", "Catalan", "ImaginaryUnit")  #: text identifies them  # fmt: skip
+         "NegativeInfinity", "NaN", "GoldenRatio", "EulerGamma", "Catalan", "ImaginaryUnit")  #: text identifies them
 UNORDERED = ("Add", "Mul")
 REFUSED = ("PyFunction", "PySymbol", "Dummy", "RealMPFR", "ComplexMPC", "ComplexDouble", "Complex")
 

@@ -30,14 +30,14 @@ PACKAGES = r"""\usepackage[T1]{fontenc}
 \usepackage{lmodern}
 """
 _SPECIAL = {"\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "$": r"\$",
-            "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\ensuremath{<}", ">": r"\ensuremath{>}"}  # fmt: skip
+            "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\ensuremath{<}", ">": r"\ensuremath{>}"}
 _NAMES = {sign: name for name, sign in reversed((GREEK | SIGNS).items()) if not sign.isascii() and name.isalpha()}
 #: Greek letters for which TeX has no command because they look like Latin ones
 _LATIN = dict(zip("ΑΒΕΖΗΙΚΜΝΟΡΤΧο", "ABEZHIKMNOPTXo", strict=True))
 _SIGNS = {sign: rf"\ensuremath{{\{name}}}" for sign, name in _NAMES.items()} | {
     greek: rf"\ensuremath{{\mathrm{{{latin}}}}}" for greek, latin in _LATIN.items()} | {
     "²": r"\ensuremath{^2}", "³": r"\ensuremath{^3}", "°": r"\ensuremath{^\circ}", "–": "--", "…": r"\ldots{}",
-    "−": r"\ensuremath{-}", "\xa0": "~"}  # fmt: skip
+    "−": r"\ensuremath{-}", "\xa0": "~"}
 _NOT_SET = "ĦħĸĿŀŉŦŧſ"  #: accented Latin letters that TeX does not set
 
 
@@ -251,12 +251,12 @@ class Document(NamesArguments):
         Pictures are embedded in .html; for .md and .tex they become files next to it. A .pdf needs lualatex or pdflatex
         (Debian: texlive-latex-recommended, texlive-pictures, lmodern). Raises OptionError without them, or for another suffix."""
         file: Path = option("path", path, file_to_write, "write .html, .md, .tex or .pdf into a folder that exists",
-                            suffixes=(".html", ".md", ".tex", ".pdf"))  # fmt: skip
+                            suffixes=(".html", ".md", ".tex", ".pdf"))
         if file.suffix.lower() == ".pdf":
             return self._typeset(file)
         writers: dict[str, Callable[[], str]] = {
             ".html": self.to_html, ".md": lambda: self._with_pictures(file), ".tex": lambda: self._with_pictures(file),
-        }  # fmt: skip
+        }
         return write_file(file, writers[file.suffix.lower()]())
 
     def _typeset(self, file: Path) -> Path:

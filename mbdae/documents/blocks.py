@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 
 COLOURS = {"#333": "black!80", "#999": "black!40", "#0072b2": "blue!70!black", "#d55e00": "orange!80!black",
-           "#009e73": "green!50!black"}  # fmt: skip
+           "#009e73": "green!50!black"}
 FONT = "system-ui, Liberation Sans, sans-serif"
 Point = tuple[float, float]
 

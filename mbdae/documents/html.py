@@ -131,7 +131,7 @@ def html(title: str, blocks: Sequence[Block]) -> str:
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
             f"<title>{escape(_plain(title))}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
-            f"<h1>{_text(title)}</h1>\n{contents}{body}</main>\n</body>\n</html>\n")  # fmt: skip
+            f"<h1>{_text(title)}</h1>\n{contents}{body}</main>\n</body>\n</html>\n")
 
 
 def _plain(text: str) -> str:
@@ -192,13 +192,13 @@ class _Writer:
         caption = f'<p class="note">{_text(table.caption)}</p>\n' if table.caption else ""
         head = "".join(f'<th scope="col">{_text(cell)}</th>' for cell in table.head)
         rows = "".join(f'<tr><th scope="row">{_text(row[0])}</th>{"".join(f"<td>{_text(c)}</td>" for c in row[1:])}</tr>\n'
-                       for row in table.rows)  # fmt: skip
+                       for row in table.rows)
         label = escape(_plain(table.caption) or f"table {self.tables}")
         if table.folded:
             inside = self.table(replace(table, caption="", folded=False))
             return f"<details><summary>{_text(table.caption)}</summary>{inside}</details>\n"
         return (f'{caption}<div class="scroll" role="region" aria-label="{label}" tabindex="0"><table><thead>'
-                f"<tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n")  # fmt: skip
+                f"<tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n")
 
 
 def _equation(equation: Equation, hint: str) -> str:

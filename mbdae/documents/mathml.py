@@ -18,7 +18,7 @@ GREEK = {
     "sigma": "σ", "tau": "τ", "upsilon": "υ", "phi": "ϕ", "varphi": "φ", "chi": "χ", "psi": "ψ", "omega": "ω",
     "Gamma": "Γ", "Delta": "Δ", "Theta": "Θ", "Lambda": "Λ", "Xi": "Ξ", "Pi": "Π", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ",
     "Omega": "Ω", "Upsilon": "Υ",
-}  # fmt: skip
+}
 SIGNS = {
     "cdot": "·", "times": "×", "otimes": "⊗", "oplus": "⊕", "circ": "∘", "pm": "±", "le": "≤", "leq": "≤", "ge": "≥", "geq": "≥",
     "ne": "≠", "neq": "≠", "approx": "≈", "equiv": "≡", "to": "→", "rightarrow": "→", "mapsto": "↦", "Rightarrow": "⇒",
@@ -31,18 +31,18 @@ SIGNS = {
     "rbrace": "}", "lbrack": "[", "rbrack": "]", "ast": "∗", "star": "⋆", "wedge": "∧", "vee": "∨", "neg": "¬", "ell": "ℓ",
     "colon": ":", "div": "÷", "mp": "∓", "subset": "⊂", "cup": "∪", "cap": "∩", "setminus": "∖", "longrightarrow": "⟶",
     "%": "%", "$": "$", "#": "#", "&": "&", "_": "_",
-}  # fmt: skip
+}
 FENCES = {"lvert", "rvert", "lVert", "rVert", "vert", "Vert", "|", "langle", "rangle", "{", "}", "lfloor", "rfloor",
-          "lbrace", "rbrace", "lbrack", "rbrack"}  # fmt: skip
+          "lbrace", "rbrace", "lbrack", "rbrack"}
 FUNCTIONS = ("sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "ln", "max", "min", "arctan", "det", "ker", "lim",
-             "arcsin", "arccos", "dim")  # fmt: skip
+             "arcsin", "arccos", "dim")
 GAPS = {",": "0.167em", ":": "0.222em", ";": "0.278em", " ": "0.25em", "quad": "1em", "qquad": "2em", "!": "0em"}
 ACCENTS = {"dot": "˙", "ddot": "¨", "tilde": "~", "widetilde": "~", "hat": "^", "widehat": "^", "bar": "¯", "overline": "¯",
-           "vec": "→"}  # fmt: skip
+           "vec": "→"}
 FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf": "n", "mathit": "", "mathcal": "",
-         "operatorname": "n"}  # fmt: skip
+         "operatorname": "n"}
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
-             "array": ("", ""), "gathered": ("", "")}  # fmt: skip
+             "array": ("", ""), "gathered": ("", "")}
 
 LEAST = 0.8  #: smallest font size of a formula, em of the text of the page (12.8 px)
 #: NARROW: a formula narrower than this (em) fits any window; MARGIN: factor by which fonts may be wider than estimated

@@ -28,7 +28,7 @@ __all__ = ["Entry", "Export", "export"]
 
 #: format -> function that writes it, and suffix of its files
 FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (languages.source, ".c"), "casadi": (text.casadi_text, ".py"),
-           "latex": (text.latex_text, ".tex")}  # fmt: skip
+           "latex": (text.latex_text, ".tex")}
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,7 +92,7 @@ class Export:
             if why_missing:
                 raise OptionError(f"name = {shown(name)}: the export of {self.program.title} lacks this function: {why_missing}")
             raise OptionError(f"name = {shown(name)}: the export of {self.program.title} has no such function; it has "
-                              f"{', '.join(self.program.functions)}")  # fmt: skip
+                              f"{', '.join(self.program.functions)}")
         if self.format == "c":
             return f"{languages.identifier(self.program.title)}_{name}"
         if self.format == "latex":
@@ -140,4 +140,4 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
     functions = program.functions.items()
     inputs = program.inputs if "x" in program.inputs else {**program.inputs, "signals": program.inputs.get("signals", ())}
     return Export(format, program, inputs, {name: f.outputs for name, f in functions},
-                  {name: f.arguments for name, f in functions}, program.pattern, program.missing)  # fmt: skip
+                  {name: f.arguments for name, f in functions}, program.pattern, program.missing)

@@ -29,9 +29,9 @@ def _calls(names: str) -> dict[str, Callable[..., str]]:
 
 #: functions and relations with equal syntax in C, CasADi and SymPy (_EQUAL); with them those common to C and CasADi (_NUMERIC)
 _EQUAL = _calls("sin cos tan sinh cosh tanh asin acos atan asinh acosh atanh atan2 log floor sign erf") | {
-    "StrictLessThan": _infix("<"), "LessThan": _infix("<=")}  # fmt: skip
+    "StrictLessThan": _infix("<"), "LessThan": _infix("<=")}
 _NUMERIC = _EQUAL | {"Equality": _infix("=="), "Unequality": _infix("!="), "BooleanTrue": lambda: "1",
-                     "BooleanFalse": lambda: "0"}  # fmt: skip
+                     "BooleanFalse": lambda: "0"}
 
 
 def _folded(name: str) -> Callable[..., str]:
@@ -88,20 +88,20 @@ def _sympy_number(e: Expr) -> str:
 C = Language(c_number, _power("1.0", "pow({0}, {1})", True), _NUMERIC | _calls(
     "Abs=fabs ceiling=ceil erfc gamma=tgamma loggamma=lgamma Not=!") | {
     "Max": _folded("fmax"), "Min": _folded("fmin"), "UnevaluatedExpr": lambda a: a, "And": _infix("&&"), "Or": _infix("||"),
-    "Piecewise": _chosen("({1} ? {0} : {2})", "NAN")})  # fmt: skip
+    "Piecewise": _chosen("({1} ? {0} : {2})", "NAN")})
 CASADI = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), _NUMERIC | _calls(
     "Abs=fabs ceiling=ceil Not=logic_not") | {
     "Max": _folded("fmax"), "Min": _folded("fmin"), "erfc": lambda a: f"(1 - erf({a}))", "And": _folded("logic_and"),
-    "Or": _folded("logic_or"), "Piecewise": _chosen("if_else({1}, {0}, {2})", 'float("nan")')})  # fmt: skip
+    "Or": _folded("logic_or"), "Piecewise": _chosen("if_else({1}, {0}, {2})", 'float("nan")')})
 SYMPY = Language(_sympy_number, _power("1", "({0} ** {1})", False), _EQUAL | _calls(
     "Abs ceiling erfc gamma loggamma Max Min And Or Not Equality=Eq Unequality=Ne") | {
-    "Piecewise": _pairs, "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False"})  # fmt: skip
+    "Piecewise": _pairs, "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False"})
 
 
 def described(entries: Sequence[Entry]) -> list[str]:
     """One line for each entry: number, name, unit, value."""
     return [f"[{i}] {e.name}{f', {e.unit}' if e.unit else ''}{'' if np.isnan(e.value) else f' = {e.value!r}'}"
-            for i, e in enumerate(entries)]  # fmt: skip
+            for i, e in enumerate(entries)]
 
 
 # -- A program as C99 that needs only libm: kernels as functions, operations as loops over constant tables
@@ -132,7 +132,7 @@ def header(program: Program) -> str:
         count = len(program.pattern[0])
         lines += [f"#define {name.upper()}_NNZ {count}", *(f"extern const int {name}_{w}[{count}];" for w in ("rows", "columns"))]
     lines += [f"extern const double {name}_{vector}_values[{len(entries)}]; /* the values above */"
-              for vector, entries in program.inputs.items() if vector != "t" and _valued(entries)]  # fmt: skip
+              for vector, entries in program.inputs.items() if vector != "t" and _valued(entries)]
     for f in program.functions.values():
         places = [f"   entries at the places {name}_rows, {name}_columns, all of the one matrix, then all of the other"]
         told = places if f.name == "jacobian" and program.pattern is not None else _listed(f.outputs)
@@ -180,9 +180,9 @@ class _File:
         known = "".join(place.with_name(f"{name}.inc").read_text(encoding="utf-8") for name in ("factors", "lookup"))
         helpers = [SIGN] * bool(re.search(r"\bsign\(", body))
         helpers += [re.sub(r"\bI\b", "int", found[0]) for found in re.finditer(r"^static \w+ (\w+)\(.*?^}\n", known, re.M | re.S)
-                    if f"{found[1]}(" in body]  # fmt: skip
+                    if f"{found[1]}(" in body]
         return "\n".join([f"/* {_comment(self.program.title)}: see the header for the vectors. Written by mbdae. */",
-                          "#include <math.h>", "#include <string.h>", "", *self._constants(), *helpers, body])  # fmt: skip
+                          "#include <math.h>", "#include <string.h>", "", *self._constants(), *helpers, body])
 
     def _constants(self) -> Iterator[str]:
         if self.program.pattern is not None:
@@ -227,7 +227,7 @@ class _File:
             return [f"lookup({self._table(step.tables['weight'])}, {count}, {at}, {side}, W + {f['first']});"]
         if kind == CHOLESKY:
             return [f"if (band_factors({count}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
-                    f"band_solve({count}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]  # fmt: skip
+                    f"band_solve({count}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]
         if kind == LU:
             return [f"if (full_solve({count}, {f['times']}, W + {f['first']}, W + {f['outputs']}) >= 0) return 1;"]
         if kind == POSITIVE:
@@ -266,7 +266,7 @@ class _File:
             return [f"for (int k = 0; k < {inputs}; k++) X[k] = W[{self._place(gather, 0)}];", f"{name}(X, W + {f['first']});"]
         return [f"for (int r = 0; r < {times}; r++) {{",
                 f"  for (int k = 0; k < {inputs}; k++) X[k] = W[{self._table(gather)}[r * {inputs} + k]];",
-                f"  {name}(X, W + {f['first']} + r * {f['outputs']});", "}"]  # fmt: skip
+                f"  {name}(X, W + {f['first']} + r * {f['outputs']});", "}"]
 
     def _kernel(self, kernel: Any, used: tuple[int, ...]) -> str:
         """Name of the C function of a kernel that writes the values with the numbers `used`; it is written once, even where

@@ -98,19 +98,19 @@ def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...
     asked = option("frames", frames if frames is not None else usual, sequence, f"give {count} words", each=word, words=words)
     if len(asked) != count:
         raise OptionError(f"frames = {shown(frames)}: {law.__name__} has {counted(count, 'frame')} ({', '.join(law.frames)}); "
-                          f"give one word for each")  # fmt: skip
+                          f"give one word for each")
     kinds = [NodeKind(one) for one in asked]
     law_ = law.symbolic(structure)
     units = getattr(law_, "coordinates", {})
     own = [NodeKind.ROTATION if name in units and units[name].unit == "rotation" else NodeKind.COORDINATE
-           for name in law_.own_coordinates]  # fmt: skip
+           for name in law_.own_coordinates]
     return tuple((kind, Axes.NORMAL if kind.flat else Axes.GENERAL) for kind in kinds) + tuple((k, Axes.GENERAL) for k in own)
 
 
 def _of_frames(title: str, d: Derived, values: Mapping[str, Any]) -> Program:
     found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
     made: Made = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
-                  if any(e != 0 for e in p.expressions)}  # fmt: skip
+                  if any(e != 0 for e in p.expressions)}
     derived, symbols = linearised_plan(d, _equations, Open.ALL), of.input_symbols(d)
     if derived.jacobian_places:
         stated, by = _named(d, derived.targets), dict(symbols)
@@ -130,7 +130,7 @@ def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:
             node = next(f.kind for f in d.frames if f.side == place[0])
             unit = node_units(node, "m")[head == "u"][place[1]]
             found.append(Entry(f"{place[0]}.{'force' if head == 'u' else 'kinematics'}[{place[1]}]",
-                               force_of(unit) if head == "u" else rate_of(unit)))  # fmt: skip
+                               force_of(unit) if head == "u" else rate_of(unit)))
         elif head in RATES:
             unit, word_ = rows[place[0]], {"g": "", "gd": " rate", "gdd": " acceleration"}[head]
             found.append(Entry(d.rows[place[0]] + word_, unit and unit + RATES[head]))
@@ -171,7 +171,7 @@ def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> P
         "mass": ("inertia per length between velocities", [(f"[{i}, {j}]", e) for (i, j), e in d.mass.items()]),
         "jacobian": ("derivatives of forces, then rows",
                      [(f"output {o} by {d.variables[i]}", e) for (o, i), e in d.derivatives.items()]),
-    }  # fmt: skip
+    }
     made: Made = {}
     for name, (meaning, table) in tables.items():
         if any(e != 0 for _, e in table):
@@ -192,10 +192,10 @@ def _program(title: str, made: Made, x: Mapping[str, str], law: Any, values: Map
         unit = units.get(stated, "m" if re.search(r"_p\d$", name) else "rad" if name.endswith("theta0") else "1")
         value = values.get(name)
         entries.append(Entry(name, unit + {"": "", "dot": "/s", "ddot": "/s^2"}[dots],
-                             float(value) if isinstance(value, int | float) else float("nan")))  # fmt: skip
+                             float(value) if isinstance(value, int | float) else float("nan")))
     slots = {"x": [(i, i) for i in range(len(unknown))], "p": [(i, len(unknown) + i) for i in range(len(parameters))]}
     program = Program(title, Operations(len(slot)), {"x": tuple(Entry(name, x[name]) for name in unknown), "p": tuple(entries)},
-                      slots)  # fmt: skip
+                      slots)
     for name, (kernel, outputs, meaning) in made.items():
         part = program.operations.part()
         at = kernel.emit(part, np.array([[slot[str(s)] for s in kernel.symbols]], dtype=np.intp).reshape(1, -1))

@@ -72,7 +72,7 @@ class Program:
         self.slots = {name: np.array(pairs, dtype=np.int64).reshape(-1, 2) for name, pairs in self.slots.items()}
 
     def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
-            part: Operations) -> None:  # fmt: skip
+            part: Operations) -> None:
         """Add a function. at: slots of its outputs; part: operations that compute them, of which those without influence on the
         outputs are left out. Signals, where there are any, are an argument of every function."""
         arguments = [*arguments, *(["signals"] if "signals" in self.inputs else [])]
@@ -85,7 +85,7 @@ class Program:
             if len(run):
                 begin.load(int(run[0]), W[run])
         self.functions[name] = Function(name, meaning, tuple(arguments), tuple(outputs), at, (*begin.steps, *steps),
-                                        frozenset(np.flatnonzero(live).tolist()))  # fmt: skip
+                                        frozenset(np.flatnonzero(live).tolist()))
 
     def given(self, vectors: Mapping[str, Any]) -> Array:
         """The array with the values of the inputs in their slots."""
@@ -122,7 +122,7 @@ def reach(step: Step, name: str) -> Index:
 def shifted(step: Step, by: int) -> Step:
     """The operation on slots that are `by` places higher."""
     slots = {CHOLESKY: ("first", "outputs"), LU: ("first", "outputs"), LOOKUP: ("first", "inputs", "outputs")}.get(
-        step.fields["kind"], ("first",))  # fmt: skip
+        step.fields["kind"], ("first",))
     fields = {name: value + by if name in slots else value for name, value in step.fields.items()}
     tables = {name: table + by * (name != "weight") for name, table in step.tables.items()}
     return Step(fields, tables, (step.slots[0] + by, step.slots[1] + by))
@@ -214,7 +214,7 @@ def _of_check(step: Step, live: NDArray[np.bool_]) -> Step:
 
 
 _USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve,
-         LOOKUP: _of_lookup}  # fmt: skip
+         LOOKUP: _of_lookup}
 
 
 # -- Names, units and values of the inputs and outputs of exported functions

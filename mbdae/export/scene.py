@@ -84,7 +84,7 @@ class _Made:
         y = tuple(map(Entry, system.names, units, system.y0.tolist()))
         rates = [Entry(f"d/dt {e.name}", rate_of(e.unit), v) for e, v in zip(y, system.yp0.tolist(), strict=True)]
         slots = {"t": [(0, self.e.at), (0, self.e.at + 1)], "y": [(i, i) for i in range(n)],
-                 "yp": [(i, self.dotted + i) for i in range(n)], "p": self.pairs, "signals": self.signal_pairs}  # fmt: skip
+                 "yp": [(i, self.dotted + i) for i in range(n)], "p": self.pairs, "signals": self.signal_pairs}
         vectors = {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)}
         vectors |= {"signals": tuple(self.signals)} if self.signals else {}
         return Program(title, self.operations, vectors, slots, self.numbers)
@@ -119,7 +119,7 @@ class _Made:
         if self.reactive():
             raise OptionError("form: one without multipliers solves for the joint forces by a formula, and there is none where "
                               "friction follows from these forces; export with form=mb.GGL() or "
-                              "mb.Index1(multipliers='derivatives')")  # fmt: skip
+                              "mb.Index1(multipliers='derivatives')")
         nb, e, n = self.numbering, self.e, self.assembly.n
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # then the operations of the Jacobian contain the residual's
@@ -192,9 +192,9 @@ def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated:
     out = part.zeros(6 * len(items))
     _emit_reactions(part, nb, base, out, items)
     names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
-             for i in range(3)]  # fmt: skip
+             for i in range(3)]
     program.add("joint_forces", "force and torque (about the joint) on body l, inertial components", arguments, names,
-                out + np.arange(6 * len(items)), part)  # fmt: skip
+                out + np.arange(6 * len(items)), part)
 
 
 def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[Operations, Numbering, int]:
@@ -205,7 +205,7 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
         raise OptionError("the forces of recursive joints, and of joints that hold beams at their nodes, follow from the "
                           f"accelerations of all bodies, in which the friction of {', '.join(map(repr, rubbing))} by the joint's "
                           "own force is nonlinear: no formula gives them. This is no mistake: residual and jacobian are "
-                          "exported without them")  # fmt: skip
+                          "exported without them")
     spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
     assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], False, open=Open.LAWS))
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}
@@ -228,15 +228,15 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
     nb, moved, model = made.numbering, made.assembly.moved, made.assembly.model
     found = [(every.node_place(head, node, i), nb.node_place(head, node, i))
              for node in model.nodes if node not in moved.nodes
-             for head, size in zip("qu", node.kind.sizes, strict=True) for i in range(size)]  # fmt: skip
+             for head, size in zip("qu", node.kind.sizes, strict=True) for i in range(size)]
     for tree_plan, trees in moved.plans():
         piece = tree_plan.motion_of_all
         values = piece.kernel.emit(part, moved.gather(nb, piece, trees))
         found += [(every.node_place(head, tree.node(node), i), value) for tree, row in zip(trees, values.tolist(), strict=True)
-                  for (head, node, i), value in zip(piece.targets, row, strict=True) if head != "up"]  # fmt: skip
+                  for (head, node, i), value in zip(piece.targets, row, strict=True) if head != "up"]
     for tree in moved.trees:
         found += [(every.node_place(head, tree.node(-c), 0), moved.slot(nb, tree, ("clock", c, order)))
-                  for _, c, _ in tree.driven for order, head in enumerate("qu")]  # fmt: skip
+                  for _, c, _ in tree.driven for order, head in enumerate("qu")]
     place = {name: nb.start["s"] + i for i, name in enumerate(nb.states.values())}
     return [*found, *((every.start["s"] + i, place[name]) for i, name in enumerate(every.states.values()))]
 

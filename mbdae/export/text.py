@@ -45,7 +45,7 @@ def derivation(program: Program, function: Function) -> Derivation:
 
     Matrices are solved by Gauss elimination, with pivots chosen at the values of the inputs."""
     vectors = {name: [se.Symbol("t" if name == "t" else f"{name}{i}") for i in range(len(program.inputs[name]))]
-               for name in function.arguments}  # fmt: skip
+               for name in function.arguments}
     found = _Symbols(program, function, vectors)
     outputs = [se.sympify(found.at(slot)) for slot in function.at]
     return Derivation(reached(found.steps, outputs), outputs, vectors)
@@ -58,7 +58,7 @@ def _matrix(step: Step, at: Callable[[int], Any], zero: Any) -> list[list[Any]]:
     if step.fields["kind"] == LU:
         return [[at(first + i * n + j) for j in range(n)] for i in range(n)]
     return [[at(first + max(i, j) * width + width - 1 - abs(i - j)) if abs(i - j) < width else zero for j in range(n)]
-            for i in range(n)]  # fmt: skip
+            for i in range(n)]
 
 
 def _pivots(program: Program, function: Function) -> Iterator[list[int]]:
@@ -75,7 +75,7 @@ def _pivots(program: Program, function: Function) -> Iterator[list[int]]:
                 if not sizes.max() > 0:
                     raise OptionError("what: the masses or constraints of the scene are singular at its start, where its "
                                       "accelerations have no formula; export format='c', which chooses its pivots as it "
-                                      "runs")  # fmt: skip
+                                      "runs")
                 order.append(k if sizes[0] >= DIAGONAL * sizes.max() else k + int(np.argmax(sizes)))
                 A[[k, order[-1]]] = A[[order[-1], k]]
                 A[k + 1 :] -= np.outer(A[k + 1 :, k] / A[k, k], A[k])
@@ -96,7 +96,7 @@ class _Symbols:
                 self._call(f, step.tables["from_"].reshape(f["times"], -1))
             elif kind == LOOKUP:
                 raise OptionError("what: the scene has a table (mb.table), which is no formula; export format='c', which holds "
-                                  "its points")  # fmt: skip
+                                  "its points")
             elif kind == LOAD:
                 self.W |= {f["first"] + i: _number(value) for i, value in enumerate(step.tables["weight"])}
             elif kind in (SET, ADD, MULTIPLY):
@@ -174,7 +174,7 @@ def _head(program: Program, library: str) -> list[str]:
     """First lines of a Python module: docstring with all names and units, values of the inputs, pattern of the Jacobian."""
     about = [line for vector, entries in program.inputs.items() if vector != "t" for line in (f"{vector}:", *described(entries))]
     about += [line for f in program.functions.values() if f.name != "jacobian"
-              for line in (f"{f.name}({', '.join(f.arguments)}): {f.meaning}", *described(f.outputs))]  # fmt: skip
+              for line in (f"{f.name}({', '.join(f.arguments)}): {f.meaning}", *described(f.outputs))]
     text = "\n".join([f"{program.title}. SI units, angles in rad. Written by mbdae.", "", *about])
     text = text.replace("\\", "/").replace('"""', "'''")
     lines = [f'"""{text}\n"""', "", f"from {library} import *", 'nan = float("nan")']
@@ -193,7 +193,7 @@ def sympy_text(program: Program) -> str:
     lines.append(f'w = symbols("w:{max((len(steps) for steps, _ in made.values()), default=0)}")')
     for name, (steps, outputs) in made.items():
         lines += ["", f"{name}_steps = [", *(f"({w}, {e})," for w, e in steps), "]", f"{name} = Matrix([",
-                  *(f"{e}," for e in outputs), "])"]  # fmt: skip
+                  *(f"{e}," for e in outputs), "])"]
     return "\n".join([*lines, ""])
 
 

@@ -47,11 +47,11 @@ class Checkpoint(ResumeFile):
         """Add a value, and write the file anew."""
         self.rows[parameter, value] = reference, cells
         self.store({"rows": [{"parameter": p, "value": v, "reference": r, "cells": [asdict(c) for c in row]}
-                             for (p, v), (r, row) in self.rows.items()]})  # fmt: skip
+                             for (p, v), (r, row) in self.rows.items()]})
 
 
 def checkpoint(path: Path | None, scene: Any, problem: Problem, values: Mapping[str, Sequence[float]],
-               runs: Sequence[Run] | None, accuracy: float) -> Checkpoint:  # fmt: skip
+               runs: Sequence[Run] | None, accuracy: float) -> Checkpoint:
     """The file of this map with its stored values; the file of another map is refused, with the difference. scene: as the user
     gave it, a scene or a function that returns one."""
     function = {} if path is None or isinstance(scene, SceneData) else reads(scene)
@@ -77,7 +77,7 @@ def _text(value: Any) -> str:
 @naming_arguments
 def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, runs: Sequence[Run] | None = None,
              accuracy: float = ACCURACY, measure: str | None = None, max_wall: float | None = MAX_WALL,
-             progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Extremes:  # fmt: skip
+             progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Extremes:
     """Run a scene at extreme values of its parameters: which methods reach the accuracy, and which fail to without saying so?
 
     Returns an `Extremes`. Raises OptionError for wrong arguments.

@@ -34,7 +34,7 @@ SURE = 1 / 3  #: a reference is certain where two methods differ by at most this
 #: (`Problem.resolving`)
 METHODS: tuple[tuple[Solver, float], ...] = (
     (RadauIIA(3), 100.0), (IDA(), 10.0), (RadauIIA(2), 10.0), (RadauIIA(3), 1000.0), (IDA(), 100.0),
-)  # fmt: skip
+)
 FLOOR = 1e-10
 PATIENCE = 3.0  #: ratio of the wall time allowed for a run of a reference to that of a judged run
 #: distance of the ends of a piece of the reference from a time at which an input may jump, in round-offs of the end time
@@ -197,7 +197,7 @@ def cell(problem: Problem, way: Way, value: float, accuracy: float, reference: R
         "value": value, "label": way.label, "solver": run.solver.label if run else "", "form": run.form.label if run and run.form
         else "", "model": models.model_label if models else None, "accuracy": accuracy,
         "t_end": problem.t_end,
-    }  # fmt: skip
+    }
     begin = time.process_time()
     try:
         with warnings.catch_warnings():
@@ -205,7 +205,7 @@ def cell(problem: Problem, way: Way, value: float, accuracy: float, reference: R
             variant: Any = with_models(scene, models) if models is not None else scene
             r: Result = variant.simulate(problem.t_end, accuracy, solver=run.solver if run else None,
                                          form=run.form if run else None, max_wall=problem.max_wall,
-                                         verify=run is not None and run.as_it_is)  # fmt: skip
+                                         verify=run is not None and run.as_it_is)
     except (MbdaeError, np.linalg.LinAlgError, ArithmeticError) as stop:
         name = "" if isinstance(stop, MbdaeError) else f"{type(stop).__name__}: "
         return Cell(**facts, verdict=FAILED, cpu_s=time.process_time() - begin, failure=name + " ".join(str(stop).split()))
@@ -220,4 +220,4 @@ def cell(problem: Problem, way: Way, value: float, accuracy: float, reference: R
     best = r.accuracy.verified if r.accuracy.verified is not None else r.accuracy.estimated
     known = best if best is not None and math.isfinite(best) else None
     return Cell(**facts, verdict=found, error=error if math.isfinite(error) else None, estimated=known, steps=r.stats.steps,
-                residuals=r.stats.residuals, warnings=tuple(" ".join(w.split()) for w in r.warnings))  # fmt: skip
+                residuals=r.stats.residuals, warnings=tuple(" ".join(w.split()) for w in r.warnings))

@@ -20,14 +20,14 @@ from mbdae.values import number, option, text
 #: matches numbers and details of failures: of several warnings or errors that are equal without these only the first is shown
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular[^;(]*"
                      r"|Convergence tests failed too many times, or reached min step size"
-                     r"|the step became smaller than the round-off of the time t")  # fmt: skip
+                     r"|the step became smaller than the round-off of the time t")
 #: mark of each verdict, also for readers who cannot tell the colours
 MARKS = {MET: "=", NEAR: "~", TOLD: "!", SILENT: "SILENT", FAILED: "x", UNKNOWN: "?"}
 #: background and text colours that differ in lightness and hue (Okabe and Ito's palette, lightened behind dark text)
 COLOURS = {
     MET: ("#cfe5f5", "#10334d"), NEAR: ("#8fc1e3", "#0b2536"), TOLD: ("#f6dca6", "#4d3300"), SILENT: ("#8a0f3c", "#ffffff"),
     FAILED: ("#e08e45", "#2b1500"), UNKNOWN: ("#e6e6e6", "#333333"),
-}  # fmt: skip
+}
 KINDS = {name: f"v{i}" for i, name in enumerate(VERDICTS)}
 STYLE = "".join(
     f".{KINDS[name]} {{ background: {back}; color: {front}; }}\n" for name, (back, front) in COLOURS.items()
@@ -107,7 +107,7 @@ class Extremes(Study):
             "scene": self.scene, "t_end": self.t_end, "accuracy": self.accuracy, "measure": self.measure, "error_is": self.what,
             "counts": self.counts, "blocks": [asdict(block) for block in self.blocks], "cpu_s": self.cpu_s,
             "environment": environment(),
-        })))  # fmt: skip
+        })))
 
     def table(self) -> str:
         """A grid per parameter, the reasons of failures, and the counts, as plain text."""
@@ -122,11 +122,11 @@ class Extremes(Study):
     def _page(self) -> str:
         wrong = "No run was silently wrong." if not self.silent else f"Silently wrong: {counted(len(self.silent), 'run')}."
         summary = (f'<p class="holds">{wrong}</p>\n<p>{counted(len(self.cells), "run")} to t = {self.t_end:g} s, accuracy '
-                   f"{self.accuracy:g} unless it is varied. Error: {escape(self.what)}.</p>\n")  # fmt: skip
+                   f"{self.accuracy:g} unless it is varied. Error: {escape(self.what)}.</p>\n")
         legend = "".join(f'<li><span class="swatch {KINDS[name]}">{MARKS[name]} {n}</span>'
                          f"<span><b>{name}</b>: {escape(VERDICTS[name])}</span></li>\n" for name, n in self.counts.items())
         note = ("A cell holds its mark and the largest error of the run; its other data show when it is pointed at, and "
-                "are in the JSON file.")  # fmt: skip
+                "are in the JSON file.")
         parts = [summary, section("legend", "Legend and counts", f'<ul class="legend">{legend}</ul>\n<p class="note">{note}</p>'),
                  *map(_block, range(len(self.blocks)), self.blocks), made_with(f"{self.cpu_s:.1f} s", environment())]
         return document(f"Extremes: {self.scene}", STYLE, parts)
@@ -159,7 +159,7 @@ def notes(block: Block) -> list[str]:
                 said.setdefault(alike, []).append(where)
     return [f"{kind}: {first.get((kind, sentence), sentence)} "
             f"({runs[0]}{' and ' + counted(len(runs) - 1, 'more run') if runs[1:] else ''})"
-            for (kind, sentence), runs in said.items()]  # fmt: skip
+            for (kind, sentence), runs in said.items()]
 
 
 def _block(i: int, block: Block) -> str:
@@ -188,7 +188,7 @@ def _remarks(block: Block) -> str:
     """List of uncertain references, and of warnings and errors of runs."""
     open_ = {cell.value for cell in block.cells if cell.verdict == UNKNOWN}  # at these values not all runs could be judged
     told = [f"not judged at {value:g}: reference {reference}"
-            for value, reference in zip(block.values, block.references, strict=True) if value in open_]  # fmt: skip
+            for value, reference in zip(block.values, block.references, strict=True) if value in open_]
     told += notes(block)
     if not told:
         return ""

@@ -89,7 +89,7 @@ def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointMod
 def stepped_ways(problem: Problem, h: float) -> list[Way]:
     """Runs with the constant step h (s), one for every method that has such a step."""
     return [Way(_label(replace(run, solver=replace(run.solver, step=None))), run)  # type: ignore[type-var]
-            for run in shipped_runs(not problem.constrained, h)]  # fmt: skip
+            for run in shipped_runs(not problem.constrained, h)]
 
 
 def _label(run: Run) -> str:
@@ -107,7 +107,7 @@ def asked_values(vary: Any) -> dict[str, tuple[float, ...]]:
     """The values by parameter; OptionError where `vary` is no such mapping, or a value is no number."""
     if not isinstance(vary, Mapping) or not vary or not all(isinstance(name, str) for name in vary):
         raise OptionError(f"vary = {shown(vary)}: give {{parameter: (low, high) or [values]}}, such as "
-                          "{'coupler.mass': (1e-3, 1e3)}")  # fmt: skip
+                          "{'coupler.mass': (1e-3, 1e3)}")
     return {name: _values(name, asked) for name, asked in vary.items()}
 
 
@@ -125,7 +125,7 @@ def _values(name: str, asked: Any) -> tuple[float, ...]:
         return given
     if given[0] * given[1] <= 0:
         raise OptionError(f"{parameter} = {shown(asked)}: a tuple means (low, high) with values by decades between, so that both "
-                          f"need the same sign and neither may be 0; give a list for single values: [..., ...]")  # fmt: skip
+                          f"need the same sign and neither may be 0; give a list for single values: [..., ...]")
     return ladder(*given)
 
 
@@ -176,7 +176,7 @@ def stated(scene: Any) -> SceneData:
         if made is not scene:
             raise OptionError(f"scene = {shown(scene)} returns {shown(made)}: let it return a mb.Scene")
         raise OptionError(f"scene = {shown(scene)}: give a mb.Scene, or a function scene(**parameters) with defaults "
-                          f"that returns one")  # fmt: skip
+                          f"that returns one")
     return made
 
 
@@ -215,7 +215,7 @@ def _of_item(base: SceneData, t_end: float, name: str, values: tuple[float, ...]
         return _stops([pulse.at(value), *pulses(others, t_end)])
 
     return Varied(name, values, lambda value: changed(base, name, value, t_end)[0],
-                  lambda value: t_end * changed(base, name, value, t_end)[1], stops)  # fmt: skip
+                  lambda value: t_end * changed(base, name, value, t_end)[1], stops)
 
 
 def _stops(found: list[Pulse]) -> list[float]:
@@ -236,7 +236,7 @@ def _refuse_unknown_argument(scene: Any, name: str) -> None:
     if name not in own:
         arguments = f"arguments of scene(): {', '.join(own)}; " if own else "scene() has no arguments; "
         raise OptionError(f"vary: there is nothing named '{name}'; {arguments}options of the run: {', '.join(OPTIONS)}; "
-                          f"or 'item.argument' of an item of the scene: {items_of(stated(scene))}")  # fmt: skip
+                          f"or 'item.argument' of an item of the scene: {items_of(stated(scene))}")
 
 
 def default_vary(scene: SceneData) -> dict[str, list[float]]:

@@ -131,7 +131,7 @@ def _merged(edges: Array, found: Array, same: float) -> Array:
     inside = found[(found > edges[0]) & (found < edges[-1])]
     if len(edges) + len(inside) > MOST:
         raise TooManyError(f"conditions or tables in the input change more than {MOST} times between {edges[0]:g} and "
-                           f"{edges[-1]:g} s: shorten the run, or give the mean of the input")  # fmt: skip
+                           f"{edges[-1]:g} s: shorten the run, or give the mean of the input")
     return distinct(np.concatenate([edges, inside]), same)
 
 
@@ -166,10 +166,10 @@ def _integers(u: Expr, edges: Array) -> Array:
     (low, high), = Enclosure(sided(u))(edges[:-1], edges[1:], (edges[1:] + edges[:-1]) / 2)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise TooManyError(f"{u}, of which the input takes the floor, may be infinite between {edges[0]:g} and {edges[-1]:g} s: "
-                           f"give an input that stays finite")  # fmt: skip
+                           f"give an input that stays finite")
     if np.max(high) - np.min(low) > MOST:
         raise TooManyError(f"floor({u}) in the input jumps more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s: "
-                           f"shorten the run, or give the mean of the input")  # fmt: skip
+                           f"shorten the run, or give the mean of the input")
     levels = np.arange(np.ceil(np.min(low)), np.floor(np.max(high)) + 1)
     slope = _slope(u)
     if slope.is_number and not switches(u):
@@ -200,7 +200,7 @@ def _isolated(u: Expr, edges: Array) -> Array:
             break
         if len(low) > MOST:
             raise TooManyError(f"a condition or floor in the input changes where {u} is 0, more than {MOST} times between "
-                               f"{edges[0]:g} and {edges[-1]:g} s: shorten the run, or give the mean of the input")  # fmt: skip
+                               f"{edges[0]:g} and {edges[-1]:g} s: shorten the run, or give the mean of the input")
         low, high, side = halves(low, high, side)
     a, b, side = (np.concatenate(parts) for parts in zip(*brackets, strict=True))
     return np.concatenate([*found, _bisected(Enclosure(inside), a, b, side)])
@@ -234,5 +234,5 @@ def beyond(e: Expr, t0: float, t1: float) -> str:
     for table, low, high in tables_read(e, t0, t1):
         if table.outside == "error" and not (table.t[0] - table.near <= low and high <= table.t[-1] + table.near):
             return (f"the table goes from {table.t[0]:g} to {table.t[-1]:g} s, and the run reads it from {low:g} to {high:g} s: "
-                    f"give a longer table, outside=\"hold\" or \"periodic\", or a run that stays within its times")  # fmt: skip
+                    f"give a longer table, outside=\"hold\" or \"periodic\", or a run that stays within its times")
     return ""

@@ -30,7 +30,7 @@ from mbdae.values import shown
 
 _NUMBER = "SymPy's functions, such as sympy.sin(mb.t) for math.sin(mb.t)"
 _CONDITION = ("sympy.Piecewise((a, condition), (b, True)), or sympy.Max, sympy.Min, sympy.sign, sympy.Heaviside, for what "
-              "switches")  # fmt: skip
+              "switches")
 
 
 @lru_cache(maxsize=1)
@@ -40,7 +40,7 @@ def teach() -> None:
     from sympy.core.relational import Relational
 
     known: dict[str, Callable[..., Any]] = {name: getattr(sp, name) for name in (
-        "sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")}  # fmt: skip
+        "sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")}
     known |= {"arc" + name: getattr(sp, "a" + name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
     known |= {
         "log2": lambda x: sp.log(x) / sp.log(2), "log10": lambda x: sp.log(x) / sp.log(10), "log1p": lambda x: sp.log(1 + x),
@@ -51,7 +51,7 @@ def teach() -> None:
         "rint": _refusal("np.rint and np.round", "sympy.floor(x + sympy.Rational(1, 2))"),
         "arctan2": _refusal("np.arctan2", "sympy.atan(y/x), which is the same where x > 0"),
         "cbrt": _refusal("np.cbrt", "x**sympy.Rational(1, 3), which is the same where x >= 0"),
-    }  # fmt: skip
+    }
     for name, function in known.items():
         if not hasattr(sp.Expr, name):
             setattr(sp.Expr, name, _method(function))
@@ -80,7 +80,7 @@ def _with_remedy(method: Callable[[Any], Any], with_sympy: str) -> Any:
         except TypeError as reason:
             if any(s.name == "t" for s in self.free_symbols if hasattr(s, "name")):
                 raise ExpressionError(f"{shown(self)} depends on mb.t and has no value before a run ({reason}): "
-                                      f"write {with_sympy}") from reason  # fmt: skip
+                                      f"write {with_sympy}") from reason
             raise
 
     return explained
@@ -91,7 +91,7 @@ def _with_remedy(method: Callable[[Any], Any], with_sympy: str) -> Any:
 MOST = 60
 FUNCTIONS = ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log")
 _OPERATORS: dict[str, Callable[..., Any]] = {
-    name: getattr(operator, name) for name in ("add", "sub", "mul", "truediv", "pow", "neg", "pos")}  # fmt: skip
+    name: getattr(operator, name) for name in ("add", "sub", "mul", "truediv", "pow", "neg", "pos")}
 
 
 @lru_cache(maxsize=1)
@@ -193,7 +193,7 @@ _ASKED: dict[str, Callable[..., Any]] = {
     "floordiv": operator.floordiv, "rmod": lambda a, b: b % a, "rfloordiv": lambda a, b: b // a, "divmod": divmod,
     "rdivmod": lambda a, b: divmod(b, a), "str": str, "repr": repr, "format": format, "float": float, "int": int,
     "complex": complex, "round": round, "floor": math.floor, "ceil": math.ceil, "trunc": math.trunc,
-}  # fmt: skip
+}
 for _name, _function in _ASKED.items():
     setattr(Timed, f"__{_name}__", _asked(_function))
 _TIME = Timed()

@@ -40,7 +40,7 @@ def table_range(table: Table, order: int, low: Array, high: Array, side: Array) 
     whole = _of_cubic(c[:, inner], np.zeros(len(inner)), _length(table, inner))
     i, j = i - table.first, j - table.first + len(inner) * turned
     between = [_between(f, np.tile(x, 2), i, j, none)
-               for f, x, none in ((np.minimum, whole[0], np.inf), (np.maximum, whole[1], -np.inf))]  # fmt: skip
+               for f, x, none in ((np.minimum, whole[0], np.inf), (np.maximum, whole[1], -np.inf))]
     least, most = np.minimum.reduce([first[0], last[0], between[0]]), np.maximum.reduce([first[1], last[1], between[1]])
     longer = high - low >= (table.period or np.inf)
     return np.where(longer, whole[0].min(), least), np.where(longer, whole[1].max(), most)
@@ -83,10 +83,10 @@ _RISING: dict[str, tuple[Callable[..., Any], float, float]] = {
     "asinh": (np.arcsinh, -np.inf, np.inf), "exp": (np.exp, -np.inf, np.inf), "log": (np.log, 0.0, np.inf),
     "asin": (np.arcsin, -1.0, 1.0), "acosh": (np.arccosh, 1.0, np.inf), "atanh": (np.arctanh, -1.0, 1.0),
     "floor": (np.floor, -np.inf, np.inf),
-}  # fmt: skip
+}
 _COMPARE: dict[str, Callable[..., Any]] = {
     "StrictLessThan": np.less, "LessThan": np.less_equal, "Equality": np.equal, "Unequality": np.not_equal,
-}  # fmt: skip
+}
 
 
 class Node(NamedTuple):
@@ -112,7 +112,7 @@ class Enclosure:
         self.roots = [at[e] for e in expressions]
 
     def all(self, low: Any, high: Any, side: Any,
-            tighter: Mapping[int, Callable[..., Bounds]] = MappingProxyType({})) -> list[Any]:  # fmt: skip
+            tighter: Mapping[int, Callable[..., Bounds]] = MappingProxyType({})) -> list[Any]:
         """Bounds of every node over intervals [low, high] (k,), with conditions and floors evaluated at times side (k,); of a
         condition, whether it holds (k,). tighter: by index of a node, a function (bounds, low, high, side) for closer bounds."""
         found: list[Any] = []
@@ -273,7 +273,7 @@ _RULES: dict[str, Callable[[Node, list[Any]], Any]] = {
     "And": lambda _, args: np.logical_and.reduce(args), "Or": lambda _, args: np.logical_or.reduce(args),
     "Not": lambda _, args: ~args[0], "Xor": lambda _, args: np.logical_xor.reduce(args),
     **dict.fromkeys(_RISING, _rising), **dict.fromkeys(_COMPARE, _compare),
-}  # fmt: skip
+}
 
 
 @lru_cache(maxsize=256)

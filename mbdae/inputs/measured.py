@@ -158,7 +158,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "rad/s": {"deg/s": np.pi / 180, "°/s": np.pi / 180, "rpm": np.pi / 30},
     "N": {"mN": 1e-3, "kN": 1e3, "MN": 1e6}, "N m": {"N mm": 1e-3, "Nmm": 1e-3, "Nm": 1.0, "kN m": 1e3, "kNm": 1e3},
     "Pa": {"kPa": 1e3, "bar": 1e5, "MPa": 1e6, "GPa": 1e9}, "kg": {"t": 1e3},
-}  # fmt: skip
+}
 SI = {other: si for si, factors in FACTORS.items() for other in factors}
 _HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
 FORMULAS = ("=", "+", "-", "@")  #: first signs of names that spreadsheets take for formulas
@@ -196,7 +196,7 @@ def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str
     columns = [_column(place, head, name) for name in names]
     factors = [_factor(place, head[c], x, i == 0) for i, (c, x) in enumerate(zip(columns, ("s", unit), strict=True))]
     times, values = ([factor * _number(place, line, head[c], row, c) for line, row in rows]
-                     for c, factor in zip(columns, factors, strict=True))  # fmt: skip
+                     for c, factor in zip(columns, factors, strict=True))
     try:
         found = tables.known(Table(times, values, kind, outside))
     except BadValueError as wrong_points:
@@ -214,13 +214,13 @@ def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
         lines = place.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise OptionError(f"the table '{place}' cannot be read: {error.strerror}; give the path of a file that exists and that "
-                          f"you may read") from None  # fmt: skip
+                          f"you may read") from None
     except UnicodeDecodeError:
         raise OptionError(f"the table '{place}' is no text in UTF-8; save it as CSV in UTF-8") from None
     kept = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     if not kept:
         raise OptionError(f"the table '{place}' is empty, or has comments (#) alone: give a file with names of columns in "
-                          f"its first line and numbers below")  # fmt: skip
+                          f"its first line and numbers below")
     sign = next((s for s in (";", ",", "\t") if s in kept[0][1]), None)
     split = [row if sign else " ".join(row).split() for row in csv.reader((line for _, line in kept), delimiter=sign or " ")]
     if not sign:
@@ -265,14 +265,14 @@ def _factor(place: Path, head: str, wanted: str | None, is_time: bool) -> float:
     column = f"column {head!r} of '{place}'"
     if not stated:
         raise OptionError(f"{column} states no unit to convert to unit={wanted!r}; leave unit= out to take its numbers as they "
-                          f"stand, or name the column '{head} [...]' in the file, with their unit")  # fmt: skip
+                          f"stand, or name the column '{head} [...]' in the file, with their unit")
     if wanted is None:
         raise OptionError(f"{column} is in {stated!r}; give unit={SI[stated]!r} to have it converted, or unit={stated!r} to "
-                          f"take its numbers as they stand")  # fmt: skip
+                          f"take its numbers as they stand")
     if is_time:
         raise OptionError(f"{column} is in {stated!r}, which is not converted to s; give times in s, {', '.join(FACTORS['s'])}")
     raise OptionError(f"{column} is in {stated!r}, which cannot be converted to unit={wanted!r}; convert the column in the file, "
-                      f"or give unit={stated!r} to take its numbers as they stand")  # fmt: skip
+                      f"or give unit={stated!r} to take its numbers as they stand")
 
 
 def _number(place: Path, line: int, head: str, row: Sequence[str], column: int) -> float:

@@ -136,7 +136,7 @@ def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLE
             break
         if len(low) > MOST:
             raise TooManyError(f"the input varies so fast that more than {MOST} intervals between {edges[0]:g} and "
-                               f"{edges[-1]:g} s are needed: shorten the run, or give the mean of the input")  # fmt: skip
+                               f"{edges[-1]:g} s are needed: shorten the run, or give the mean of the input")
         low, high, side = halves(low, high, side)
     return Stretches(distinct(np.concatenate([*done, edges])), tuple(poles), kinks)
 
@@ -241,7 +241,7 @@ def _is_exponential(e: Expr) -> bool:
 
 def _functions_inside(u: Expr) -> bool:
     return any(len(node.args) == 1 or isinstance(node, se.Piecewise | se.FunctionSymbol) or _is_exponential(node)
-               for node in nodes(u))  # fmt: skip
+               for node in nodes(u))
 
 
 _SCALES = scales(SATURATED, np.inf)
@@ -264,7 +264,7 @@ _STRETCHES: dict[str, Callable[[Any, Any], Any]] = {
     "log": _logarithmic, "tan": lambda a, b: np.where(b - a > 3, np.inf, _tangents(a, b)),
     "asin": _difference(lambda u: np.arcsin(np.clip(u, -1, 1))), "acos": _difference(lambda u: np.arccos(np.clip(u, -1, 1))),
     "acosh": _difference(lambda u: np.arccosh(np.maximum(u, 1))), "atanh": _difference(lambda u: np.arctanh(np.clip(u, -1, 1))),
-}  # fmt: skip
+}
 
 
 def _tangents(a: Any, b: Any) -> Any:

@@ -62,7 +62,7 @@ def _without_steps(e: Any) -> Any:
         sp.Heaviside: lambda x, at_zero=None: (1 + sp.sign(x)) / 2,
         sp.Mod: lambda x, period: x - period * sp.floor(x / period), sp.frac: lambda x: x - sp.floor(x),
         sp.ITE: lambda c, a, b: sp.Or(sp.And(c, a), sp.And(sp.Not(c), b)),
-    }  # fmt: skip
+    }
     for function, rule in rules.items():
         e = e.replace(function, rule)
     return e
@@ -151,6 +151,6 @@ def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:
         return
     if path_of(others[0]):
         raise BadValueError(f"{shown(value)} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
-                            f"alone; loads, states and signals may depend on sensors")  # fmt: skip
+                            f"alone; loads, states and signals may depend on sensors")
     allowed = "mb.t and sensors, s.sensor(path)," if sensors else "mb.t"
     raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; only {allowed} may appear: put a number in its place")

@@ -119,7 +119,7 @@ class Table:
         turns = np.arange(np.floor((x0 - self.t[0]) / self.period), np.ceil((x1 - self.t[0]) / self.period))
         if len(turns) * len(self.t) > MOST_POINTS:
             raise BadValueError(f"the input reads a periodic table at times from {x0:g} to {x1:g} s, where it has more than "
-                                f"{MOST_POINTS} points with its repetitions: shorten the run, or give its mean")  # fmt: skip
+                                f"{MOST_POINTS} points with its repetitions: shorten the run, or give its mean")
         all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
         return all_points[(all_points > x0) & (all_points < x1)]
 
@@ -142,10 +142,10 @@ def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
         i = int(falling[0])
         relation = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "closer than any time step"
         raise BadValueError(f"t[{i}] = {float(t[i])!r} and t[{i + 1}] = {float(t[i + 1])!r} are {relation}: give rising "
-                            f"times that steps can tell apart, one value for each (a jump: kind=\"step\")")  # fmt: skip
+                            f"times that steps can tell apart, one value for each (a jump: kind=\"step\")")
     if outside == "periodic" and values[0] != values[-1]:
         raise BadValueError(f"a periodic table ends with the value with which it begins, not with {float(values[-1])!r} "
-                            f"after {float(values[0])!r}: append the first value, a period after its time")  # fmt: skip
+                            f"after {float(values[0])!r}: append the first value, a period after its time")
     return t, values
 
 
@@ -238,10 +238,10 @@ def from_data(name: str, data: Any) -> None:
         table = Table(t, values, data["kind"], data["outside"])
     except (KeyError, TypeError, ValueError) as error:
         raise BadValueError(f"the stored points of its table cannot be read ({type(error).__name__}: {error}): the data were "
-                            f"changed or damaged; store them again") from None  # fmt: skip
+                            f"changed or damaged; store them again") from None
     if table.name != name:
         raise BadValueError("the points of its table are not those with which it was stored: the data were changed or damaged; "
-                            "store them again")  # fmt: skip
+                            "store them again")
     known(table)
 
 

@@ -26,7 +26,7 @@ TIME = se.Symbol("t")
 FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
     "floor",
-)  # fmt: skip
+)
 #: most characters of a text that is read or written; most levels of brackets, signs and right-hand operands inside each other
 LONGEST, DEEPEST = 100_000, 120
 #: most bits of an integer that arises while a text is read, and largest exponent: far more than in doubles written as fractions,
@@ -36,11 +36,11 @@ MOST_DIGITS = int(MOST_BITS * math.log10(2))  #: MOST_BITS in decimal digits, fo
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
                     r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
-                    r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>&|~]))", re.ASCII)  # fmt: skip
+                    r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>&|~]))", re.ASCII)
 _CONSTANTS: dict[str, Any] = {
     "t": TIME, "pi": se.pi, "E": se.E, "GoldenRatio": se.GoldenRatio, "EulerGamma": se.EulerGamma, "Catalan": se.Catalan,
     "True": se.true, "False": se.false,
-}  # fmt: skip
+}
 _NUMBERS = ("Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "Half")
 _PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "EulerGamma", "Catalan", "Add", "Mul", "Pow", "Symbol"}
 _RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
@@ -57,7 +57,7 @@ _FUNCTIONS: dict[str, tuple[int | None, Callable[..., Any]]] = {
     **dict.fromkeys(("Max", "max"), (None, se.Max)), **dict.fromkeys(("Min", "min"), (None, se.Min)),
     "Mod": (2, lambda a, b: a - b * se.floor(a / b)),
     "frac": (1, lambda a: a - se.floor(a)), "Heaviside": (1, lambda a: (1 + se.sign(a)) / 2),
-}  # fmt: skip
+}
 
 
 # ---- writing -------------------------------------------------------------------------------------------------------------
@@ -132,7 +132,7 @@ def whole(text: Any) -> Expr:
             if str(part).lstrip("-") in ("zoo", "oo", "nan"):
                 raise ValueError("it contains a division by zero or an infinite number: give finite numbers")
             raise ValueError(f"it contains '{part}', which is neither a real number nor a function that expressions of t may "
-                             f"use: leave it out")  # fmt: skip
+                             f"use: leave it out")
     return e
 
 
@@ -173,7 +173,7 @@ class _Reader:
         while _STRENGTH.get(self._next(), 0) > strength:
             sign = self._next()
             left = self._chain(left, sign) if sign in "+-*/" else self._joined(left, sign) if sign in _JOINED else self._pair(
-                left, sign)  # fmt: skip
+                left, sign)
         self.depth -= 1
         return left
 
@@ -291,7 +291,7 @@ def _quoted(token: str) -> str:
 def _value(part: _Read) -> _Read:
     if is_condition(part.e):
         raise ValueError(f"the condition {shown(part.e)} stands where a number is expected: give a number that depends on it, "
-                         f"such as Piecewise((1, t > 2), (0, True))")  # fmt: skip
+                         f"such as Piecewise((1, t > 2), (0, True))")
     return part
 
 

@@ -38,7 +38,7 @@ def expression(value: Any, sensors: bool = False) -> Expr:
         value = _of_symengine(value)
     if callable(value) and not isinstance(value, type) and not hasattr(value, "free_symbols"):
         raise BadValueError(f"{shown(value)} is a function of Python: write what it returns as an expression of mb.t, with the "
-                            f"functions of SymPy, such as 2*sympy.sin(3*mb.t)")  # fmt: skip
+                            f"functions of SymPy, such as 2*sympy.sin(3*mb.t)")
     if not _has_symbols(value):
         return _plain_number(value)
     _refuse_other_time(value)
@@ -101,7 +101,7 @@ def _refuse_other_time(value: Any) -> None:
         assumed = getattr(symbol, "_assumptions_orig", {}) if str(symbol) == str(TIME) else {}
         if set(assumed) - {"real", "commutative"}:
             raise BadValueError(f"{shown(value)} contains a symbol t of its own ({', '.join(map(str, assumed))}), which is not "
-                                f"mb.t: use mb.t")  # fmt: skip
+                                f"mb.t: use mb.t")
 
 
 def _has_symbols(value: Any) -> bool:
@@ -134,7 +134,7 @@ def _with_plain_numbers(e: Expr) -> Expr:
             import sympy
 
             raise BadValueError(f"{shown(e)} contains the number {sympy.sympify(node).n(6)}, which is not a real number of "
-                                f"double precision: give real numbers up to 1.8e308")  # fmt: skip
+                                f"double precision: give real numbers up to 1.8e308")
         return se.RealDouble(float(node)) if type(node).__name__ == "RealMPFR" else None
 
     return rebuilt(e, rule)
@@ -218,7 +218,7 @@ class Split(NamedTuple):
     def with_lookups(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Times and sides (k, 2) with the values of the tables as further columns."""
         read = [found.table.lookup(a * inputs[:, column] + b, a * inputs[:, 1] + b, found.order)
-                for found, a, b, column in self.readings]  # fmt: skip
+                for found, a, b, column in self.readings]
         return np.column_stack([inputs, *read]) if read else inputs
 
 

@@ -84,7 +84,7 @@ class AlphaStep:
         self.stabilised = m > 0
         # where u', s', (z, lambda) and eta are in the vector x of the unknowns of a step
         self.xu, self.xs, self.xz, self.xe = (slice(s.start - self.nq, s.stop - self.nq)
-                                              for s in (self.u, self.s, self.algebraic, self.mu))  # fmt: skip
+                                              for s in (self.u, self.s, self.algebraic, self.mu))
         self.t, self.y, self.yp = float(system.t0), system.y0.copy(), system.yp0.copy()
         self.a, self.w = self.yp[self.u].copy(), self.yp[self.s].copy()
         scale = np.asarray(system.scale, dtype=float)
@@ -151,7 +151,7 @@ class AlphaStep:
 
     def _jacobian(self, t: float, y: Array, yp: Array) -> None:
         self._fy, self._fyp = (as_csc(self.system, part) if self.system.sparse else part
-                               for part in self.system.jacobian_parts(t, y, yp))  # fmt: skip
+                               for part in self.system.jacobian_parts(t, y, yp))
         self.stats.jacobians += 1
 
     def _directions(self) -> None:
@@ -300,7 +300,7 @@ class AlphaStep:
         share = np.abs(self._correction) / (np.abs(self._x) + self._columns)
         worst = self.nq + largest(np.where(np.isfinite(share), share, inf))
         return StepFailedError("Newton's iteration diverges (take shorter steps), or round-off keeps it above its "
-                               "tolerance (take longer ones)", names[worst])  # fmt: skip
+                               "tolerance (take longer ones)", names[worst])
 
     # -- going on
 

@@ -128,7 +128,7 @@ class Solver(ABC):
         measured = self.factors.get(self.label) or {k: v for table in self.factors.values() for k, v in table.items()}
         if not measured:
             raise OptionError(f"{self.label} is given an accuracy, but its class states no `factors` (rtol over accuracy, by "
-                              "form), so the rtol for it is not known: give rtol, or state `factors` in the class")  # fmt: skip
+                              "form), so the rtol for it is not known: give rtol, or state `factors` in the class")
         return measured.get(form_label, min(measured.values()))
 
     def aimed(self, form_label: str) -> float | None:
@@ -153,13 +153,13 @@ class Solver(ABC):
         if rtol < tightest * (1 - 1e-9):
             raise OptionError(f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} with form {form_label}, where "
                               f"the least that round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} "
-                              "or more")  # fmt: skip
+                              "or more")
         return replace(self, rtol=min(rtol, 0.1))  # type: ignore[type-var]
 
     def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None, *,
               max_wall: float | None = None, progress: Callable[[float, float, Stats], None] | None = None,
               h0: float | None = None, max_residuals: float | None = None, begin: float | None = None,
-              share: float | None = None) -> Solution:  # fmt: skip
+              share: float | None = None) -> Solution:
         """Integrate from system.t0 to t_end.
 
         outputs: number of equally spaced times, or the times; max_wall: s of wall time before a SolverError;
@@ -171,7 +171,7 @@ class Solver(ABC):
         System. Ctrl-C raises KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
         asked = Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals,
-                         begin=begin, share=share)  # fmt: skip
+                         begin=begin, share=share)
         if doubt := system.doubt(asked.t_end - float(system.t0)):
             warn(doubt)
         return said(self.run(system, asked))
@@ -186,7 +186,7 @@ class Solver(ABC):
             record = Record(keeper, solver.restarts, what) if (keeper := active()) else None
             with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
                           asked.begin, asked.stop, record, asked.impacts) as loop, (
-                              nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
+                              nullcontext() if record is None else record.guarding(loop)):
                 solver._between_breaks(loop, asked)
                 came(solution := loop.solution())
             return solution
@@ -271,7 +271,7 @@ class Asked:
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,
-           max_residuals: Any = None, begin: Any = None, share: Any = None) -> Self:  # fmt: skip
+           max_residuals: Any = None, begin: Any = None, share: Any = None) -> Self:
         """Read and check all arguments before the run begins."""
         option("system", system, of_class, "give a mb.DAE, or the equations of a scene, scene.system()", base=System)
         end = end_after(system.t0, t_end)
@@ -285,7 +285,7 @@ class Asked:
             optional("h0", h0, number, seconds, above=0), inf if budget is None else budget,
             optional("begin", begin, number, "give a value of time.perf_counter(), or None"),
             optional("share", share, number, "give a part of the width of an input, or None", above=0, most=1),
-        )  # fmt: skip
+        )
 
 
 def check_start(system: System) -> None:
@@ -295,7 +295,7 @@ def check_start(system: System) -> None:
     if not np.isfinite(start).all():
         row = int(np.flatnonzero(~np.isfinite(start))[0])
         raise OptionError(f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0:g} s: check its "
-                          "parameters and the start values it uses")  # fmt: skip
+                          "parameters and the start values it uses")
 
 
 def end_after(t0: float, t_end: Any) -> float:
@@ -307,7 +307,7 @@ def end_after(t0: float, t_end: Any) -> float:
 def output_times(t0: float, t_end: float, outputs: Any) -> Array:
     """Output times (k,); a whole number stands for that many equally spaced times, both ends included."""
     remedy = (f"give a number of times, 2 or more (start and end are among them), or increasing times in s from {t0:g} to "
-              f"{t_end:g}")  # fmt: skip
+              f"{t_end:g}")
     if not several(outputs):
         count: int = option("outputs", outputs, whole, remedy, least=2, most=MOST_OUTPUTS)
         return np.linspace(t0, t_end, count)
@@ -320,14 +320,14 @@ def output_times(t0: float, t_end: float, outputs: Any) -> Array:
     if len(falling):
         k = int(falling[0])
         raise OptionError(f"outputs = {shown(outputs)}: outputs[{k + 1}] = {times[k + 1]:g} s is not after outputs[{k}] = "
-                          f"{times[k]:g} s: {remedy}")  # fmt: skip
+                          f"{times[k]:g} s: {remedy}")
     return times
 
 
 def set_tolerances(solver: Any) -> None:
     """Read and check rtol (None, or 1e-15 to 0.1) and atol (None, positive, or n positive numbers) of a solver."""
     set_option(solver, "rtol", number, "give a relative tolerance from 1e-15 to 0.1, or None to have it follow from the accuracy",
-               least=1e-15, most=1e-1)  # fmt: skip
+               least=1e-15, most=1e-1)
     set_option(solver, "atol", _magnitudes, "give a positive number, one per unknown, or None for rtol times the scale of each")
 
 

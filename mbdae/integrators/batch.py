@@ -66,12 +66,12 @@ def refuse_watched(system: System, t_end: float) -> None:
     if is_watched(system, t_end):
         raise OptionError("numbers: the contacts, switching laws, sampled controllers or breaks of inputs of this scene are "
                           "watched with the numbers stated in the scene, so these cannot vary in a batch; build a scene for "
-                          "every value, and solve them one by one")  # fmt: skip
+                          "every value, and solve them one by one")
 
 
 def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any = None,
                 numbers: Mapping[str, Any] | None = None, outputs: Any = None, max_wall: float | None = None,
-                progress: Progress | None = None) -> Batch:  # fmt: skip
+                progress: Progress | None = None) -> Batch:
     """Integrate the same equations at k points, one after the other, from system.t0 to t_end (s).
 
     solver: mb.DOP853 with its tolerances, which hold at all points; starts: y (k, n) or (n,) at t0, by default that of the
@@ -113,12 +113,12 @@ class _Points:
         if y.ndim != 2 or y.shape[1] != system.n:
             raise OptionError(f"starts has shape {y.shape}: {remedy}")
         rows = [np.atleast_1d(option(f"numbers: {name}", values, array, "give its values, one per point"))
-                for name, values in numbers.items()]  # fmt: skip
+                for name, values in numbers.items()]
         counts = {len(part) for part in (y, *rows)} - {1} or {1}
         if len(counts) > 1 or 0 in counts or any(row.ndim != 1 for row in rows):
             shapes = ", ".join([f"starts {y.shape}", *(f"{name} {row.shape}" for name, row in zip(numbers, rows, strict=True))])
             raise OptionError("a batch needs of starts and of every number either one for all points, or one per point and "
-                              f"equally many of each; the shapes given are: {shapes}")  # fmt: skip
+                              f"equally many of each; the shapes given are: {shapes}")
         k = counts.pop()
         at = system.numbers(list(numbers)) if rows else None
         values = np.array([np.broadcast_to(row, k) for row in rows]).reshape(len(rows), k)
@@ -238,7 +238,7 @@ class _Run:
         if ended or (self.asked.max_wall is not None and spent > self.asked.max_wall and done < len(self.points)):
             raise WallClockError(f"max_wall = {self.asked.max_wall:g} s of wall time is used up: {done} of {len(self.points)} "
                                  "points are done; raise max_wall or loosen the tolerance",
-                                 self.system.t0, "", self._made())  # fmt: skip
+                                 self.system.t0, "", self._made())
         if self.tell is not None and (spent - self.told > PERIOD or done == len(self.points)):
             self.told = spent
             self.tell(done, len(self.points))

@@ -43,7 +43,7 @@ class Endless(NamedTuple):
         return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, while the motion "
                 "stays there to within the tolerance. Its value jumps there and drives the motion back from both sides, "
                 "as on-off control and friction by the sign of a rate do: give the jump a width, as in tanh(x/width), state "
-                "mb.Coulomb friction, or switch at the instants of s.controller(...)")  # fmt: skip
+                "mb.Coulomb friction, or switch at the instants of s.controller(...)")
 
 
 class Chattering:

@@ -111,7 +111,7 @@ class CollocationStep:
         self.t = float(system.t0)
         order = np.asarray(system.index, dtype=float) - 1.0
         self.run = Run(self.newton, None if table.stiffly_accurate else rates_of(system), demand.atol, order, demand.rtol,
-                       system.time, demand.target, demand.limit)  # fmt: skip
+                       system.time, demand.target, demand.limit)
         self.y, self.yp = self.run.y, self.run.yp
         self.y[:], self.yp[:] = system.y0, system.yp0
         # with contacts the Jacobian is evaluated at the start of a step: at the predicted state other contacts may be closed

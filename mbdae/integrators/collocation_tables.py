@@ -69,7 +69,7 @@ class CollocationTable:
             if not np.abs(defect).max() < EXACT:
                 raise OptionError(f"nodes {self.c.tolist()}, order {self.order}: the {condition} condition is off "
                                   f"by {np.abs(defect).max():.1e} in the coefficients made of them: give the order that the "
-                                  "quadrature on these nodes has, or nodes farther apart")  # fmt: skip
+                                  "quadrature on these nodes has, or nodes farther apart")
 
     @property
     def stiffly_accurate(self) -> bool:

@@ -29,9 +29,9 @@ def check_rates(label: str, system: System) -> None:
     if any(kind in ("lambda", "mu") for kind in system.kinds):
         raise OptionError(f"{needs} ({system.label}) has multipliers of constraints, or other algebraic unknowns: use "
                           "mb.RadauIIA(3); or, for a scene, form=mb.Index1(multipliers='eliminated'), which solves for the "
-                          "multipliers at every state, or s.recursive() if its joints form a tree")  # fmt: skip
+                          "multipliers at every state, or s.recursive() if its joints form a tree")
     raise OptionError(f"{needs} ({system.label}) gives only F(t, y, y') = 0, no right-hand side: use mb.IDA() or mb.RadauIIA(3), "
-                      f"or give the DAE its rhs=, a function (t, y, out) that fills out with y'")  # fmt: skip
+                      f"or give the DAE its rhs=, a function (t, y, out) that fills out with y'")
 
 
 def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
@@ -65,7 +65,7 @@ SINGULAR = "the iteration matrix is singular: the position is singular, or the e
 def not_finite(equation: str, t: float) -> str:
     """What a message says of an equation that has no finite value at t, s."""
     return (f"equation {equation} is not finite near t = {t:.9g} s: look in it for a division by 0, a root or logarithm of a "
-            "negative number, or values that grow beyond bounds, as with too long steps")  # fmt: skip
+            "negative number, or values that grow beyond bounds, as with too long steps")
 
 
 class StepFailedError(Exception):

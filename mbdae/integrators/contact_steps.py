@@ -161,7 +161,7 @@ class ContactSteps:
         Python functions."""
         made = getattr(self.system.guards, "native", None)
         return None if made is None else made({"impact": self.impact, "approach": APPROACH, "rest": REST, "margin": MARGIN,
-                                               "slope": SLOPE, "change": CHANGE, "round": ROUND})  # fmt: skip
+                                               "slope": SLOPE, "change": CHANGE, "round": ROUND})
 
     def given(self) -> Contacts | None:
         """The tables `native`, after the contacts at the last accepted step have been written to them; None for guards in

@@ -176,7 +176,7 @@ def cut(interpolant: Any, t: float) -> Any:
         table, width = interpolant.table, t - steps[-2]
         inner = interpolant.value(steps[-2] + width * table.c[:-1]) - y[-1]
         return Collocation(table, steps, np.concatenate([y, end]), np.concatenate([interpolant.inner[:last], inner[None]]),
-                           np.concatenate([interpolant.ends[:last], end]))  # fmt: skip
+                           np.concatenate([interpolant.ends[:last], end]))
     rates = np.concatenate([interpolant.yp[: last + 1], interpolant.derivative(times)])
     return Hermite(steps, np.concatenate([y, end]), rates, 2)
 

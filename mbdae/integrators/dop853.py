@@ -187,7 +187,7 @@ class _Run:
         loop = self.loop
         made = self._advanced(loop.t, rows, longest)
         while self.watch is not None and not made.code and len(made.t) < rows and made.t[-1] < loop.t_end \
-                and loop.evaluations_left >= 0:  # fmt: skip
+                and loop.evaluations_left >= 0:
             loop.guard()
             more = self._advanced(float(made.t[-1]), rows - len(made.t), longest)
             made = made.then(more)
@@ -217,7 +217,7 @@ class _Run:
         loop, (y, yp) = self.loop, self.loop.state
         nearest_contact, F = "" if self.watch is None else self.watch.nearest(), np.empty(self.system.n)
         text = ("the step became smaller than the round-off of the time t: see whether a force jumps or grows without bound "
-                f"there, or, where the motion is stiff, use mb.RadauIIA(3){nearest_contact}")  # fmt: skip
+                f"there, or, where the motion is stiff, use mb.RadauIIA(3){nearest_contact}")
         for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # F at the last state, and just after it
             self.system.residual(loop.t + h, y + h * yp, yp, F)  # raises an error where accelerations are not determined
             if not np.isfinite(F).all():

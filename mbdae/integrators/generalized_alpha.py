@@ -63,7 +63,7 @@ class _Alpha(Stepped):
         if forces.any() and not np.any(system.jacobian_parts(system.t0, system.y0, system.yp0)[0][..., columns]):
             raise OptionError(f"{self.label} needs the multipliers (constraint forces) themselves as unknowns, this system "
                               f"({system.label}) contains only their derivatives: for a scene use mb.GGL(algebraic=True), for "
-                              "mb.DAE let the residual contain the multipliers")  # fmt: skip
+                              "mb.DAE let the residual contain the multipliers")
 
     def doubts(self, system: System) -> list[str]:
         """Warnings about known weaknesses of the method with the present options."""
@@ -113,7 +113,7 @@ class GeneralizedAlpha(_Alpha):
 
     def __post_init__(self) -> None:
         set_option(self, "rho", number, "give the spectral radius for high frequencies, 0 to 1 (0.6 to 0.8 serve most)",
-                   least=0, most=1)  # fmt: skip
+                   least=0, most=1)
         self._set_step()
 
     @property
@@ -142,7 +142,7 @@ class HHT(_Alpha):
 
     def __post_init__(self) -> None:
         set_option(self, "alpha", number, "give 0 (Newmark) to 1/3 (most damping), or the same values below 0, as Hughes counts",
-                   least=-1 / 3, most=1 / 3)  # fmt: skip
+                   least=-1 / 3, most=1 / 3)
         self._set_step()
 
     @property

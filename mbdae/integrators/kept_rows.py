@@ -243,7 +243,7 @@ def _joined(parts: tuple[Any, ...], rows: Sequence[Any]) -> tuple[Any, ...]:
 def _say_full(reason: str) -> None:
     """Once in a process for every reason, not for every array of every run."""
     say(f"steps of runs stay in memory: they cannot be written to the folder for temporary files ({reason}); let TMPDIR name a "
-        f"folder on a disk with room")  # fmt: skip
+        f"folder on a disk with room")
 
 
 def _put(file: Any, place: int, rows: Array) -> None:

@@ -200,7 +200,7 @@ class StepLoop:
         now = time.perf_counter()
         if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: raise max_wall, or loosen the "
-                               "accuracy", "", WallClockError)  # fmt: skip
+                               "accuracy", "", WallClockError)
         try:
             check("steps were made")
         except WallClockError as over:
@@ -300,7 +300,7 @@ class StepLoop:
                               f"arrays, so they cannot be stored: let it keep arrays, or run it without checkpoint=")
         inner = np.array([piece for piece in pieces if piece is not None])
         return {"t": np.array(self._t[first + 1 : last + 1]), "y": y, "yp": yp, "have": have, "inner": inner,
-                "anew": anew, "after": after}  # fmt: skip
+                "anew": anew, "after": after}
 
     def give_back(self, parts: Sequence[dict[str, Any] | None], count: int) -> None:
         """Append steps of an earlier process, up to `count` steps in all. parts: their arrays, as of `steps_between`."""

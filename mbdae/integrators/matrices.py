@@ -263,7 +263,7 @@ class IterationMatrix(Matrix):
         pattern = system.sparsity if system.pattern is None else system.pattern
         entries = Entries.full(system.n) if pattern is None else _entries(system, pattern)
         super().__init__(entries, system.scale, np.asarray(system.index) - 1.0, real, pairs,
-                         () if pattern is None else searches(system.kinds))  # fmt: skip
+                         () if pattern is None else searches(system.kinds))
         self.system = system
         if system.kept is not None and self.orders.searches:
             self.orders.present = self._first_order(system.kept)

@@ -122,7 +122,7 @@ def _slopes(steps: tuple[int, ...], errors: Array) -> Array:
 
 @naming_arguments
 def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps: Any = STEPS,
-                  exact: Callable[[Array], Array] | None = None) -> Orders:  # fmt: skip
+                  exact: Callable[[Array], Array] | None = None) -> Orders:
     """Orders of a method with constant steps, from runs of a scene or of other equations (`mb.DAE`) to t_end (s).
 
     solver: one with an option `step`, which is set here; form: of a scene, by default that of the solver. steps: rising numbers
@@ -133,7 +133,7 @@ def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps:
     method = solver_of(solver)
     if not any(f.name == "step" for f in fields(method)):  # type: ignore[arg-type]
         raise OptionError(f"solver = {shown(method)} has no constant step, so its error has no order in it: give one that has, "
-                          f"such as mb.RadauIIA(3) or mb.HHT()")  # fmt: skip
+                          f"such as mb.RadauIIA(3) or mb.HHT()")
     if not isinstance(what, SceneData | System):
         raise OptionError(f"what = {shown(what)} is neither a scene nor other equations: give a scene, or mb.DAE(...)")
     counts = tuple(option("steps", steps, sequence, "give three or more rising numbers of steps", each=whole, least=1))
@@ -158,7 +158,7 @@ def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps:
     parts = {part: np.array([e.get(part, np.nan) for e in errors]) for part in floors}
     found = {part: _order(_slopes(counts, e), e, floors[part]) for part, e in parts.items()}
     return Orders(method.label, system.label, counts, parts, {part: order for part, (order, _) in found.items()},
-                  {part: text for part, (_, text) in found.items() if text})  # fmt: skip
+                  {part: text for part, (_, text) in found.items() if text})
 
 
 Reference = Callable[[Array], dict[str, Array]]  #: function of times (k,) -> values (k, m) of each kind of unknowns
@@ -179,7 +179,7 @@ def _closed_form(exact: Callable[[Array], Array], system: System) -> tuple[Refer
         y = np.asarray(exact(t), dtype=float)
         if y.ndim != 2 or len(y) != len(t) or not 0 < y.shape[1] <= system.n:
             raise OptionError(f"exact = {shown(exact)} returns an array of shape {y.shape} for {len(t)} times: return shape "
-                              f"({len(t)}, m), the first m unknowns at these times, m from 1 to {system.n}")  # fmt: skip
+                              f"({len(t)}, m), the first m unknowns at these times, m from 1 to {system.n}")
         return _parts(system, y)
 
     return values, dict.fromkeys(values(np.array([system.t0])), ROUND_OFF)
@@ -221,7 +221,7 @@ def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, st
         return None, "every run failed, or the equations have no such unknowns in this form"
     if ABOVE * floor >= SMALL:
         return None, (f"no order to be seen: the reference itself is uncertain by {floor:.0e} of the largest value; give "
-                      "larger numbers in steps=, or exact=")  # fmt: skip
+                      "larger numbers in steps=, or exact=")
     rises = np.flatnonzero((errors[1:] >= errors[:-1]) & (errors[1:] < ROUGH))
     last = int(rises[0]) if len(rises) else len(errors)
     floor = max(floor, float(errors[last + 1])) if len(rises) else floor
@@ -230,7 +230,7 @@ def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, st
     if not len(windows):
         return None, ("no order to be seen: fewer than three neighbouring runs have errors (over the largest value) from "
                       f"{ABOVE * floor:.0e}, below which lie those of the reference and of round-off, to {SMALL:g}; give "
-                      "more numbers in steps=, larger ones where errors are above it, smaller ones where below")  # fmt: skip
+                      "more numbers in steps=, larger ones where errors are above it, smaller ones where below")
     found = slopes[windows[0] + 1 : windows[-1] + 3]
     order = float(found[-2:].mean())
     if not np.ptp(found) <= max(AGREE, PART * abs(order)):

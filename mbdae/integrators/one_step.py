@@ -96,7 +96,7 @@ class RightHandSide:
             return self.yp.copy()
         if np.shape(y) != self.y.shape or np.ndim(t) or np.iscomplexobj(y):
             raise OptionError(f"{self._solver.label}.advance called f(t, y) with t of shape {np.shape(t)} and {_kind(y)}: give a "
-                              f"time and real numbers of shape {self.y.shape}")  # fmt: skip
+                              f"time and real numbers of shape {self.y.shape}")
         out = np.empty(self._system.n)
         self._system.rhs(t, y, out)
         self._stats.residuals += 1
@@ -115,7 +115,7 @@ class RightHandSide:
         size = np.abs(y) / (np.asarray(system.scale) + np.abs(system.y0))
         if not np.max(size) < GROWN:
             return StepFailedError(f"the motion grows beyond all bounds near t = {t:.9g} s: take shorter steps, or see "
-                                   "whether a force adds energy without end", system.names[largest(size)])  # fmt: skip
+                                   "whether a force adds energy without end", system.names[largest(size)])
         system.residual(t, y, self.yp, rows)
         bad = ~np.isfinite(rows if not np.isfinite(rows).all() else rate)
         equation = system.equations[int(np.argmax(bad))]
@@ -127,12 +127,12 @@ class RightHandSide:
             made = self._solver.advance(self, self.t, self.y, h)
             if made is None or np.shape(made) != self.y.shape or np.iscomplexobj(made):
                 raise OptionError(f"{self._solver.label}.advance returned {_kind(made)}: return y at t + h, real numbers "
-                                  f"of shape {self.y.shape}")  # fmt: skip
+                                  f"of shape {self.y.shape}")
             end: Array = np.array(made, dtype=float)
             if not np.isfinite(end).all():
                 worst = self._system.names[int(np.argmax(~np.isfinite(end)))]
                 raise StepFailedError(f"{self._solver.label}.advance returned a value that is not finite near t = "
-                                      f"{self.t + h:.9g} s: check its formulas, or take shorter steps", worst)  # fmt: skip
+                                      f"{self.t + h:.9g} s: check its formulas, or take shorter steps", worst)
             self._h, self._end, self._rate = h, end, self(self.t + h, end)
         end.setflags(write=False)
 

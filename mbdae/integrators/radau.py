@@ -109,7 +109,7 @@ class Adaptive:
         made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
         step.count()
         while self.watch is not None and made.code == DONE and 0 < len(made.t) < self.rows and made.t[-1] < loop.t_end \
-                and loop.evaluations_left >= 0:  # fmt: skip
+                and loop.evaluations_left >= 0:
             loop.guard()
             more = step.run.steps(float(made.t[-1]), loop.t_end, False, loop.evaluations_left, self.rows - len(made.t))
             step.count()
@@ -323,7 +323,7 @@ class RadauIIA(CollocationMethod):
         set_option(self, "newton", number, newton, least=1e-15, most=1e-2)
         if self.newton is not None and self.step is None:
             raise OptionError(f"newton = {self.newton:g} (the tolerance of Newton's iteration for constant steps) without a "
-                              "step: give step= too, or rtol instead of newton for steps that adapt")  # fmt: skip
+                              "step: give step= too, or rtol instead of newton for steps that adapt")
 
     @classmethod
     def variants(cls) -> list[RadauIIA]:

@@ -200,7 +200,7 @@ class Record:
         self._stored = stored = self._files.read()
         if stored is not None and stored["what"] != what:
             raise DamagedError(f"the folder holds a run by {stored['what']}, where this call runs {what}: the folder was written "
-                               "by another version, or is damaged; delete it, or name another one")  # fmt: skip
+                               "by another version, or is damaged; delete it, or name another one")
         self._pending = list(stored["ends"]) if stored is not None else []
         self._ends: list[tuple[int, str]] = []
         self._chunks: int = 0 if stored is None else stored["chunks"]
@@ -325,7 +325,7 @@ class Record:
         return {"what": self.what, "ends": list(self._ends), "count": loop.count, "stats": asdict(loop.counted()),
                 "memory": [system.memory() for system in (loop.first_system, loop.system)],
                 "orders": [kept_order(system) for system in loop.systems], "warned": list(dict.fromkeys(warned)),
-                "method": method, "failure": failure}  # fmt: skip
+                "method": method, "failure": failure}
 
     def _write(self, loop: StepLoop, state: dict[str, Tree]) -> None:
         """Store a state of the run, and the steps until then that are not stored yet."""

@@ -127,7 +127,7 @@ class Solution(ListsAttributes):
         if outside.any():
             value = times[outside].flat[0]
             raise OptionError(f"t = {shown(t)}: the time {value:.9g} s is outside the solution from {first:.9g} to {last:.9g} s; "
-                              "ask for times inside it")  # fmt: skip
+                              "ask for times inside it")
         return times
 
     def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:

@@ -71,11 +71,11 @@ class SecondMethod:
         if self._why_not:
             warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._why_not}), "
                           f"so the estimated error stands on {name} alone: compare with a run of another solver yourself",
-                          AccuracyWarning, stacklevel=2)  # fmt: skip
+                          AccuracyWarning, stacklevel=2)
         elif distance > max(CLEARLY * estimate, accuracy):
             warnings.warn(f"{name} differs by {distance:.1e} from {self._method.label}, while its own runs with shorter steps or "
                           f"tolerances differ by {estimate:.1e}: measure its order by mb.measure_order, and check its "
-                          f"coefficients", AccuracyWarning, stacklevel=2)  # fmt: skip
+                          f"coefficients", AccuracyWarning, stacklevel=2)
 
     def _solve(self) -> None:
         """Make runs of Radau IIA with smaller and smaller tolerances until two of them agree."""
@@ -150,7 +150,7 @@ class Halved:
 
 
 def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
-           second: SecondMethod | None = None) -> Halved:  # fmt: skip
+           second: SecondMethod | None = None) -> Halved:
     """Run with ever shorter steps until the estimate is below `accuracy`, or RUNS runs are made. second: the second method, which
     has to confirm the estimates of a method that mbdae does not ship.
 
@@ -164,7 +164,7 @@ def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: 
 
 
 def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
-            second: SecondMethod | None) -> Halved:  # fmt: skip
+            second: SecondMethod | None) -> Halved:
     """The runs of `halved`. No further run is made where shorter steps do not reduce the distance from the second method."""
     t_end, asked = asked.t_end, replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0

@@ -78,7 +78,7 @@ class SundialsRun(ABC):
         rows, going = MOST_ROWS if together else 1, True
         while going:
             made = last.advance((loop.t, *loop.state), loop.last_step, stop_time(loop, watch), loop.t_end,
-                                min(rows, loop.room), loop.evaluations_left)  # fmt: skip
+                                min(rows, loop.room), loop.evaluations_left)
             self._count()
             if len(made.t):
                 going = loop.accept_many(made.t, made.y, made.yp, made.pieces) if together else self._keep(made, watch)
@@ -179,14 +179,14 @@ class IDA(Solver):
             worst = system.names[int(np.argmax(system.index))]
             raise OptionError(f"unknown {worst} has index {highest}: IDA takes index 1, above it its error test fails, or "
                               "passes silently with a wrong answer; use mb.RadauIIA(3) or, for a scene, "
-                              "form=mb.GGL(algebraic=False)")  # fmt: skip
+                              "form=mb.GGL(algebraic=False)")
         if self.max_order > 2 and self.tolerance >= LOOSE and system.vibration is not None:
             name, angle = system.vibration()
             if angle > FAST:
                 raise OptionError(f"beam '{name}' vibrates by {angle:.1e} rad of phase in the characteristic time of the motion, "
                                   f"too fast for IDA with rtol = {self.tolerance:g} and max_order = {self.max_order}, which ends "
                                   "silently with a wrong answer; use mb.RadauIIA(3), or max_order=2 and compare with a smaller "
-                                  "rtol")  # fmt: skip
+                                  "rtol")
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
         """Step from system.t0 to loop.t_end."""
@@ -205,7 +205,7 @@ class _IdaRun(SundialsRun):
         sparse = system.sparse
         return native.Ida(equations_of(system), self.settings(order), start, sparse=sparse,
                           pattern=system.sparsity if sparse else system.pattern, differences=system.differences,
-                          relaxing=self.watch is None)  # fmt: skip
+                          relaxing=self.watch is None)
 
     def diagnosis(self, reason: str) -> SolverError:
         last, correction = self.last, self._newton_correction()
@@ -269,7 +269,7 @@ class CVODE(Solver):
     #: names of methods in other programs -> the name of their counterpart here
     counterparts: ClassVar[dict[str, str]] = {
         **dict.fromkeys(("lsoda", "vode", "zvode", "odeint"), "cvode"), **dict.fromkeys(("adams", "ode113"), "cvodeadams"),
-        **dict.fromkeys(("bdf", "ode15s"), "cvodebdf")}  # fmt: skip
+        **dict.fromkeys(("bdf", "ode15s"), "cvodebdf")}
     highest_index: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
@@ -277,7 +277,7 @@ class CVODE(Solver):
         set_option(self, "method", word, "give 'Adams' (not stiff) or 'BDF' (stiff)", words=HIGHEST)
         highest = HIGHEST[self.method]
         set_option(self, "max_order", whole, f"{self.method} has orders 1 to {highest}; None is the highest",
-                   least=1, most=highest)  # fmt: skip
+                   least=1, most=highest)
 
     @classmethod
     def variants(cls) -> list[CVODE]:
@@ -322,7 +322,7 @@ class _CvodeRun(SundialsRun):
         settings, nodes = self.settings(solver.max_order or HIGHEST[solver.method]), radau_table(NODES).c[:-1]
         multistep = native.ADAMS if solver.method == "Adams" else native.BDF
         return native.Cvode(rates_of(system, rate_jacobian), settings, start, multistep=multistep, nodes=nodes,
-                            tame=TAME if smooth else 0.0)  # fmt: skip
+                            tame=TAME if smooth else 0.0)
 
     def accepted(self, watch: SundialsWatch) -> None:
         """Request a new Jacobian where the present one was evaluated with other contacts closed: CVODE evaluates it at predicted

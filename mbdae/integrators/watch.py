@@ -161,7 +161,7 @@ class SwitchingSteps:
         s, u = course
         rise = np.diff(u)
         near = [float(s[j]) for j in np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1
-                if MET < s[j] < 1 - MET and (u[j] - u[j - 1]) * u[j] < 0 and abs(u[j]) < MARGIN * np.ptp(u)]  # fmt: skip
+                if MET < s[j] < 1 - MET and (u[j] - u[j - 1]) * u[j] < 0 and abs(u[j]) < MARGIN * np.ptp(u)]
         return [] if near and self._is_noise(i, course) else near
 
     def _is_noise(self, i: int, course: Course) -> bool:
@@ -215,7 +215,7 @@ class StepWatch:
     def shorter(self, h: float, inside: Inside) -> float | None:
         """Length (s) that the step of length h should have had; None: accept the step."""
         widths = [None if self.contacts is None else self.contacts.shorter(h, lambda part: inside(np.array(part))),
-                  None if self.switching is None else self.switching.shorter()]  # fmt: skip
+                  None if self.switching is None else self.switching.shorter()]
         return min((width for width in widths if width is not None), default=None)
 
     @property

@@ -34,7 +34,7 @@ def zero_between(f: Callable[[float], float], within: float) -> float:
         return a if at_a == 0 else b
     if (at_a < 0) == (at_b < 0):
         raise internal(f"a zero was searched between two times at which the watched value is {at_a:g} and {at_b:g}: it needs "
-                       "values of opposite sign")  # fmt: skip
+                       "values of opposite sign")
     c, at_c, step, before = a, at_a, b - a, b - a
     for _ in range(ITERATIONS):
         if abs(at_c) < abs(at_b):
@@ -52,7 +52,7 @@ def zero_between(f: Callable[[float], float], within: float) -> float:
 
 
 def _next(before: float, step: float, half: float, a: tuple[float, float], c: tuple[float, float],
-          within: float) -> tuple[float, float]:  # fmt: skip
+          within: float) -> tuple[float, float]:
     """The last and the next step from the best point b. before: the step before the last; half: half of the way to c; a, c:
     distance of these points from b, and ratio of their values to that at b."""
     (to_a, ratio_a), (to_c, ratio_c) = a, c
@@ -95,7 +95,7 @@ _between_logarithms = limited(*LOGARITHMS)
 STRETCHES: dict[str, Callable[[Any], Any]] = {
     **scales(SATURATED, STEEP), "kink": lambda u: 0.0 * u, "decaying": limited(-FLAT, STEEP),
     "power": lambda u: _between_logarithms(np.log(np.abs(u) + TINIEST)),
-}  # fmt: skip
+}
 
 #: largest number of values of unknowns that are evaluated together (except for a single step with more): they stay in the cache
 #: of the processor
@@ -184,13 +184,13 @@ class StepArguments:
         h, few = np.diff(t), max(TOGETHER // (len(NODES) * n), 1)
         times = t[:-1, None] + NODES * h[:, None]
         U = np.concatenate([self.switches.arguments(times[some].ravel(), y(NODES, some).reshape(-1, n))
-                            for some in (slice(first, first + few) for first in range(0, len(h), few))])  # fmt: skip
+                            for some in (slice(first, first + few) for first in range(0, len(h), few))])
         U = U.reshape(len(h), len(NODES), -1)
         rise, size = TO_RISES @ U, np.abs(U).max(axis=1)
         tail, ends = np.abs(TO_TAIL @ U).sum(axis=1), TO_ENDS @ U
         stretched = self.stretched(ends.reshape(4 * len(h), -1)).reshape(ends.shape)
         turns = (rise[:, :-1] * rise[:, 1:] <= 0) & (np.maximum(np.abs(rise[:, :-1]), np.abs(rise[:, 1:]))
-                                                     > ROUND_OFF * size[:, None])  # fmt: skip
+                                                     > ROUND_OFF * size[:, None])
         loud = turns.any(axis=1) | (tail > POOR * np.ptp(U, axis=1) + ROUND_OFF * size)
         loud |= (np.abs(stretched[:, 1] - stretched[:, 0]) > limit) | ((U[:, 0] < 0) != (U[:, -1] < 0))
         return ~loud.any(axis=1), np.abs(stretched[:, 2] - stretched[:, 3]).max(axis=1) / (2 * SMALL * h)

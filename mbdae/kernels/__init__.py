@@ -62,7 +62,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "And": lambda *a: reduce(np.logical_and, a), "Or": lambda *a: reduce(np.logical_or, a), "Not": np.logical_not,
     **{name: _special(name) for name in ("erf", "erfc", "gamma", "loggamma")},
     "BooleanTrue": lambda: True, "BooleanFalse": lambda: False, "_sqrt": np.sqrt, "_exp": np.exp,
-}  # fmt: skip
+}
 
 
 def numpy_function(symbols: Sequence[Expr], expressions: Sequence[Expr]) -> Callable[[NDArray[Any]], NDArray[Any]]:
@@ -91,7 +91,7 @@ class Kernel:
     expressions."""
 
     def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr] | Callable[[], Sequence[Expr]],
-                 level: int | None = None, width: int | None = None, key: str | None = None) -> None:  # fmt: skip
+                 level: int | None = None, width: int | None = None, key: str | None = None) -> None:
         self.symbols, self._stated, self.level, self.key = list(symbols), expressions, level, key
         self.width = len(self.expressions) if width is None else width  #: number of outputs
 
@@ -174,7 +174,7 @@ class Kernel:
         `first` where that is given."""
         if gather.shape[1:] != (len(self.symbols),):
             raise internal(f"a compiled function of {len(self.symbols)} arguments was given places of arguments of shape "
-                           f"{gather.shape}, whose last number should be {len(self.symbols)}")  # fmt: skip
+                           f"{gather.shape}, whose last number should be {len(self.symbols)}")
         if self.symbols:
             return part.call(self, gather, first)
         first = part.slots(len(gather) * self.width) if first is None else first

@@ -40,7 +40,7 @@ def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, 
     zero_compliance = [name for name, value in numbers.items() if name.startswith("compliance_") and value == 0]
     if zero_compliance and not mixed:
         raise internal(f"{zero_compliance[0]} = 0, an infinite stiffness of the section, came to a beam whose stresses are no "
-                       "unknowns: no stress follows from a strain that stays 0", OptionError)  # fmt: skip
+                       "unknowns: no stress follows from a strain that stays 0", OptionError)
     d, at = derived_beam(numbers, kind, mixed), strain_points(mesh.order)
     constants = {**numbers, **_measures(mesh, at), **_reference_strains(mesh, kind)}
     return LineKernel(d, at, constants, turns(mesh, kind))
@@ -155,7 +155,7 @@ class GyroscopicKernel(ElementKernel):
             sums += [(n, 3 * a + k, e) for row, j, k, e in terms if row == i and j == l and a == b]
         to, spin, mass, weight = zip(*products, strict=True)
         part.multiply(found + np.array(to), W + np.array(spin), J + np.array(mass), np.array(weight), len(gather), len(places),
-                      width, width * width)  # fmt: skip
+                      width, width * width)
         to, momentum, weight = zip(*sums, strict=True)
         part.add(found + np.array(to), L + np.array(momentum), np.array(weight), len(gather), len(places), width)
         return block(found, len(gather), len(places))

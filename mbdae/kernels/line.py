@@ -65,7 +65,7 @@ class LineKernel(ElementKernel):
     """
 
     def __init__(self, derived: LineDerived, at: Table, constants: Mapping[str, Any], turns: Array | None = None,
-                 given: Sequence[str] = ()) -> None:  # fmt: skip
+                 given: Sequence[str] = ()) -> None:
         self.derived, self.at, self.given = derived, at, tuple(given)
         self.points, self.turns = len(at.xi), turns
         self.nodes = Nodes(derived.kind, at.values.shape[1], turns)
@@ -205,7 +205,7 @@ def merged(kernels: Sequence[LineKernel]) -> LineKernel:
     first = kernels[0]
     if len({(k.derived, k.at, k.given, k.turns is None) for k in kernels}) > 1:
         raise internal("beams of different laws, orders or kinds of nodes were to share one compiled function; they need one "
-                       "each", LawError)  # fmt: skip
+                       "each", LawError)
     names = first.parameters[len(first.given) :]
     numbers = np.concatenate([k.numbers for k in kernels])
     turns = None if first.turns is None else np.concatenate([k.turns for k in kernels])

@@ -52,7 +52,7 @@ class LineProgram:
         if entries:
             i, j, k, w = zip(*entries, strict=True)
             self.part.multiply(to + np.array(i), from_ + np.array(j), by + np.array(k), np.array(w, dtype=float), self.elements,
-                               *steps)  # fmt: skip
+                               *steps)
 
     def turned(self, first: int, step: int) -> tuple[int, int]:
         """Convert positions or rates (count, nq) of nodes to those of the sections. Returns slot and step of the result."""
@@ -63,7 +63,7 @@ class LineProgram:
         translations = np.array([node * n.nq + i for node in range(n.count) for i in range(3)])
         self.move(found + translations, first + translations, self.a, step)
         self._turn(found, first, [(node * n.nq + 3 + a, node * n.nq + 3 + b, node, a, b) for node in range(n.count)
-                                  for a in range(4) for b in range(4)], self.a, step)  # fmt: skip
+                                  for a in range(4) for b in range(4)], self.a, step)
         return found, self.a
 
     def _turn(self, to: int, from_: int, entries: Entries, to_step: int, from_step: int) -> None:
@@ -115,7 +115,7 @@ class LineProgram:
         pairs = np.array([(node * n.nq + i, node * n.nu + i) for node in range(n.count) for i in range(3)]).T
         self.move(found + pairs[0], velocities + pairs[1], self.a, self.inputs)
         entries = [(node * n.nq + 3 + a, node * n.nu + 3 + c, node * n.nq + 3 + b, w) for node in range(n.count)
-                   for a, c, b, w in self.spin]  # fmt: skip
+                   for a, c, b, w in self.spin]
         self.products(found, velocities, self.e, entries, (self.a, self.inputs, self.inputs))
         return found, self.a
 
@@ -132,7 +132,7 @@ class LineProgram:
         translations = np.array([node * n.nq + i for node in range(n.count) for i in range(3)])
         self.move(back + translations, found + translations, self.a, self.a)
         self._turn(back, found, [(node * n.nq + 3 + b, node * n.nq + 3 + a, node, a, b) for node in range(n.count)
-                                 for a in range(4) for b in range(4)], self.a, self.a)  # fmt: skip
+                                 for a in range(4) for b in range(4)], self.a, self.a)
         return back
 
     # -- values
@@ -149,7 +149,7 @@ class LineProgram:
             pairs = np.array([(node * n.nu + i, node * n.nq + i) for node in range(n.count) for i in range(3)]).T
             self.move(found + pairs[0], covector + pairs[1], out, self.a)
             entries = [(node * n.nu + 3 + c, node * n.nq + 3 + a, node * n.nq + 3 + b, w) for node in range(n.count)
-                       for a, c, b, w in self.spin]  # fmt: skip
+                       for a, c, b, w in self.spin]
             self.products(found, covector, self.e, entries, (out, self.a, self.inputs))
         rows = len(kernel.derived.rows)
         if rows:
@@ -189,7 +189,7 @@ class LineProgram:
         found, by, each = self.part.zeros(self.elements * len(outputs)), spread.columns[chosen], width - duals
         at = by // each * width + duals + by % each
         self.part.add(found + place[spread.rows[chosen]], values + at, spread.factors[chosen], self.elements, len(outputs),
-                      self.kernel.points * width)  # fmt: skip
+                      self.kernel.points * width)
         return found
 
     def _turned_derivatives(self, K: int, rows: int, columns: int, blocks: list[int]) -> int:

@@ -94,7 +94,7 @@ class BodyKernels:
     ("up", node, i) of the second rates of the joint's coordinates (of a root: of its own unknowns)."""
 
     def __init__(self, find: Callable[[], LinkProgram | RootProgram], kinds: tuple[NodeKind, NodeKind], quaternion: bool,
-                 heavy: bool, key: str | None) -> None:  # fmt: skip
+                 heavy: bool, key: str | None) -> None:
         self._find, self._quaternion, (parent, self.kind) = find, quaternion, kinds
         key = part_key(key, f"quaternion {quaternion}")
         tables = recall(key)
@@ -149,7 +149,7 @@ def quaternion_rate() -> Kernel:
 @lru_cache(maxsize=256)
 def _passes(shape: Shape) -> tuple[ProgramKernel, ProgramKernel, ProgramKernel]:
     return (_kernel(shape, "inward", inward), _kernel(shape, "outward", outward),
-            _kernel(shape, "outward, given", partial(outward, given=True)))  # fmt: skip
+            _kernel(shape, "outward, given", partial(outward, given=True)))
 
 
 def _kernel(shape: Shape, name: str, make: Callable[[Shape], Pass]) -> ProgramKernel:

@@ -160,7 +160,7 @@ class LinearisedPlan(Plan):
             return [f for f, c in zip(found, constant, strict=True) if c == fixed]
 
         return _Sorted(nonlinear, chosen(places, True), linear, chosen(places, False), chosen(values, True) + offsets,
-                       chosen(values, False), [self.inserted[i] for i in nonlinear])  # fmt: skip
+                       chosen(values, False), [self.inserted[i] for i in nonlinear])
 
     def _origin(self, d: Derived) -> dict[Expr, Expr]:
         """Point at which the constant part of a linear output is evaluated: all unknowns 0, but quaternions (1, 0, 0, 0), because

@@ -86,7 +86,7 @@ class ProgrammedTree:
         rows = {t: e for t, e in self.rows if t[0] == "u"}
         number = {t[1:]: i for i, t in enumerate(rows)}
         entries = {(number[t[1:]], number[p[1:]]): e for t, p, e in self.derivatives
-                   if p[0] == "up" and t in rows and p[1:] in number and number[p[1:]] <= number[t[1:]]}  # fmt: skip
+                   if p[0] == "up" and t in rows and p[1:] in number and number[p[1:]] <= number[t[1:]]}
         still = {s: se.Integer(0) for s, place in self.places.items() if place[0] == "up"}
         forces = [se.Symbol(f"force{i}") for i in range(len(rows))]
         if self.structure.loaded or self.structure.root.moves or len(rows) > MOST_SOLVED:
@@ -169,11 +169,11 @@ class TreePlan:
         if tables is None:
             self._pieces[what] = getattr(self.programmed, what)()
             tables = [(p.inputs, p.targets, tuple(map(str, p.kernel.symbols)), p.kernel.level, p.kernel.width)
-                      for p in self._pieces[what]]  # fmt: skip
+                      for p in self._pieces[what]]
             keep(key, tables)
         return [Piece(inputs, targets, Kernel(tuple(map(se.Symbol, symbols)), partial(self._expressions, what, n), level, width,
                                               part_key(key, str(n))))
-                for n, (inputs, targets, symbols, level, width) in enumerate(tables)]  # fmt: skip
+                for n, (inputs, targets, symbols, level, width) in enumerate(tables)]
 
     def _expressions(self, what: str, n: int) -> list[Expr]:
         return self._cut(what, n).expressions

@@ -44,7 +44,7 @@ def table(order: int, xi: Array, weights: Array | None = None) -> Table:
     """Shape functions of an element of order p at points xi (points,)."""
     to_coefficients = np.linalg.inv(legendre.legvander(2 * node_positions(order) - 1, order))
     values, slopes = (np.asarray(legendre.legval(2 * xi - 1, c).T, dtype=np.float64)
-                      for c in (to_coefficients, 2 * legendre.legder(to_coefficients)))  # fmt: skip
+                      for c in (to_coefficients, 2 * legendre.legder(to_coefficients)))
     return Table(xi, np.zeros(len(xi)) if weights is None else weights, values, slopes)
 
 
@@ -169,7 +169,7 @@ class Beam(LineLaw):
         **{f"compliance_{name}": ("1/(N m^2)", f"curvature per {meaning}; 0 is rigid") for name, meaning in _MOMENTS.items()},
         **{f"reference_{name}": ("1", f"strain {name} works on, without stress") for name in _FORCES},
         **{f"reference_{name}": ("1/m", f"curvature {name} works on, without stress") for name in _MOMENTS},
-    )  # fmt: skip
+    )
 
     def strains(self, x: LinePoint) -> dict[str, Expr]:
         Gamma, K = Vec(*(axis @ x.r_s for axis in x.axes)), x.curvature

@@ -33,7 +33,7 @@ class RigidBody(Element):
         Jxx=("kg m^2", "moment of inertia about body x"), Jyy=("kg m^2", "about body y"), Jzz=("kg m^2", "about body z"),
         Jxy=("kg m^2", "product of inertia, element xy of the matrix"),
         Jxz=("kg m^2", "element xz"), Jyz=("kg m^2", "element yz"),
-    )  # fmt: skip
+    )
 
     def kinetic_energy(self, b: Frame) -> Expr:
         v, (p, q, r) = b.center_velocity, b.spin

@@ -168,7 +168,7 @@ class Contact(Force):
             rubbing = self._friction(at, end, force)
             own = {"gap": -at.penetration, "gap_rate": -at.rate, "normal_force": equal * force, "slip": at.slip,
                    "friction_force": equal * (rubbing @ at.tangent),
-                   "friction_power": -equal * (rubbing @ at.sliding)}  # fmt: skip
+                   "friction_power": -equal * (rubbing @ at.sliding)}
             for name, e in own.items():
                 seen.setdefault(name, []).append(e)
         return seen
@@ -231,7 +231,7 @@ class Hertz(Normal):
 
     params = params(
         stiffness=("N/m^1.5", "contact stiffness"), damping=("s/m", "damping over the elastic force: force 1 + damping rate"),
-    )  # fmt: skip
+    )
 
     def __init__(self, stiffness: float, damping: float = 0.0) -> None:
         super().__init__(stiffness=stiffness, damping=damping)

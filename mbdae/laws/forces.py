@@ -70,7 +70,7 @@ class Gravity(Force):
 
     params = params(
         mass=("kg", "mass"), gx=("m/s^2", "field, x"), gy=("m/s^2", "field, y"), gz=("m/s^2", "field, z")
-    )  # fmt: skip
+    )
 
     external = True
     loads = True
@@ -103,7 +103,7 @@ class PointSpring(Force):
             return super().dissipation(k, l)
         if self.length is None:
             raise LawError("a damper between two points needs a natural length: give length > 0 (m), or use a bushing where the "
-                           "points may meet")  # fmt: skip
+                           "points may meet")
         d, v = l.r - k.r, l.v - k.v
         return self.damping * (d @ v) ** 2 / (d @ d) / 2
 
@@ -117,7 +117,7 @@ class Bushing(Force):
     params = params(
         kx=("N/m", "stiffness along k.x"), ky=("N/m", "stiffness along k.y"), kz=("N/m", "stiffness along k.z"),
         cx=("N s/m", "damping along k.x"), cy=("N s/m", "damping along k.y"), cz=("N s/m", "damping along k.z"),
-    )  # fmt: skip
+    )
     axes_of = "k"
 
     def energy(self, k: Frame, l: Frame) -> Expr:
@@ -148,7 +148,7 @@ class RotationalBushing(Force):
     params = params(
         rx=("N m/rad", "stiffness about k.x"), ry=("N m/rad", "stiffness about k.y"), rz=("N m/rad", "stiffness about k.z"),
         sx=("N m s/rad", "damping about k.x"), sy=("N m s/rad", "damping about k.y"), sz=("N m s/rad", "damping about k.z"),
-    )  # fmt: skip
+    )
     axes_of = "k"
 
     def undefined_at(self) -> tuple[str, ...]:
@@ -170,7 +170,7 @@ class LineLoad(LineLaw):
     """A force per reference length on a beam's axis: dead (inertial components), or following the section (its axes 1, 2, 3)."""
 
     params = params(f1=("N/m", "along x, or axis 1 of the section"), f2=("N/m", "along y, or axis 2"),
-                    f3=("N/m", "along z, or axis 3"))  # fmt: skip
+                    f3=("N/m", "along z, or axis 3"))
     options = ("following",)
 
     def load(self, x: LinePoint) -> Vec:

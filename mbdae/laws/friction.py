@@ -120,15 +120,15 @@ class LuGre(Friction):
         mu_k=("1", "coefficient of fast sliding"), mu_s=("1", "coefficient of breaking away"), v_s=("m/s", "Stribeck velocity"),
         sigma0=("1/m", "stiffness of the bristles over the normal force"), sigma1=("s/m", "their damping over the normal force"),
         sigma2=("s/m", "viscous coefficient over the normal force"),
-    )  # fmt: skip
+    )
     options = ("gamma", "damping_decay")
     states = {"z": Parameter("m", "deflection of the bristles")}  # noqa: RUF012
 
     def __init__(self, mu_k: float, mu_s: float, v_s: float, sigma0: float, sigma1: float, sigma2: float = 0.0,
-                 gamma: float = 2, damping_decay: bool = True) -> None:  # fmt: skip
+                 gamma: float = 2, damping_decay: bool = True) -> None:
         values = {"mu_k": mu_k, "mu_s": mu_s, "v_s": v_s, "sigma0": sigma0, "sigma1": sigma1, "sigma2": sigma2}
         exponent = checked_value("LuGre", "gamma", gamma, number, "give the Stribeck curve's exponent (2 is usual)",
-                                 least=0.5, most=4)  # fmt: skip
+                                 least=0.5, most=4)
         falls = checked_value("LuGre", "damping_decay", damping_decay, flag, "give True or False")
         super().__init__(**values, gamma=exponent, damping_decay=falls)
         for key in ("mu_k", "mu_s", "v_s", "sigma0"):
@@ -137,7 +137,7 @@ class LuGre(Friction):
             setattr(self, key, self.number(key, why="friction would feed energy") or None)
         if self.mu_s < self.mu_k:
             raise self.refuse("mu_s", f"is below mu_k = {self.mu_k:g}: breaking away takes at least the force of sliding; give "
-                                      f"at least mu_k")  # fmt: skip
+                                      f"at least mu_k")
         for doubt in self.doubts():
             warn(doubt)
 
@@ -182,12 +182,12 @@ class LuGre(Friction):
         if not self.damping_decay:
             limit = 4 * self.mu_k * (sigma1 + sigma2) / sigma1**2
             found.append(f"LuGre: with damping_decay=False, sigma1 = {sigma1:g} s/m creates energy above "
-                         f"{limit:.2g} m/s of sliding, and impacts differ; use damping_decay=True")  # fmt: skip
+                         f"{limit:.2g} m/s of sliding, and impacts differ; use damping_decay=True")
         elif sigma1 * self.v_s > bound:
             found.append(f"LuGre: sigma1 v_s = {sigma1 * self.v_s:.2g} exceeds 4 sqrt(2 e) mu_k = {bound:.2g}, and beyond that "
-                         f"friction may create energy: take sigma1 of at most {bound / self.v_s:.3g} s/m")  # fmt: skip
+                         f"friction may create energy: take sigma1 of at most {bound / self.v_s:.3g} s/m")
         if self.mu_s / self.sigma0 > 1e-3:
             found.append(f"LuGre: sigma0 = {self.sigma0:g} 1/m lets the bristles deflect by {self.mu_s / self.sigma0:.2g} m "
                          f"before they slip (mu_s / sigma0): take a larger sigma0, a stiffness over the normal force, "
-                         f"unless this is meant")  # fmt: skip
+                         f"unless this is meant")
         return found

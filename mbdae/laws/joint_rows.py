@@ -77,7 +77,7 @@ class FixedOrientation(Joint):
     """l does not turn relative to k; its point moves freely, by displacements along k's axes."""
 
     coordinates = params(x=("m", "displacement of l along k.x"), y=("m", "displacement of l along k.y"),
-                         z=("m", "displacement of l along k.z"))  # fmt: skip
+                         z=("m", "displacement of l along k.z"))
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.along("x", self.x).along("y", self.y).along("z", self.z)
@@ -102,7 +102,7 @@ class Free(Joint):
 
     coordinates = params(x=("m", "displacement of l along k.x"), y=("m", "displacement of l along k.y"),
                          z=("m", "displacement of l along k.z"),
-                         rotation=("rotation", "rotation of l relative to k"))  # fmt: skip
+                         rotation=("rotation", "rotation of l relative to k"))
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.along("x", self.x).along("y", self.y).along("z", self.z).turned(self.rotation)
@@ -123,7 +123,7 @@ class PointOnLine(Joint):
     """The point of l slides along k.z; all rotations are free."""
 
     coordinates = params(displacement=("m", "displacement of the point along k.z"),
-                         rotation=("rotation", "rotation of l relative to k"))  # fmt: skip
+                         rotation=("rotation", "rotation of l relative to k"))
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.along("z", self.displacement).turned(self.rotation)
@@ -143,7 +143,7 @@ class PointOnPlane(Joint):
     N."""
 
     coordinates = params(x=("m", "displacement of the point along k.x"), y=("m", "displacement of the point along k.y"),
-                         rotation=("rotation", "rotation of l relative to k"))  # fmt: skip
+                         rotation=("rotation", "rotation of l relative to k"))
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.along("x", self.x).along("y", self.y).turned(self.rotation)

@@ -125,7 +125,7 @@ class Universal(Joint):
     the angles do not describe (gimbal lock): the shafts are at right angles there."""
 
     coordinates = params(angle_k=("rad", "rotation of the cross about the pin of k"),
-                         angle_l=("rad", "rotation of l about its pin"))  # fmt: skip
+                         angle_l=("rad", "rotation of l about its pin"))
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.about("x", self.angle_k).about("y", self.angle_l)
@@ -139,14 +139,14 @@ class Universal(Joint):
     def ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr]]:
         (ck, sk), (cl, sl) = ((se.cos(a), se.sin(a)) for a in (self.angle_k, self.angle_l))
         return {"angle_k": (l.y @ (k.y * sk - k.z * ck), l.y @ (k.y * ck + k.z * sk)),
-                "angle_l": (k.x @ (l.x * sl - l.z * cl), k.x @ (l.x * cl + l.z * sl))}  # fmt: skip
+                "angle_l": (k.x @ (l.x * sl - l.z * cl), k.x @ (l.x * cl + l.z * sl))}
 
 
 class Planar(Joint):
     """l slides in the plane normal to k.z, along k.x and k.y, and turns about k.z."""
 
     coordinates = params(x=("m", "displacement of l along k.x"), y=("m", "displacement of l along k.y"),
-                         angle=("rad", "rotation of l about k.z"))  # fmt: skip
+                         angle=("rad", "rotation of l about k.z"))
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.along("x", self.x).along("y", self.y).about("z", self.angle)
@@ -191,7 +191,7 @@ class Screw(Joint):
         if steepness and steepness * (self._coefficient() or 0.0) >= 1:
             raise LawError(f"screw '{self.name}': friction coefficient {self._coefficient():g} at a lead angle of "
                            f"{math.degrees(math.atan(self._steepness())):.3g} degrees: no torque turns it against an axial "
-                           f"force; give a smaller friction coefficient or lead, or a larger radius")  # fmt: skip
+                           f"force; give a smaller friction coefficient or lead, or a larger radius")
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.along("z", self._travel() * self.angle).about("z", self.angle)
@@ -212,7 +212,7 @@ class Screw(Joint):
         if mu is None or not mu > steepness > 0:
             return []
         return [f"self-locking: its friction coefficient {mu:g} is above tan(lead angle) = {steepness:.4g}; an axial force alone "
-                f"does not turn it, and with smoothed friction it creeps"]  # fmt: skip
+                f"does not turn it, and with smoothed friction it creeps"]
 
     def _travel(self) -> Expr:
         """Travel along k.z per radian of the angle, m."""

@@ -44,7 +44,7 @@ class JournalContact(Contact):
     params = params(
         outer=("m", "radius of the race on k"), inner=("m", "radius of the pin on l"),
         length=("m", "distance of the two planes of contact; None: one plane"),
-    )  # fmt: skip
+    )
 
     @property
     def ends(self) -> tuple[str, ...]:
@@ -110,12 +110,12 @@ class JournalContact(Contact):
         if depth <= self.inner / DEEP:
             return ""
         return (f"more than {1 / DEEP:g} of the pin's radius of {self.inner:g} m: draw the pin inside the race, or give a "
-                f"larger clearance")  # fmt: skip
+                f"larger clearance")
 
     def doubtful_depth(self) -> tuple[float, str, str]:
         play, part = self.outer - self.inner, self.inner / DEEP
         return (part if play == 0 else min(play, part), "the clearance, or a tenth of the pin's radius",
-                "a stiffer normal law is meant, or what is prescribed, or the parts' weight, is too much for it")  # fmt: skip
+                "a stiffer normal law is meant, or what is prescribed, or the parts' weight, is too much for it")
 
     def instability(self, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any] | None:
         """k = df/da is the stiffness along the normal, f/d the one across it (f contact force, a penetration, d distance of the

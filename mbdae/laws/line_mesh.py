@@ -101,7 +101,7 @@ def _turned(P: Array, turns: Array) -> Array:
 
 
 def polyline(points: Any, elements: int | Sequence[int], order: int = 2, axis2: Any = None,
-             through: Sequence[float] = ()) -> LineMesh:  # fmt: skip
+             through: Sequence[float] = ()) -> LineMesh:
     """Straight segments between points (k, 3), k >= 2, rigid at corners.
 
     elements: per segment, or one number spread by length, at least one each. axis2: direction of section axis 2; by
@@ -113,7 +113,7 @@ def polyline(points: Any, elements: int | Sequence[int], order: int = 2, axis2: 
     counts = _counts(lengths, elements)
     starts = np.r_[0.0, np.cumsum(lengths)]
     edges = [_with_nodes(np.linspace(0, 1, n + 1), order, (np.asarray(through) - s) / length)
-             for n, s, length in zip(counts, starts, lengths, strict=False)]  # fmt: skip
+             for n, s, length in zip(counts, starts, lengths, strict=False)]
     xi = node_positions(order)
     ends = [a + e[:, None] * (b - a) for a, b, e in zip(corners[:-1], corners[1:], edges, strict=True)]
     curve = np.concatenate([e[:-1, None] + np.diff(e, axis=0)[:, None] * xi[:, None] for e in ends])
@@ -169,7 +169,7 @@ def _counts(lengths: Array, elements: int | Sequence[int]) -> list[int]:
     if counts.shape not in ((), (n,)) or not np.issubdtype(counts.dtype, np.integer) or counts.min() < least:
         several = "" if n == 1 else f", or a list of {n}, one positive integer for every segment"
         raise OptionError(f"elements = {elements}: the beam has {counted(n, 'segment')}; give an integer of at least {n}"
-                          f"{several}")  # fmt: skip
+                          f"{several}")
     if counts.ndim:
         return [int(count) for count in counts]
     found = [1] * n
@@ -191,7 +191,7 @@ def _with_nodes(edges: Array, order: int, wanted: Array) -> Array:
         smallest = min(sizes[at - 1], sizes[at])
         if smallest < SHORTEST * max(sizes[max(at - 2, 0) : at + 2]):
             raise OptionError(f"an attachment at {place:.9g} of its segment would leave an element of {smallest:.3g} of it: "
-                              f"attach at the node at {nearest:.9g} of the segment, or farther from that node")  # fmt: skip
+                              f"attach at the node at {nearest:.9g} of the segment, or farther from that node")
         edges = cut
     return edges
 
@@ -222,6 +222,6 @@ def _mesh(order: int, curve: Array, tangents: Array, axis2: Any, places: Array) 
     angles = headings(tangents.reshape(-1, 3)).reshape(m, order + 1)
     # a shared node has the section axes of the element before it
     positions, nodes, theta, at = (np.concatenate([a[0], a[1:, 1:].reshape(-1, *a.shape[2:])])
-                                   for a in (curve, sections, angles, places))  # fmt: skip
+                                   for a in (curve, sections, angles, places))
     turns = relative(nodes[elements], sections)
     return LineMesh(order, positions, nodes, theta, elements, turns, angles - theta[elements], at)

@@ -49,7 +49,7 @@ class Differential(Coupling):
     N m; the torque on each output is the opposite of the multiplier."""
 
     coordinates = declared(first=("rad", "angle of an output"), second=("rad", "angle of the other output"),
-                           carrier=("rad", "angle of the carrier"))  # fmt: skip
+                           carrier=("rad", "angle of the carrier"))
 
     def constraints(self) -> dict[str, Expr]:
         return {"sum": self.first + self.second - 2 * self.carrier}
@@ -177,7 +177,7 @@ class JointSpring(OnCoordinate):
     params = params(
         stiffness=("N m/rad or N/m", "stiffness"), rest=("rad or m", "coordinate without force"),
         turns=("rad", "whole turns of the start angle"),
-    )  # fmt: skip
+    )
     follows = "followed"
     states = {"followed": Parameter("rad", "angle followed through all turns")}  # noqa: RUF012
 
@@ -223,7 +223,7 @@ class JointStop(OnCoordinate):
         stiffness=("N m/rad or N/m", "stiffness"), damping=("N m s/rad or N s/m", "damping"),
         lower=("rad or m", "lower limit of the coordinate; None: there is none"),
         upper=("rad or m", "upper limit of the coordinate; None: there is none"),
-    )  # fmt: skip
+    )
     dissipative = True
     timeless = True
     with_joints = True
@@ -318,4 +318,4 @@ class JointStop(OnCoordinate):
             return ""
         low, high = ("none" if limit is None else f"{limit:.6g}" for limit in (self.lower, self.upper))
         return (f"its {self.name_of_coordinate} is outside its limits ({low}, {high}) {self.unit}: start it inside them, or "
-                f"draw the scene so")  # fmt: skip
+                f"draw the scene so")

@@ -46,7 +46,7 @@ class SurfaceContact(Contact):
                            "or leave friction out")
         if self.friction is not None and self.friction.states and not k.kind.flat:
             raise LawError(f"friction law {type(self.friction).__name__} has internal states for one direction of sliding, "
-                           f"but bodies in space slide in two; take a law without states, such as mb.Coulomb")  # fmt: skip
+                           f"but bodies in space slide in two; take a law without states, such as mb.Coulomb")
         arm = ZERO if not l.kind.oriented else (at.named("h") if k.kind.oriented else k.r - l.r)
         velocity = self.sliding(k, l, arm, l.r + arm - k.r).named("v")
         return station(penetration, inward, across.cross(inward), velocity, arm)
@@ -84,7 +84,7 @@ class SurfaceContact(Contact):
         if self.smallest is None:
             return super().doubtful_depth()
         return (self.smallest / DEEP, "a tenth of the smallest radius",
-                "a stiffer normal law is meant, or the bodies are too heavy or too fast for it")  # fmt: skip
+                "a stiffer normal law is meant, or the bodies are too heavy or too fast for it")
 
 
 def outside(u: Vec, name: str = "d") -> tuple[Expr, Vec]:
@@ -107,7 +107,7 @@ class BallOnBall(SurfaceContact):
 
     params = params(
         radius_k=("m", "radius of the ball on k; None: a point"), radius_l=("m", "radius of the ball on l; None: a point"),
-    )  # fmt: skip
+    )
 
     @property
     def smallest(self) -> float | None:
@@ -129,7 +129,7 @@ class BallOnCylinder(SurfaceContact):
     params = params(
         radius_k=("m", "radius of the cylinder"), radius_l=("m", "radius of the ball; None: a point"),
         length=("m", "length of the cylinder; None: without ends"),
-    )  # fmt: skip
+    )
 
     @property
     def smallest(self) -> float | None:
@@ -195,7 +195,7 @@ class CylinderOnPlane(SurfaceContact):
         radius=("m", "radius"), length=("m", "distance of the circles at its ends; None: one circle"),
         along_x=("1", "component of its axis; None: 0"), along_y=("1", "component of its axis; None: 0"),
         along_z=("1", "component of its axis; None: 0"),
-    )  # fmt: skip
+    )
 
     @property
     def smallest(self) -> float | None:
@@ -219,7 +219,7 @@ class CylinderOnPlane(SurfaceContact):
         if self.length is None or self._is_disc(k):
             return [(self._station(k, l, along, ZERO), self.ends[0])]
         return [(self._station(k, l, along, along * (sign * self.length / 2)), end)
-                for sign, end in zip((-1, 1), self.ends, strict=True)]  # fmt: skip
+                for sign, end in zip((-1, 1), self.ends, strict=True)]
 
     def _station(self, k: Frame, l: Frame, along: Vec, shift: Vec) -> Station:
         """The contact of the circle around l.r + shift; along: unit vector of the cylinder's axis."""

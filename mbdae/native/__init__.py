@@ -40,10 +40,10 @@ def library() -> ctypes.CDLL:
         found = opened.mbdae_interface()
     except (OSError, AttributeError) as error:
         raise LibraryError(f"The native core of mbdae cannot be opened: {error}. Install mbdae again on this machine, as before "
-                           "and with the options --force-reinstall --no-deps of pip") from error  # fmt: skip
+                           "and with the options --force-reinstall --no-deps of pip") from error
     if found != INTERFACE:
         raise LibraryError(f"{build.LIBRARY} has interface {found}, the Python files beside it need {INTERFACE}: they are of "
-                           "different versions. Install mbdae again")  # fmt: skip
+                           "different versions. Install mbdae again")
     return opened
 
 
@@ -81,7 +81,7 @@ class OrderTable(ctypes.Structure):
     """The C struct `Order` of sparse.h, with the same members in the same order."""
 
     _fields_ = (("n", Whole), *((name, Pointer) for name in ("low", "up", "run", "first", "rows", "columns", "col", "origin",
-                                                             "to")))  # fmt: skip
+                                                             "to")))
 
 
 #: function that opens the library and states the types of the function for the fill-in, for ctypes
@@ -107,7 +107,7 @@ class Entries:
         ends = 0, self.nnz
         if self.indptr.shape != (n + 1,) or (self.indptr[0], self.indptr[-1]) != ends or (np.diff(self.indptr) < 0).any():
             raise internal(f"the pattern of a sparse matrix has column pointers of shape {self.indptr.shape} that do not divide "
-                           f"its {self.nnz} entries into {n} columns")  # fmt: skip
+                           f"its {self.nnz} entries into {n} columns")
         if n < 1 or self.row_of.ndim != 1 or not ((self.row_of >= 0) & (self.row_of < n)).all():
             raise internal(f"the pattern of a sparse matrix ({n}, {n}) has no rows, entries in rows outside of it, or no list of "
                            "these rows")
@@ -211,11 +211,11 @@ def by_counts(entries: Entries, values: NDArray[Any], share: float = 1.0) -> Ord
     n, complex_ = entries.n, values.dtype.kind == "c"
     if n > MANY:
         raise internal(f"the order of elimination of a matrix of {n} unknowns was to be found by a search that takes {MANY} "
-                       "unknowns at most")  # fmt: skip
+                       "unknowns at most")
     d, at = np.zeros((n, n), complex if complex_ else float), np.zeros((n, n), dtype=np.int8)
     d[entries.row_of, entries.column_of], at[entries.row_of, entries.column_of] = values, 1
     rows, columns, top, lists = whole(np.arange(n)), whole(np.arange(n)), np.zeros(n), np.empty((2, n, n), dtype=np.int16)
     count, place = np.zeros((2, 2 * n), dtype=np.int64)
     found = choosing().lu_choose(n, complex_, share, address(d), address(at),
-                                  *(address(array) for array in (rows, columns, count, place, lists, top)))  # fmt: skip
+                                  *(address(array) for array in (rows, columns, count, place, lists, top)))
     return Order(entries, rows, columns) if found == n else None

@@ -35,7 +35,7 @@ ZIGLANG = "ziglang==0.17.1"
 #: every Linux with glibc for which NumPy and SciPy have wheels; `flags` replaces it by musl where this Python uses that
 ZIG_TARGETS = {"linux-x86_64": "x86_64-linux-gnu.2.17", "linux-aarch64": "aarch64-linux-gnu.2.17",
                "win-amd64": "x86_64-windows-gnu", "win-arm64": "aarch64-windows-gnu",
-               "macosx-x86_64": "x86_64-macos.11.0", "macosx-arm64": "aarch64-macos.11.0"}  # fmt: skip
+               "macosx-x86_64": "x86_64-macos.11.0", "macosx-arm64": "aarch64-macos.11.0"}
 #: flags with which sums, products, quotients and roots are the same to the last bit whatever the compiler: no fused multiply-add
 #: (-ffp-contract=off), no -ffast-math. Instructions beyond those of the oldest supported processors are used only in second
 #: versions of some functions (WIDE in core.h), which run where the processor has these instructions
@@ -43,7 +43,7 @@ FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibilit
 TRIAL = "#include <math.h>\n#include <string.h>\ndouble trial(double x) { return sin(x); }\n"
 REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc;\n"
           f"macOS: xcode-select --install; anywhere: pip install '{ZIGLANG}'),\n"
-          "or set CC to the command of a compiler that takes the flags of gcc.")  # fmt: skip
+          "or set CC to the command of a compiler that takes the flags of gcc.")
 
 
 class BuildError(Exception):
@@ -113,7 +113,7 @@ def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     not preloaded into the compiler too."""
     env = {name: value for name, value in os.environ.items() if name not in ("LD_PRELOAD", "DYLD_INSERT_LIBRARIES")}
     return subprocess.run(command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT, encoding="utf-8", errors="replace")  # fmt: skip
+                          stderr=subprocess.STDOUT, encoding="utf-8", errors="replace")
 
 
 def system_compilers() -> list[list[str]]:
@@ -143,7 +143,7 @@ def compiler() -> list[str]:
 def needs_ziglang() -> bool:
     """Whether an installation has to fetch a compiler: none of the system works, and CC names none."""
     return (not os.environ.get("CC", "").strip() and platform_name() in ZIG_TARGETS
-            and all(refusal(command) for command in system_compilers()))  # fmt: skip
+            and all(refusal(command) for command in system_compilers()))
 
 
 # -- the compilation
@@ -164,7 +164,7 @@ def compile_library(command: list[str]) -> str:
             os.replace(part, LIBRARY)
     except OSError as error:
         raise BuildError(f"The library of mbdae cannot be written: {error}.\nLet this user write to the folder, and "
-                         "end other Pythons that have the library open (Windows keeps an open one)") from error  # fmt: skip
+                         "end other Pythons that have the library open (Windows keeps an open one)") from error
     return done.stdout
 
 
@@ -179,7 +179,7 @@ def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]
         said = done.stdout.strip()
         raise BuildError("\n".join([f"The native core of mbdae does not compile in {HERE}:", shlex.join(whole), said,
                                     "Correct the C file or MBDAE_CFLAGS. Where this compiler alone refuses the file, name "
-                                    "another one in CC."]))  # fmt: skip
+                                    "another one in CC."]))
     return done
 
 

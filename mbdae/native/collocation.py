@@ -34,7 +34,7 @@ class NewtonTable(ctypes.Structure):
                 *((name, Pointer) for name in NAMES), ("gamma0", Number),
                 *((name, Pointer) for name in ("Z", "Y", "Yp", "R", "D", "correction", "w", "error", "scaled")),
                 ("rate", Number), ("iterations", Whole), ("theta", Number), ("norm", Number), ("estimate", Number),
-                ("residuals", Whole))  # fmt: skip
+                ("residuals", Whole))
 
 
 #: function that opens the library and states the types of the functions of radau.c for ctypes
@@ -75,7 +75,7 @@ class Stages:
                            f"{len(matrix.factors)} factorised matrices")
         if not (np.array_equal(matrix.real[:reals], coefficients.real) and np.array_equal(matrix.pairs, coefficients.pairs)):
             raise internal("the factorised matrices of a collocation method were made for other eigenvalues than those of its "
-                           "coefficients")  # fmt: skip
+                           "coefficients")
         if equations.table.n != n or not equations.table.residual:
             raise internal(f"a collocation method was given {equations.table.n} equations, or none as a residual, and an "
                            f"iteration matrix of {n} unknowns: it needs equations as a residual, as many as unknowns")
@@ -88,7 +88,7 @@ class Stages:
         arrays = (self.Z, self.Y, self.Yp, self.R, self._D, self.correction, self._w, self.error, self.scaled)
         self._kept = kept
         self.table = NewtonTable(equations.address, matrix.address, s, n, reals, pairs, *map(address, kept.values()),
-                           coefficients.gamma0, *map(address, arrays), inf)  # fmt: skip
+                           coefficients.gamma0, *map(address, arrays), inf)
         self._at, self._c = ctypes.addressof(self.table), functions()
 
     def predict(self, yp: Array, h: float, last_h: float, last: Array | None) -> None:
@@ -126,7 +126,7 @@ class Stages:
         iteration matrix filters out stiff components. careful: filter once more where the estimate is 1 or larger."""
         if not len(self.matrix.real):
             raise internal("the error estimate of a collocation method needs a real eigenvalue of its coefficients, these have "
-                           "none")  # fmt: skip
+                           "none")
         self._y[:], self._yp[:], self._weights[:] = y, yp, weights
         if self._c.radau_error(self._at, t, *self._inputs[:2], h, self._inputs[2], careful) < 0:
             self.equations.raise_error()
@@ -145,7 +145,7 @@ class ContactTable(ctypes.Structure):
     _fields_ = (("values", Pointer), ("scene", Pointer), ("count", Whole), ("positions", Whole),
                 *((name, Pointer) for name in ("logarithms", "by_joints", "known", "at")), ("reach", Number),
                 *((name, Pointer) for name in ("here", "before", "end", "lasting", "stiff", "pairs", "inside")),
-                *((name, Number) for name in NUMBERS))  # fmt: skip
+                *((name, Number) for name in NUMBERS))
 
 
 class Contacts:
@@ -171,7 +171,7 @@ class Contacts:
         self.table = ContactTable(address_of("scene_values"), scene.address, count, 0,
                            *map(address, (self._logarithms, self._by_joints, self._known)), None, 0.0,
                            *map(address, (self.here, self.before, self._end, self.lasting, self.stiff, self._pairs, self.inside)),
-                           **numbers)  # fmt: skip
+                           **numbers)
 
     def hold(self, durations: Sequence[Array], known: NDArray[Any], at: Array, reach: float) -> None:
         """Set the durations (s) of impacts at SPEEDS, an array of every contact. known (count,): whether its effective mass was
@@ -203,7 +203,7 @@ class StepTable(ctypes.Structure):
                 *((name, Number) for name in ("bound", "landing", "smallest", "width", "error", "noise", "noise_t", "noise_h",
                                               "tried")),
                 *((name, Whole) for name in ("careful", "rejected", "rejections", "jacobians", "factorisations", "iterations",
-                                             "residuals")))  # fmt: skip
+                                             "residuals")))
 
 
 class Made(NamedTuple):
@@ -232,27 +232,27 @@ class Run(Stepping):
     """
 
     def __init__(self, stages: Stages, rates: Equations | None, atol: Array, order: Array, rtol: float, time: float,
-                 target: float, limit: int) -> None:  # fmt: skip
+                 target: float, limit: int) -> None:
         super().__init__(stages.equations)
         s, n = stages.s, stages.n
         entries, given = stages.matrix.entries.nnz, int(stages.equations.table.nnz)
         self._kept = stages, rates, np.array(atol, dtype=float), np.array(order, dtype=float)
         if any(array.shape != (n,) for array in self._kept[2:]):
             raise internal(f"Radau IIA in C was given absolute tolerances of shape {np.shape(atol)} and indices of shape "
-                           f"{np.shape(order)}, it needs one for each of {n} unknowns")  # fmt: skip
+                           f"{np.shape(order)}, it needs one for each of {n} unknowns")
         if given != entries or not stages.equations.table.jacobian:
             raise internal(f"Radau IIA in C was given equations whose Jacobian has {given} entries, and an iteration matrix that "
-                           f"has {entries}: it needs as many, and a Jacobian")  # fmt: skip
+                           f"has {entries}: it needs as many, and a Jacobian")
         if rates is not None and (rates.table.n != n or not rates.table.rates):
             raise internal(f"Radau IIA in C needs y' as a function of {n} unknowns, and was given one of {rates.table.n}, or "
-                           "none")  # fmt: skip
+                           "none")
         self.y, self.yp, self._weights, self._power = np.zeros((4, n))
         self.last = np.zeros((s, n))
         arrays = (self.y, self.yp, self.last, self._weights, self._power)
         self.table = StepTable(
             ctypes.addressof(stages.table), stages.matrix.address, None if rates is None else rates.address,
             *map(address, self._kept[2:]), rtol, time, target, limit, *map(address, arrays), stale=1, exponent=1 / (s + 1),
-            accepted_error=1.0, bound=inf, landing=inf, rejected=FIRST)  # fmt: skip
+            accepted_error=1.0, bound=inf, landing=inf, rejected=FIRST)
         self._at, self._c, self._shape = ctypes.addressof(self.table), functions(), (s - 1, n)
 
     def watch(self, contacts: Contacts | None) -> None:
@@ -284,7 +284,7 @@ class Run(Stepping):
         times, y, yp, errors = np.empty(rows), np.empty((rows, n)), np.empty((rows, n)), np.empty(rows)
         inner, made = np.empty((rows, *self._shape)), Whole()
         code = self.native(self._c.run_steps, self._at, t, end, solved, most, SLICE, rows,
-                        *map(address, (times, y, yp, inner, errors)), ctypes.addressof(made))  # fmt: skip
+                        *map(address, (times, y, yp, inner, errors)), ctypes.addressof(made))
         m = made.value
         return Made(times[:m], y[:m], yp[:m], inner[:m], errors[:m], code)
 

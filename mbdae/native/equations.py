@@ -36,7 +36,7 @@ class Table(ctypes.Structure):
     """The C struct `Equations` of core.h, with the same members in the same order."""
 
     _fields_ = (("self", Pointer), ("n", Whole), ("nnz", Whole), ("residual", Pointer), ("jacobian", Pointer),
-                ("rates", Pointer), ("rate_jacobian", Pointer))  # fmt: skip
+                ("rates", Pointer), ("rate_jacobian", Pointer))
 
 
 class Stretches(ctypes.Structure):
@@ -123,7 +123,7 @@ class Stepping(Listening):
         the kinks (l,), s: instants at which a derivative of an input jumps."""
         self._edges, self._kinks = np.array(edges, dtype=float), np.array(kinks, dtype=float)
         self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share, self._kinks.ctypes.data,
-                                         len(self._kinks))  # fmt: skip
+                                         len(self._kinks))
 
 
 def equations_of(system: Any) -> Equations:

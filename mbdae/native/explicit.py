@@ -29,7 +29,7 @@ class Table(ctypes.Structure):
                 *((name, Pointer) for name in ("c", "nodes", "atol")), ("inner", Whole),
                 *((name, Number) for name in ("rtol", "h", "longest")), ("stretches", Stretches),
                 *((name, Pointer) for name in ("K", "y", "next", "F")),
-                *((name, Whole) for name in ("evaluations", "rejected", "after_rejection")))  # fmt: skip
+                *((name, Whole) for name in ("evaluations", "rejected", "after_rejection")))
 
 
 class Batch:
@@ -41,18 +41,18 @@ class Batch:
         k, n = starts.shape
         if numbers.shape != (k, len(slots)) or (len(slots) and not (slots.min() >= 0 and slots.max() < len(W))):
             raise internal(f"a batch of {k} runs was given values of shape {numbers.shape} for {len(slots)} numbers, or places "
-                           f"of these, {slots.tolist()}, outside of the {len(W)} that the equations read")  # fmt: skip
+                           f"of these, {slots.tolist()}, outside of the {len(W)} that the equations read")
         if not (begin < end and (np.diff(times, prepend=begin)[1:] > 0).all() and ((times >= begin) & (times <= end)).all()):
             raise internal(f"a batch was given output times {times} s that do not increase, or leave its time from {begin} to "
-                           f"{end} s")  # fmt: skip
+                           f"{end} s")
         self.y, self.last = np.full((k, len(times), n), np.nan), np.full((k, n), np.nan)
         self.code, self.counts = np.zeros(k, dtype=np.int64), np.zeros((3, k), dtype=np.int64)
         arrays = {"starts": np.array(starts, dtype=float, order="C"), "numbers": np.array(numbers, dtype=float, order="C"),
                   "times": np.append(times, np.inf), "slots": np.array(slots, dtype=np.int64), "out": self.y, "last": self.last,
-                  "code": self.code, **dict(zip(("steps", "rejected", "evaluations"), self.counts, strict=True))}  # fmt: skip
+                  "code": self.code, **dict(zip(("steps", "rejected", "evaluations"), self.counts, strict=True))}
         self._kept, self.n = (arrays, W), n
         self.table = Runs(points=k, width=len(slots), outputs=len(times), from_=begin, end=end, W=W.ctypes.data,
-                          **{name: a.ctypes.data for name, a in arrays.items()})  # fmt: skip
+                          **{name: a.ctypes.data for name, a in arrays.items()})
 
     @property
     def done(self) -> int:
@@ -81,7 +81,7 @@ class Method:
         i, j = (np.array([entry[k] for entry in entries], dtype=np.int64) for k in (0, 1))
         if not (i.min() >= 0 and i.max() < rows and j.min() >= 0 and j.max() < columns and (np.diff(i) >= 0).all()):
             raise internal(f"the coefficients of a Runge-Kutta method lie outside of their table of {rows} rows and {columns} "
-                           "columns, or are not sorted by rows")  # fmt: skip
+                           "columns, or are not sorted by rows")
         starts = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64)
         arrays = starts, j, np.array([v for *_, v in entries])
         self._kept.append(arrays)
@@ -108,7 +108,7 @@ class Steps(NamedTuple):
 _functions = declared(
     ("explicit_steps", ctypes.c_int, (Pointer, *[Number] * 4, Whole, *[Pointer] * 5)),
     ("explicit_begin", ctypes.c_int, (Pointer, Number, Number)), ("explicit_batch", ctypes.c_int, (Pointer, Pointer, Number)),
-)  # fmt: skip
+)
 
 
 class Runs(ctypes.Structure):
@@ -117,7 +117,7 @@ class Runs(ctypes.Structure):
     _fields_ = (*((name, Whole) for name in ("points", "width", "outputs", "point", "begun", "taken")),
                 *((name, Number) for name in ("from_", "end", "t")),
                 *((name, Pointer) for name in ("starts", "numbers", "times", "slots", "W", "out", "last")),
-                *((name, Pointer) for name in ("code", "steps", "rejected", "evaluations")))  # fmt: skip
+                *((name, Pointer) for name in ("code", "steps", "rejected", "evaluations")))
 
 
 class Explicit(Stepping):
@@ -128,7 +128,7 @@ class Explicit(Stepping):
         n = int(equations.table.n)
         if not equations.table.rates or atol.shape != (n,):
             raise internal(f"DOP853 in C needs y' as a function and {n} absolute tolerances, one per unknown; the shape of those "
-                           f"it was given is {atol.shape}")  # fmt: skip
+                           f"it was given is {atol.shape}")
         super().__init__(equations)
         self.n = n
         self._K, self._y, self._next, self._F = np.zeros((ALL, n)), np.zeros(n), np.zeros(n), np.zeros((ORDER + 1, n))
@@ -136,7 +136,7 @@ class Explicit(Stepping):
         self.table = Table(
             equations.address, method.stages, method.errors, method.dense, method.c, *(a.ctypes.data for a in self._kept[1:]),
             len(nodes), rtol, 0.0, np.inf, Stretches(), *(a.ctypes.data for a in (self._K, self._y, self._next, self._F)), 0, 0,
-            0)  # fmt: skip
+            0)
         self.inner, self._at = len(nodes), ctypes.addressof(self.table)
 
     def begin(self, y: Array, rate: Array, h: float) -> None:
@@ -160,7 +160,7 @@ class Explicit(Stepping):
         self.table.longest = longest
         arrays = (a.ctypes.data for a in (times, y, yp, inner))
         code = self.native(_functions().explicit_steps, self._at, t, end, self.table.evaluations + most, SLICE, rows, *arrays,
-                           ctypes.addressof(made))  # fmt: skip
+                           ctypes.addressof(made))
         m = made.value
         return Steps(times[:m], y[:m], yp[:m], inner[:m], code)
 

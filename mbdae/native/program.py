@@ -39,7 +39,7 @@ class Operation(ctypes.Structure):
         *((name, Whole) for name in ("kind", "times", "count", "first", "inputs", "outputs", "to_step", "from_step", "by_step",
                                      "weight_step")),
         *((name, Pointer) for name in ("to", "from_", "by", "weight", "function", "data")),
-    )  # fmt: skip
+    )
 
 
 class Part(ctypes.Structure):
@@ -117,7 +117,7 @@ class Operations:
         points, inputs = slots.shape
         first = self.slots(points * width) if first is None else first
         self._add(CALL, {"from_": slots}, (first, points * width), times=points, inputs=inputs, outputs=width, first=first,
-                  kernel=kernel)  # fmt: skip
+                  kernel=kernel)
         return block(first, points, width)
 
     def hand_on(self, kernel: Any, gather: ArrayLike, to: ArrayLike, first: int | None = None) -> Index:
@@ -128,10 +128,10 @@ class Operations:
         (points, inputs), width, count = slots.shape, kernel.width, sums.shape[-1] if sums.ndim == 2 else -1
         if sums.shape != (points, count) or count > width:
             raise internal(f"a compiled function with {width} outputs at {points} points was given places of shape {sums.shape} "
-                           f"to add them to: ({points}, {width} or fewer) is needed")  # fmt: skip
+                           f"to add them to: ({points}, {width} or fewer) is needed")
         first = self.slots(points * width) if first is None else first
         self._add(PASS, {"from_": slots, "to": sums}, (first, points * width), times=points, inputs=inputs, outputs=width,
-                  count=count, first=first, kernel=kernel)  # fmt: skip
+                  count=count, first=first, kernel=kernel)
         return block(first, points, width)
 
     def load(self, first: int, values: ArrayLike) -> None:
@@ -144,15 +144,15 @@ class Operations:
         self._map(SET, times, {"to": to, "from_": from_}, None, to_step=to_step, from_step=from_step)
 
     def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike = 1.0, times: int = 1, to_step: int = 0,
-            from_step: int = 0) -> None:  # fmt: skip
+            from_step: int = 0) -> None:
         """W[to] += weight * W[from_], repeated as in `set`. weight: one number, (len(to),), or (times, len(to))."""
         self._map(ADD, times, {"to": to, "from_": from_}, weight, to_step=to_step, from_step=from_step)
 
     def multiply(self, to: ArrayLike, from_: ArrayLike, by: ArrayLike, weight: ArrayLike = 1.0, times: int = 1,
-                 to_step: int = 0, from_step: int = 0, by_step: int = 0) -> None:  # fmt: skip
+                 to_step: int = 0, from_step: int = 0, by_step: int = 0) -> None:
         """W[to] += weight * W[from_] * W[by], repeated as in `set`."""
         self._map(MULTIPLY, times, {"to": to, "from_": from_, "by": by}, weight, to_step=to_step, from_step=from_step,
-                  by_step=by_step)  # fmt: skip
+                  by_step=by_step)
 
     def cholesky(self, n: int, width: int, matrix: int, right: int) -> None:
         """Factorise a symmetric band matrix in place by Cholesky and solve for one right-hand side, in whose slots the solution
@@ -164,7 +164,7 @@ class Operations:
         """Solve for `times` further right-hand sides, stored one after the other from slot `right` on, with the factors that
         `cholesky` left at slot `matrix`."""
         self._add(SOLVE, {}, (matrix, n * width), (right, n * times), times=times, count=n, inputs=width, first=matrix,
-                  outputs=right)  # fmt: skip
+                  outputs=right)
 
     def lu(self, n: int, matrix: int, right: int, times: int = 1) -> None:
         """Solve with a full matrix, stored by rows at slot `matrix`, for right-hand sides stored one after the other at slot
@@ -184,9 +184,9 @@ class Operations:
         self._room.constants.append((first + READ, np.array([0.0, a, b])))  # segment of the table read last, a, b
         if len(packed) != 9 + 6 * points or points < 2:
             raise internal(f"a table of an input of time was stored in {len(packed)} numbers: 9, and 6 for each of two or more "
-                           "points, are needed")  # fmt: skip
+                           "points, are needed")
         self._add(LOOKUP, {"weight": packed}, (first, READ + 3), (at, 1), (side, 1), times=1, count=points, first=first,
-                  inputs=at, outputs=side)  # fmt: skip
+                  inputs=at, outputs=side)
         return first
 
     # -- tables
@@ -196,7 +196,7 @@ class Operations:
         count = len(tables["from_"])
         if any(len(table) != count for table in tables.values()):
             raise internal("an operation of the compiled equations was given lists of places of different lengths: "
-                           f"{ {name.rstrip('_'): len(table) for name, table in tables.items()} }")  # fmt: skip
+                           f"{ {name.rstrip('_'): len(table) for name, table in tables.items()} }")
         if not count or not times:
             return
         if weight is not None:
@@ -204,7 +204,7 @@ class Operations:
             weights = np.full(count, weights) if weights.ndim == 0 else weights
             if weights.shape not in ((count,), (times, count)):
                 raise internal(f"an operation of the compiled equations was given factors of shape {weights.shape}: a number, "
-                               f"({count},) or ({times}, {count}) is needed")  # fmt: skip
+                               f"({count},) or ({times}, {count}) is needed")
             steps["weight_step"], tables["weight"] = (count if weights.ndim == 2 else 0), weights.ravel()
         self._add(kind, tables, times=times, count=count, **steps)
 
@@ -238,7 +238,7 @@ class Operations:
         for operation, (fields, tables, (low, high)) in zip(made, self.steps, strict=False):
             if low < 0 or high > size:
                 raise internal(f"an operation of the compiled equations reads or writes numbers {low} to {high - 1}, beyond the "
-                               f"{size} of its array")  # fmt: skip
+                               f"{size} of its array")
             for name, value in fields.items():
                 if name == "kernel":
                     code, data = value.compiled.as_ctypes()
@@ -271,7 +271,7 @@ class Scene(ctypes.Structure):
         *((name, Whole) for name in ("n", "dotted", "nnz", "rows", "fy", "fyp", "rates", "at", "bad")),
         ("read", Pointer), ("t", Number), ("side", Number),
         *((name, Part) for name in ("clock", "residual", "jacobian", "of_rates")),
-    )  # fmt: skip
+    )
 
 
 #: function that opens the library and states the types of the functions of evaluation.c for ctypes

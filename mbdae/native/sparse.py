@@ -47,7 +47,7 @@ class FactorsTable(ctypes.Structure):
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
                 ("order", Pointer), ("surely", Whole), ("least", Number), ("accurate", Number),
                 ("a", Pointer), ("lu", Pointer), ("w", Pointer),
-                ("tops", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
+                ("tops", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))
 
 
 class MatrixTable(ctypes.Structure):
@@ -55,7 +55,7 @@ class MatrixTable(ctypes.Structure):
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("reals", Whole), ("pairs", Whole), ("ready", Whole),
                 *((name, Pointer) for name in ("row_of", "column_of", "scale", "power", "eigenvalues", "fy", "fyp", "row",
-                                               "column", "w", "factors")))  # fmt: skip
+                                               "column", "w", "factors")))
 
 
 #: function that opens the library and states the types of the functions of sparse.h for ctypes
@@ -107,7 +107,7 @@ class Factors:
         self.table = FactorsTable(
             entries.n, entries.nnz, self.dtype.kind == "c", address(entries.row_of), address(entries.column_of), None, 0, 0.0,
             ACCURATE, address(self.values), None, address(self._work), address(self._tops), address(self._swaps), None,
-            None)  # fmt: skip
+            None)
         self._at = ctypes.addressof(self.table)
 
     def factor(self) -> None:
@@ -176,7 +176,7 @@ class Factors:
         plain values, for `go_back`."""
         arrays = (self.values, self._lu, self._swaps)
         return {"begun": bool(self.table.lu), "own": _pivots(self.order), "shared": _pivots(self.orders.present),
-                "accurate": self.table.accurate, "arrays": [array.copy() for array in arrays]}  # fmt: skip
+                "accurate": self.table.accurate, "arrays": [array.copy() for array in arrays]}
 
     def go_back(self, kept: dict[str, Any]) -> None:
         """Restore the factors and orders of a snapshot."""
@@ -234,7 +234,7 @@ class Matrix:
         if self.scale.shape != (n,) or self.power.shape != (n,) or self.real.ndim != 1 or self.pairs.ndim != 1:
             raise internal(f"an iteration matrix of {n} unknowns needs scales and powers of the step of shape ({n},) and lists "
                            f"of eigenvalues: their shapes are {self.scale.shape}, {self.power.shape}, {self.real.shape} and "
-                           f"{self.pairs.shape}")  # fmt: skip
+                           f"{self.pairs.shape}")
         self._values = np.concatenate([self.real, self.pairs.view(float)])
         self.fy, self.fyp = np.zeros((2, nnz))
         self.row, self.column, self._work = np.ones(n), self.scale.copy(), np.zeros((3, n))
@@ -244,9 +244,9 @@ class Matrix:
             raise internal("an iteration matrix was given no eigenvalue lambda to be factorised for")
         self._addresses = (Pointer * len(self.factors))(*(ctypes.addressof(f.table) for f in self.factors))
         kept = (entries.row_of, entries.column_of, self.scale, self.power, self._values, self.fy, self.fyp, self.row, self.column,
-                self._work)  # fmt: skip
+                self._work)
         self.table = MatrixTable(n, nnz, len(self.real), len(self.pairs), 0, *map(address, kept),
-                                 ctypes.addressof(self._addresses))  # fmt: skip
+                                 ctypes.addressof(self._addresses))
         self.address = ctypes.addressof(self.table)
         self._factor = functions().matrix_factor
 
@@ -261,7 +261,7 @@ class Matrix:
         """Solutions (k, n) for the right-hand sides (k, n), with the matrix of the first lambda, which has to be real."""
         if right.shape[1:] != (self.entries.n,) or not (len(self.real) and self.table.ready):
             raise internal(f"a linear system of {self.entries.n} unknowns was given right-hand sides of shape {right.shape}, or "
-                           "nothing is factorised")  # fmt: skip
+                           "nothing is factorised")
         x = np.ascontiguousarray(right * self.row)
         functions().lu_solve_each(ctypes.addressof(self.factors[0].table), len(x), address(x))
         return np.asarray(x * self.column)

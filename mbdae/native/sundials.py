@@ -31,7 +31,7 @@ SAID = {
     "ERR_FAIL": "the error test failed too many times", "CONV_FAIL": "Newton's iteration failed too many times",
     "TOO_MUCH_ACC": "the tolerance is below the round-off", "REP_RES_ERR": "the equations are not finite wherever it was tried",
     "REPTD_RHSFUNC_ERR": "the equations are not finite wherever it was tried",
-}  # fmt: skip
+}
 
 
 class Method:
@@ -128,7 +128,7 @@ class Method:
         self._call("ReInit", t, *self._start_vectors())
 
     def advance(self, start: tuple[float, Array, Array], last_step: float, stop: float, toward: float, rows: int = MOST_ROWS,
-                left: float = np.inf) -> Steps:  # fmt: skip
+                left: float = np.inf) -> Steps:
         """Make steps from the last accepted point, `start` (t, y, y'), up to the time `stop`; end after `rows` steps, `left`
         evaluations, or SLICE seconds of wall time. last_step: length of the step before (s); toward: end of the run (s).
         `raise_error` afterwards raises exceptions of callbacks."""
@@ -180,7 +180,7 @@ class Method:
         if checked and code < 0:
             raise RuntimeError(f"SUNDIALS refused a call of its function {self.prefix}{name}: {self.reason(code)}. This is an "
                                "error in mbdae, not in what you stated: please report it with the scene; mb.RadauIIA(3) does "
-                               "without")  # fmt: skip
+                               "without")
         return code
 
     def _owned(self, made: int | None, free: Callable[..., Any]) -> int:
@@ -257,7 +257,7 @@ class Ida(Method):
     prefix = "IDA"
 
     def __init__(self, *args: Any, pattern: Any = None, sparse: bool = False, differences: bool = False,
-                 relaxing: bool = False) -> None:  # fmt: skip
+                 relaxing: bool = False) -> None:
         self._relaxing = relaxing
         self._pattern, self._sparse, self.jacobian = pattern, sparse, "ida_differences" if differences else "ida_jacobian"
         super().__init__(*args)
@@ -276,7 +276,7 @@ class Ida(Method):
         matrix = self._owned(S.SUNSparseMatrix(n, n, nnz, CSC, self._context), S.SUNMatDestroy)
         columns, rows = (np.array(a, dtype=S.index) for a in (pattern.indptr, pattern.indices))
         run.own_columns, run.columns_bytes, run.own_rows, run.rows_bytes = (
-            self._address(columns), columns.nbytes, self._address(rows), rows.nbytes)  # fmt: skip
+            self._address(columns), columns.nbytes, self._address(rows), rows.nbytes)
         run.data = _pointer(S.SUNSparseMatrix_Data)
         run.columns, run.rows = _pointer(S.SUNSparseMatrix_IndexPointers), _pointer(S.SUNSparseMatrix_IndexValues)
         made = S.SUNLinSol_SuperLUMT(self._y, matrix, 1, self._context)

@@ -32,7 +32,7 @@ _OWN = {
     "SUNContext_ClearErrHandlers": (_I, _P), "SUNContext_GetLogger": (_I, _P, _P), "N_VGetArrayPointer": (_P, _P),
     "SUNLogger_SetErrorFilename": (_I, _P, c_char_p), "SUNLogger_SetWarningFilename": (_I, _P, c_char_p),
     "N_VDestroy": (None, _P), "SUNMatDestroy": (None, _P), "SUNLinSolFree": (_I, _P),
-}  # fmt: skip
+}
 #: functions called in the library of IDA: vectors, matrices and the dense linear solver too, which each method's library contains
 _IDA = {
     "N_VNew_Serial": (_P, _N, _P), "SUNDenseMatrix": (_P, _N, _N, _P), "SUNDenseMatrix_Data": (_P, _P),
@@ -41,21 +41,21 @@ _IDA = {
     "SUNSparseFromDenseMatrix": (_P, _P, _D, _I), "IDACreate": (_P, _P), "IDAInit": (_I, _P, _P, _D, _P, _P),
     "IDAReInit": (_I, _P, _D, _P, _P), "IDASolve": (_I, _P, _D, _P, _P, _P, _I),
     "IDAGetEstLocalErrors": (_I, _P, _P), "IDAWFtolerances": (_I, _P, _P),
-}  # fmt: skip
+}
 _CVODE = {
     "CVodeCreate": (_P, _I, _P), "CVodeInit": (_I, _P, _P, _D, _P), "CVodeReInit": (_I, _P, _D, _P),
     "CVode": (_I, _P, _D, _P, _P, _I), "CVodeGetDky": (_I, _P, _D, _I, _P),
-}  # fmt: skip
+}
 _BOTH = {
     "SVtolerances": (_I, _P, _D, _P), "SetUserData": (_I, _P, _P), "SetLinearSolver": (_I, _P, _P, _P), "SetJacFn": (_I, _P, _P),
     "SetMaxOrd": (_I, _P, _I), "SetInitStep": (_I, _P, _D), "SetMaxNumSteps": (_I, _P, c_long), "SetStopTime": (_I, _P, _D),
     "GetReturnFlagName": (c_char_p, c_long), "Free": (None, _P),
-}  # fmt: skip
+}
 _SPARSE = {"SUNLinSol_SuperLUMT": (_P, _P, _P, _I, _P)}
 FUNCTIONS: dict[str, dict[str, tuple[Any, ...]]] = {
     "core": _OWN, "ida": _IDA | {"IDA" + name: kind for name, kind in _BOTH.items()},
     "cvode": _CVODE | {"CVode" + name: kind for name, kind in _BOTH.items()}, "sunlinsolsuperlumt": _SPARSE,
-}  # fmt: skip
+}
 
 #: modules of scikit-sundae that are linked to these libraries, wherever they are (conda, a build from source): through a module
 #: that is opened, the functions of its libraries are found too, but not on Windows
@@ -97,7 +97,7 @@ class Functions:
                 self.__dict__[key] = function
         except (OSError, AttributeError) as error:
             raise unavailable(f"the file {self._files[name].name} of scikit-sundae cannot be used: {error}; install "
-                              "scikit-sundae again") from error  # fmt: skip
+                              "scikit-sundae again") from error
 
     def _check_version(self) -> None:
         major, minor, patch = c_int(), c_int(), c_int()
@@ -105,7 +105,7 @@ class Functions:
         self.SUNDIALSGetVersionNumber(*map(ctypes.byref, (major, minor, patch)), label, len(label))
         if major.value != MAJOR:
             raise unavailable(f"scikit-sundae brings SUNDIALS {major.value}.{minor.value}.{patch.value}, mbdae needs "
-                              f"{MAJOR}.x: install a scikit-sundae that brings it")  # fmt: skip
+                              f"{MAJOR}.x: install a scikit-sundae that brings it")
 
     def _index(self) -> type[np.signedinteger[Any]]:
         """Integer type of matrix indices in this build of SUNDIALS. It is found from the column pointers 0, 1, 2 of a sparse
@@ -123,7 +123,7 @@ class Functions:
         kinds: dict[tuple[int, ...], type[np.signedinteger[Any]]] = {(0, 1, 2): np.int32, (0, 0, 1): np.int64}
         if tuple(found) not in kinds:
             raise unavailable("the SUNDIALS of scikit-sundae takes indices that are neither int32 nor int64 (a test gave "
-                              f"{found}): install the scikit-sundae of the package index")  # fmt: skip
+                              f"{found}): install the scikit-sundae of the package index")
         return kinds[tuple(found)]
 
 
@@ -170,7 +170,7 @@ class Run(ctypes.Structure):
         ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
         ("errors", Pointer), ("wider", Pointer), ("window", Whole), ("before", Whole),
         ("relaxed", Whole), ("least", Number), ("most_of_window", Number), ("most_of_run", Number),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,7 @@ def _by_name(name: str, options: dict[str, Any]) -> Document:
         return _clearance(Hertz(1e9, damping=0.3), Coulomb(0.3, 1e-3), None)
     if name not in known:
         raise OptionError(f"what = {shown(name)} is not known: {meant(name, names())}give one of {', '.join(names())}, or a law "
-                          f"or scene itself")  # fmt: skip
+                          f"or scene itself")
     return report(known[name], **{"kept": True} | options if name == "classical" else options)
 
 
@@ -143,14 +143,14 @@ def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document
     """The report of a joint with a joint model; OptionError where `model` is none."""
     if isinstance(model, Clearance) and law is not Revolute:
         raise OptionError(f"model = {shown(model)}: of all joints only mb.Revolute has clearance; say mb.report(mb.Revolute, "
-                          f"model=...)")  # fmt: skip
+                          f"model=...)")
     if isinstance(model, Clearance):
         return _clearance(model.normal, model.friction, model.length)
     if isinstance(model, Recursive):
         return recursive_report((law,), options) if law is not Revolute or options else recursive_report()
     if not isinstance(model, JointModel):
         raise OptionError(f"model = {shown(model)}: give mb.Kinematic(), mb.Classical() or mb.Recursive(), for mb.Revolute also "
-                          f"mb.Clearance(...)")  # fmt: skip
+                          f"mb.Clearance(...)")
     return report(law, kept=isinstance(model, Classical) or law.must_keep(), **options)
 
 

@@ -32,7 +32,7 @@ def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr
 def _divides(e: Expr) -> bool:
     """Whether a sum stands in a denominator, which would be repeated in every term of the expanded expression."""
     return any(isinstance(node, se.Pow) and isinstance(node.args[0], se.Add) and node.args[1].is_Number and node.args[1] < 0
-               for node in nodes(e))  # fmt: skip
+               for node in nodes(e))
 
 
 def tidy(e: Expr) -> Expr:
@@ -58,7 +58,7 @@ class Motion:
     the rotation vectors in a change ("w": angular velocity, "dpsi": virtual); sign: LaTeX before the letter of a change."""
 
     def __init__(self, record: Record, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str,
-                 turn: str = "") -> None:  # fmt: skip
+                 turn: str = "") -> None:
         self.record, self.base, self.clock, self.sign, self.turn = record, base, clock, sign, turn
         self._known: dict[Any, Any] = {}
 
@@ -178,7 +178,7 @@ class Dual:
             pairs, partial = Dual(self.record, self.velocities, self.symbols).of(self.record.scalars[symbol])
             kinds = ("v", r"\omega") if self.velocities else ("r", r"\psi")
             cache[key] = {side: tuple(self._named(part, (kind, symbol, side)) for kind, part in zip(kinds, pair, strict=True))
-                          for side, pair in pairs.items()}, partial  # fmt: skip
+                          for side, pair in pairs.items()}, partial
         pairs, partial = cache[key]
         for side, pair in pairs.items():
             for i in range(2):

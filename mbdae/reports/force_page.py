@@ -67,7 +67,7 @@ class ForceReport(LawPage):
         if s.wrench is not None:
             parts = zip("FT", s.wrench, law.wrench(*sides), strict=True)
             lines = [self.line(rf"\mathbf{{{letter}}}", part, np.stack([self._derived(c) for c in stated], -1), DERIVED)
-                     for letter, part, stated in parts]  # fmt: skip
+                     for letter, part, stated in parts]
             on_k = "" if self.external else "; the opposite acts on k at the same point"
             text = f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"
             blocks += self.told(text, *lines)
@@ -78,7 +78,7 @@ class ForceReport(LawPage):
         total, partials = self.all_pairs(), (self.elastic[1], self._drag(), self.stated_partials)
         lines = [self.line(letter, -total[side][i]) for letter, side, i in self.letters()]
         lines += [self.line(effort(name), sum((part[symbol] for part in partials), se.Integer(0)))
-                  for name, symbol in self.s.coordinates.items()]  # fmt: skip
+                  for name, symbol in self.s.coordinates.items()]
         text = (
             "Forces and moments on the bodies at their points, from $-\\delta V$,"
             " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is"

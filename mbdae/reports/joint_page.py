@@ -72,7 +72,7 @@ class JointReport(LawPage):
     def _want_rows(self) -> None:
         for row in (row for row in self.s.rows if row not in self.d.rows):
             raise LawError(f"{self.s.cls.__name__}: the row '{row}' is 0 between bodies in space, wherever they are: "
-                           f"correct it, or leave it out of `constraints`")  # fmt: skip
+                           f"correct it, or leave it out of `constraints`")
         work: Any = 0.0
         for i, row in enumerate(self.d.rows):
             unit = self.unit(self.s.rows[row])
@@ -100,7 +100,7 @@ class JointReport(LawPage):
         sections = [*coordinates_section(self), self._constraint()]
         if self.s.rows:
             sections += [*self._solutions(), self._variation(), self._forces(), *self._balances(), self._rates(),
-                         self._stiffness()]  # fmt: skip
+                         self._stiffness()]
         sections += resistance_section(self)
         planar, none, flat = planar_pages(self)
         further = [*flat, *recursive_pages(self.s, self.taken.union(*(page.taken for page, _ in flat)))]
@@ -121,7 +121,7 @@ class JointReport(LawPage):
         found = self.section("Constraint", f"{counted(len(rows), 'row')} must vanish.", *rows)
         text = ("With a scaling $s$ and a penalty $p$ (both left out below) the potential of a row is"
                 " $s\\,\\lambda\\,c + p\\,c^2$: its force $\\lambda$ becomes $s\\,\\lambda + 2\\,p\\,c$ everywhere in this"
-                " report.")  # fmt: skip
+                " report.")
         augmented = {"scaling", "penalty"} <= set(self.s.cls.params)
         return Section(found.title, [*found.blocks, *([Paragraph(text)] if augmented else [])])
 
@@ -171,7 +171,7 @@ class JointReport(LawPage):
             return []
         lines, vanishes = self.balance(self.totals())
         text = ("at every attitude, whether the constraint is satisfied or not." if vanishes else
-                "where the constraint is satisfied: rows along inertial axes do not turn with the bodies.")  # fmt: skip
+                "where the constraint is satisfied: rows along inertial axes do not turn with the bodies.")
         return [Section("Balance of forces and moments", [*lines, Paragraph(f"Both sums vanish {text}")])]
 
     def _rates(self) -> Section:
@@ -180,12 +180,12 @@ class JointReport(LawPage):
         rates = {row: rate.scalar(e) for row, e in self.s.rows.items()}
         second = {row: rate.scalar(e) for row, e in rates.items()}
         text = ("The factors of the virtual displacements in the variation are the rows of the Jacobian $\\mathbf{G}$; rows"
-                " as in the constraint, columns as in the velocities beside it:")  # fmt: skip
+                " as in the constraint, columns as in the velocities beside it:")
         bias = ("$\\ddot c = \\mathbf{G}\\dot{\\mathbf{u}} + \\gamma$, where $\\gamma$ contains no acceleration of a centre and"
-                " no angular acceleration:")  # fmt: skip
+                " no angular acceleration:")
         blocks = [Paragraph(text), *self._jacobian()]
         blocks += self.told("The same rates by the motion of the bodies:",
-                            *(self.line(rf"\dot c_{below(row)}", e) for row, e in rates.items()))  # fmt: skip
+                            *(self.line(rf"\dot c_{below(row)}", e) for row, e in rates.items()))
         blocks += self.told(bias, *(self.line(rf"\gamma_{below(row)}", e) for row, e in second.items()))
         return Section("Jacobian, rate and acceleration", blocks)
 
@@ -212,7 +212,7 @@ class JointReport(LawPage):
         totals, rule = self.totals(), self.s.variation
         changes = {letter: rule.vector(totals[side][i]) for letter, side, i in self.letters()}
         text = ("Change of the forces in a virtual displacement at constant multipliers,"
-                " $\\delta(\\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda})$:")  # fmt: skip
+                " $\\delta(\\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda})$:")
         lines = (self.line(rf"\delta{letter}", change) for letter, change in changes.items())
         return self.section("Geometric stiffness", text, *lines)
 

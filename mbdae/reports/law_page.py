@@ -54,7 +54,7 @@ _TURNED = {
     "bz": ("third axis of the free rotation, with components as for the first", "1"),
     "w": ("angular velocity of the free rotation, with components as for its axes", "rad/s"),
     "dpsi": ("virtual rotation of the free rotation, with components as for its axes", "rad"),
-}  # fmt: skip
+}
 
 
 class LawPage(Page):
@@ -65,7 +65,7 @@ class LawPage(Page):
     stated = True
 
     def __init__(self, s: Statement, what: str = "joint", rows: bool = True, others: frozenset[str] = frozenset(),
-                 state: State | None = None) -> None:  # fmt: skip
+                 state: State | None = None) -> None:
         self.s, self.d, self.what, self.others = s, s.derived, what, others
         self.defined: set[tuple[str, str]] = set()  #: intermediate quantities that printed equations define
         self.state, self.wanted = state if state is not None else random_state(self.d), {}
@@ -76,7 +76,7 @@ class LawPage(Page):
         for side in s.headings:
             self.known |= {f"{side}_h": Letter(f"\\theta_{side}", "rad", f"rotation of body ${side}$ from the drawn position"),
                            f"{side}_w3": Letter(f"\\omega_{side}", "rad/s", f"angular velocity of body ${side}$ in the plane"),
-                           f"dpsi_{side}": Letter(f"\\delta\\theta_{side}", "rad", f"virtual rotation of {side}")}  # fmt: skip
+                           f"dpsi_{side}": Letter(f"\\delta\\theta_{side}", "rad", f"virtual rotation of {side}")}
         for name, symbol in s.coordinates.items():
             letter = self.known[name]
             self.known[str(symbol)] = letter
@@ -239,7 +239,7 @@ class LawPage(Page):
         only. mark: LaTeX after the letter."""
         sides = [side for side in self.s.record.sides if side not in self.s.still]
         return [(rf"\mathbf{{{letter}}}{mark}_{subscript(side)}", side, i) for side in sides
-                for i, letter in enumerate("fm") if i or side in self.s.sides]  # fmt: skip
+                for i, letter in enumerate("fm") if i or side in self.s.sides]
 
     def balance(self, pairs: dict[str, Pair], must: bool = False) -> tuple[list[Block], bool]:
         """Equations for the sums of the forces and of the moments about the point of the first body, and whether both sums vanish

@@ -12,7 +12,7 @@ from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.part import Parameter
 
 GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi",
-         "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}  # fmt: skip
+         "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}
 #: letters of parameters whose names are words
 WORDS = {
     "stiffness": "k", "damping": "c", "length": "L", "mass": "m", "rest": "c_0", "turns": r"\varphi_n", "torque": r"\tau",
@@ -20,7 +20,7 @@ WORDS = {
     "penalty": "p", "normal_stiffness": "k_h", "normal_damping": r"\lambda_h", "followed": r"\hat\varphi",
     "mass_per_length": r"\rho_A", "angle": r"\varphi", "displacement": "s", "load": "f",
     "mu": r"\mu_0", "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
-}  # fmt: skip
+}
 INERTIA = "kg, kg m, kg m^2"  #: units of the blocks of a mass matrix
 #: letters, in this order, of vectors that a law does not name
 VECTORS = tuple(f"\\mathbf{{{letter}}}" for letter in "abcegpq")
@@ -59,7 +59,7 @@ RESULTS = (
     (r"\delta\bar{\mathbf{F}}", "N", "change of the force passed on"),
     (r"\delta\bar{\mathbf{M}}", "N m", "change of the moment passed on"),
     (r"\delta \bar r_", "", "changes of the equations of the coordinates"),
-)  # fmt: skip
+)
 
 
 def results(units: Mapping[str, str]) -> list[list[str]]:
@@ -116,7 +116,7 @@ def of_name(name: str, unit: str = "") -> str:
     if not lower:
         return first
     below = ",".join(f"\\{part}" if part in GREEK else part if len(part) == 1 or part.isdigit() else f"\\text{{{part}}}"
-                     for part in lower)  # fmt: skip
+                     for part in lower)
     return f"{first}_{{{below}}}"
 
 
@@ -134,7 +134,7 @@ def unit_text(unit: str) -> str:
 
 #: letters that pages use for their own quantities, and names of functions
 RESERVED = {"V", "D", "P", "Q", "m", r"\pi", r"\delta", r"\gamma", r"\omega", r"\theta", "sin", "cos", "tan", "sinh", "cosh",
-            "tanh", "exp", "ln", "log", "sgn", "max", "min", "sqrt"}  # fmt: skip
+            "tanh", "exp", "ln", "log", "sgn", "max", "min", "sqrt"}
 
 
 def read_alike(latex: str) -> str:

@@ -149,7 +149,7 @@ class LinePage(Page):
             " the strain is then a constraint and the resultant its multiplier."
         )
         return [self.section("Strain measures", "Strain measures, one for each stress resultant:", *lines),
-                Section("Stress resultants", [*self.lines(*resultants), Paragraph(further)])]  # fmt: skip
+                Section("Stress resultants", [*self.lines(*resultants), Paragraph(further)])]
 
     def _letter(self, name: str) -> str:
         self.writer.used.add(name)
@@ -194,10 +194,10 @@ class LinePage(Page):
             by_parts = "the virtual work of smooth fields that vanish at the ends, by quadrature"
             self.want(rf"\dot{{\mathbf{{{letter}}}}}", values, by_parts)
         strong = [rf"\dot{{\mathbf{{p}}}} = {w.vector(self.a['ns'])} + {w.vector(self.a['load'])}",
-                  rf"\dot{{\mathbf{{l}}}} = {w.vector(self.a['ms'])} - \mathbf{{q}}"]  # fmt: skip
+                  rf"\dot{{\mathbf{{l}}}} = {w.vector(self.a['ms'])} - \mathbf{{q}}"]
         text = "Virtual work of the stress resultants per reference length, sorted by virtual displacements:"
         told = ("By parts, with the rates of momentum and angular momentum per length, the balance of the section follows. The"
-                " elements integrate the virtual work with interpolated positions and quaternions.")  # fmt: skip
+                " elements integrate the virtual work with interpolated positions and quaternions.")
         return Section("Virtual work and balance", [*self.told(text, *lines), *self.told(told, *strong)])
 
     def _work(self) -> Any:
@@ -248,7 +248,7 @@ class LinePage(Page):
         axes = np.stack([self.state.atom(Base(a, "b")) for a in "xyz"], -1)
         turning = np.einsum("pij,pj->pi", axes, rates[:, 3:])
         values = {"T": (kinetic, np.sum(u * rates, -1) / 2), r"\mathbf{p}": (momentum, rates[:, :3]),
-                  r"\mathbf{l}": (spin, turning)}  # fmt: skip
+                  r"\mathbf{l}": (spin, turning)}
         lines = [self.line(latex, *found, "the mass that is integrated") for latex, found in values.items()]
         text = "Kinetic energy per reference length, J/m, with momentum and angular momentum per length:"
         return [self.section("Inertia", text, *lines)]
@@ -260,7 +260,7 @@ class LinePage(Page):
         text = f"{made_from(self.cls)}. The sha256 of its derived equations at a point in space is:"
         count = len(se.cse(self.d.outputs)[0]) + len(self.d.outputs)
         size = (f"At a point: {len(self.d.outputs)} outputs of {len(self.d.variables)} variables, {count} operations after common"
-                " subexpressions.")  # fmt: skip
+                " subexpressions.")
         return Section("Origin", [Paragraph(text), Paragraph(f"`{digest}`"), Paragraph(size)])
 
 
@@ -285,7 +285,7 @@ class LinearPage(Page):
 
     def symbols(self) -> list[list[str]]:
         return [Letter(r"u_1, u_2, u_3", "m", "small displacements").row,
-                Letter(r"\theta_1, \theta_2, \theta_3", "rad", "small rotations").row]  # fmt: skip
+                Letter(r"\theta_1, \theta_2, \theta_3", "rad", "small rotations").row]
 
     def blocks(self) -> list[Block]:
         """Section with the strains to first order."""
@@ -300,7 +300,7 @@ class LinearPage(Page):
             text = re.sub("^- ", "-", " ".join(terms).removeprefix("+ "))
             lines.append(f"\\gamma_{{{name}}} \\approx {text or '0'}")
         told = ("About a straight line along axis 1 without stress, with displacements $u_i$ and small rotations $\\theta_i$"
-                " (Timoshenko's beam; with rigid shear Euler and Bernoulli's):")  # fmt: skip
+                " (Timoshenko's beam; with rigid shear Euler and Bernoulli's):")
         return [self.section("Linearised form", told, *lines)]
 
 

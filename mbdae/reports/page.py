@@ -158,7 +158,7 @@ class Printed:
             for divisor in divisors(key_of(equation.latex)):
                 if divisor not in self.conditions and any(self.symbols.at(divisor, i) for i in range(len(divisor))):
                     found.append(Check(f"({equation.number}) does not say that its divisor {' '.join(divisor)} differs from 0",
-                                       float("inf")))  # fmt: skip
+                                       float("inf")))
         return found
 
     def _failed(self, equation: Equation, why: str) -> None:
@@ -192,7 +192,7 @@ def checks_section(checks: Sequence[Check]) -> Section:
     verdict = f"All {len(checks)} comparisons hold." if not wrong else f"NOT EQUAL: {'; '.join(wrong)}."
     told = (f"Every numbered equation was read back as it is printed, evaluated at {POINTS} random states of motion (attitudes,"
             f" positions, velocities and parameters that satisfy no constraint unless a section says so) and compared with the"
-            f" equations that are integrated, or with a complex step along a motion of the bodies. {verdict}")  # fmt: skip
+            f" equations that are integrated, or with a complex step along a motion of the bodies. {verdict}")
     head = ["equation, and with what it is compared", "largest relative difference", f"below ${power_of_ten(BOUND)}$"]
     table = Table(head, rows, f"The {len(checks)} comparisons", folded=not wrong)
     return Section("Numeric check", [Paragraph(told), table])
@@ -319,12 +319,12 @@ def provenance(d: Derived, planar: Derived | None) -> Section:
         if derived is not None:
             p = linearised_plan(derived, ggl_outputs)
             sizes = (len(p.targets), len(p.nonlinear), p.residual.operations if p.nonlinear else 0, len(p.jacobian_places),
-                     p.jacobian.operations if p.jacobian_places else 0)  # fmt: skip
+                     p.jacobian.operations if p.jacobian_places else 0)
             rows.append([name, *map(str, sizes), short_hash(derived)])
     head = ["in", "outputs", "nonlinear ones", "operations of the residual", "varying derivatives",
-            "operations of the derivatives", "sha256"]  # fmt: skip
+            "operations of the derivatives", "sha256"]
     caption = "Compiled kernels in the form GGL, operations after common subexpressions; between two bodies that move"
     text = f"{made_from(type(d.law))}. The sha256 of its derived equations in space is:"
     rates = "With the rates of its rows, its coordinates and its branches:"
     return Section("Origin", [Paragraph(text), Paragraph(f"`{fingerprint(d)}`"), Paragraph(rates),
-                              Paragraph(f"`{fingerprint(d, rates=True)}`"), Table(head, rows, caption)])  # fmt: skip
+                              Paragraph(f"`{fingerprint(d, rates=True)}`"), Table(head, rows, caption)])

@@ -51,7 +51,7 @@ class PartPage(LawPage):
         """The report of the friction or normal law."""
         cls = self.part.cls
         text = (f"{made_from(cls, 'object')}, in the law `{self.user.__name__}`. The sha256 of the derived equations of that law"
-                " with it, between two bodies in space, is:")  # fmt: skip
+                " with it, between two bodies in space, is:")
         origin = Section("Origin", [Paragraph(text), Paragraph(f"`{fingerprint(self.d)}`")])
         blocks = self.friction() if self.key == "friction" else self.normal()
         what = "friction" if self.key == "friction" else "normal law"
@@ -65,7 +65,7 @@ class PartPage(LawPage):
         v = self.s.clock[c]
         self.known |= {str(v): Letter("v", "m/s", "sliding velocity of l relative to k, signed"),
                        "normal_force": Letter("f_n", "N", "normal force, which presses l on k"),
-                       "mu": Letter(r"\mu", "1", "signed friction coefficient")}  # fmt: skip
+                       "mu": Letter(r"\mu", "1", "signed friction coefficient")}
         self.refresh()
         plain = Statement(self.user, structure_of(self.user, SLIDING | {"friction": Coefficient(mu=1).structure()}))
         named = {se.Symbol("friction_mu"): se.Symbol("mu")}
@@ -75,12 +75,12 @@ class PartPage(LawPage):
         row = self.compiled(dynamics)["u", self.s.places["displacement"], 0]
         mu = self.symbolic.coefficient(v)
         lines = [self.line("f_t", push, -row, KERNEL), self.line("P", loss, -self.state.scalar(self.d.dissipated_power), BALANCE),
-                 self.line(r"\mu", mu, row / self.state.given["normal_force"], KERNEL)]  # fmt: skip
+                 self.line(r"\mu", mu, row / self.state.given["normal_force"], KERNEL)]
         out = self.told("Friction force on l along the tangent, and its power on the bodies:", *lines)
         for i, (name, rate) in enumerate(self.symbolic.rate(v).items()):
             latex, start = self.known[f"state_{name}"].latex, self.symbolic.initial(v)[name]
             out += self.lines(self.line(rf"\dot{{{latex}}}", rate, self.state.scalar(self.d.state_rates[i]), DERIVED),
-                              self.line(f"{latex}(0)", start, self.state.scalar(self.d.state_starts[i]), DERIVED))  # fmt: skip
+                              self.line(f"{latex}(0)", start, self.state.scalar(self.d.state_starts[i]), DERIVED))
         return [Section("Law", out), Section("Limits", self._limits(mu, v)), Section("Power and sign", self._power(mu, v))]
 
     def _steady(self, v: Expr) -> dict[Any, Any]:
@@ -103,7 +103,7 @@ class PartPage(LawPage):
             blocks += self.lines(line, note="steady value at a constant velocity, where the rate vanishes")
         steady, scale = mu.subs(at), self._velocity(values)
         rows = [[f"{over:g}", f"{self._at(steady, values, v, np.array([over * scale]))[0]:.5g}"]
-                for over in (-1e3, -1.0, -1e-3, 1e-3, 1e-1, 1.0, 10.0, 1e3)]  # fmt: skip
+                for over in (-1e3, -1.0, -1e-3, 1e-3, 1e-1, 1.0, 10.0, 1e3)]
         units = {k: "" if self.known[k].unit == "1" else unit_text(self.known[k].unit) for k in values}
         given = ", ".join(f"${self.known[k].latex} = {val:g}$ {units[k]}".strip() for k, val in values.items())
         blocks.append(Table(["$v$ over its scale", r"$\mu$"], rows, f"Steady coefficient for {given}"))
@@ -169,7 +169,7 @@ class PartPage(LawPage):
         normal = self.state.scalar(self.d.variation.resolve(self.d.variation.name(stated)))
         lines = [self.line("V", energy, self.state.scalar(self.d.energy), DERIVED),
                  self.line("f_e", elastic, self._slope(energy, a), "the derivative of $V$ by a complex step"),
-                 self.line("f_n", record.scalars.get(force, force), normal, DERIVED)]  # fmt: skip
+                 self.line("f_n", record.scalars.get(force, force), normal, DERIVED)]
         text = "For a penetration $a$ (0 where the surfaces are apart): potential, elastic force and normal force."
         x = np.linspace(0, 1, 101)
         y = self._at(elastic, dict.fromkeys(self._values(), 1.0), a, x)
@@ -194,7 +194,7 @@ class PartPage(LawPage):
         lost = self._at(damped * rate, dict.fromkeys(self._values(), 1.0), a, rng.uniform(0, 1, 200), rates)
         sign = "never negative" if np.min(lost) >= 0 else "NEGATIVE SOMEWHERE"
         return (f"The force never pulls. Its dissipated power $(f_n - f_e)\\,\\dot a$, where the force is not limited to zero, is"
-                f" {sign} at 200 random penetrations and rates.")  # fmt: skip
+                f" {sign} at 200 random penetrations and rates.")
 
 
 def part_section(s: Statement) -> list[Section]:

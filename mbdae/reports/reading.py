@@ -26,9 +26,9 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{f"\\{name}": getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp")}, r"\ln": np.log,
     **{f"\\arc{name}": getattr(np, f"arc{name}") for name in ("sin", "cos", "tan")}, "sgn": np.sign, "atan2": complex_atan2,
     r"\max": np.maximum, r"\min": np.minimum,
-}  # fmt: skip
+}
 _COMPARED: dict[str, Callable[..., Any]] = {"<": np.less, ">": np.greater, r"\le": np.less_equal, r"\ge": np.greater_equal,
-                                            "=": np.equal, r"\ne": np.not_equal}  # fmt: skip
+                                            "=": np.equal, r"\ne": np.not_equal}
 _TRANSPOSED = ("{", r"\mathsf", "{", "T", "}", "}")
 _STOP = {"", "+", "-", ")", "}", "]", ",", "&", r"\\", r"\right", r"\rVert", r"\rvert", r"\end", *RELATIONS}
 
@@ -117,7 +117,7 @@ class Reader:
 
     def _fault_of_mbdae(self, problem: str) -> Exception:
         return internal(f"'{' '.join(self.line)}', as the report prints it, has no value from symbol {self.i + 1} on: {problem}",
-                        UnreadError)  # fmt: skip
+                        UnreadError)
 
     def sum(self) -> Any:
         """Value of a sum of signed terms."""
@@ -320,9 +320,9 @@ class _Filled(np.ndarray):
 def assembled(rows: list[list[Any]], points: int) -> Array:
     """A matrix (points, m, n) of blocks; vectors are columns. Zero and unit blocks take the size of their row and column."""
     blocks = [[None if isinstance(c, _Filled) else np.asarray(c)[:, None, None] if np.ndim(c) == 1 else np.asarray(c)[..., None]
-               if np.ndim(c) == 2 else np.asarray(c) for c in row] for row in rows]  # fmt: skip
+               if np.ndim(c) == 2 else np.asarray(c) for c in row] for row in rows]
     high = [next((b.shape[1] for b in row if b is not None), 1 if np.ndim(given[0]) == 3 else 3)
-            for row, given in zip(blocks, rows, strict=True)]  # fmt: skip
+            for row, given in zip(blocks, rows, strict=True)]
     wide = [next((b.shape[2] for b in column if b is not None), 3) for column in zip(*blocks, strict=True)]
     out = []
     for i, row in enumerate(blocks):

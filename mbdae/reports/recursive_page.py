@@ -45,7 +45,7 @@ class RecursivePage(RecursiveValues):
     def blocks(self) -> list[Block]:
         """Sections: motion outwards, forces inwards, map, mass and bias, geometric stiffness."""
         parts = {"Motion outwards": self._outwards, "Forces inwards": self._inwards, "Map, mass and bias": self._map,
-                 "Geometric stiffness of the recursion": self._stiffness}  # fmt: skip
+                 "Geometric stiffness of the recursion": self._stiffness}
         return [Paragraph(INTRODUCED), *(Section(title, make()) for title, make in parts.items())]
 
     def _outwards(self) -> list[Block]:
@@ -54,7 +54,7 @@ class RecursivePage(RecursiveValues):
         if t.reached and not any(step.rotation for step in self.motion.steps):
             lines += [self.line(rf"\mathbf{{{name}}}_l", a) for name, a in zip("xyz", t.reached, strict=True)]
         for latex, e in ((r"\mathbf{c}_l", l.r), (r"\boldsymbol{\omega}_l", t.spins[0]), (r"\dot{\mathbf{c}}_l", l.v),
-                         (r"\dot{\boldsymbol{\omega}}_l", t.spins[1]), (r"\ddot{\mathbf{c}}_l", l.a)):  # fmt: skip
+                         (r"\dot{\boldsymbol{\omega}}_l", t.spins[1]), (r"\ddot{\mathbf{c}}_l", l.a)):
             lines.append(self.line(latex, self.s.record.lift(e)))
         self.want(r"\dot{\boldsymbol{\omega}}_l", np.einsum("pij,pj->pi", self.Rl, self.upl[:, 3:]))
         self.want(r"\ddot{\mathbf{c}}_l", self.upl[:, :3])
@@ -107,7 +107,7 @@ class RecursivePage(RecursiveValues):
         zero, spin = record.zero(), Base("w", "l")
         v, d = inserted(t.l.v, {spin: t.spins[0]}, {}), (t.l.r - record.atom("c", "k"))
         slopes = [Motion(record, lambda _: None, {rate: se.Integer(1)}, rf"\partial_{{{i + 1}}}")
-                  for i, (rate, _) in enumerate(self.rates)]  # fmt: skip
+                  for i, (rate, _) in enumerate(self.rates)]
         columns = [(slope.vector(v), slope.vector(t.spins[0])) for slope in slopes]
         below = [f"_{{{i + 1}}}" if len(columns) > 1 else "" for i in range(len(columns))]
         lines = [self.line(r"\mathbf{h}", d)]
@@ -128,13 +128,13 @@ class RecursivePage(RecursiveValues):
             rf"{matrix(ACCELERATIONS)} = \mathbf{{B}}\,{matrix(seconds)} + {matrix([BIAS, alpha])}",
             self.line(r"\mathbf{a}_0", at_rest),
             rf"{matrix(rows)} = \mathbf{{B}}^{{\mathsf{{T}}}}\,{matrix(FORCES)}",
-        ]  # fmt: skip
+        ]
         self.wanted |= dict.fromkeys([matrix(VELOCITIES), matrix(ACCELERATIONS), matrix(rows)], BOTH)
         self._want_mass()
         self.known["mass"] = MATRIX
         w.used.add("mass")
         text = ("Velocities and accelerations of l are linear in those of k and of the coordinates; the bias is the acceleration"
-                " of l that remains where theirs are zero:")  # fmt: skip
+                " of l that remains where theirs are zero:")
         mass = r"\bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\,\mathbf{M}\,\mathbf{B}"
         told = "The mass of l, passed on in the same way:"
         return [*self.told(text, *lines, *product), Paragraph(told), Equation(mass)]
@@ -154,9 +154,9 @@ class RecursivePage(RecursiveValues):
         """Change of the force and moment passed on, at constant force and moment on l."""
         rule, (F, N), values = self.s.variation, self.tree.root, self._varied()
         changes = [(rf"\delta\bar{{\mathbf{{{letter}}}}}_k", rule.vector(a), values[:, n : n + 3], "")
-                   for letter, a, n in (("F", F, 0), ("M", N, 3))]  # fmt: skip
+                   for letter, a, n in (("F", F, 0), ("M", N, 3))]
         changes += [(rf"\delta {latex}", rule.scalar(e), values[:, 6 + i], unit)
-                    for i, (latex, e, unit) in enumerate(self.efforts)]  # fmt: skip
+                    for i, (latex, e, unit) in enumerate(self.efforts)]
         turned = inserted(self.tree.spins[0], {Base("w", "k"): self.s.record.atom("dpsi", "k")}, dict(self.rates))
         lines = [self.line(latex, e, wanted, ORACLE, unit) for latex, e, wanted, unit in changes]
         text = "Change in a virtual displacement at constant $\\mathbf{F}_l, \\mathbf{M}_l$ (all of it, not a part):"
@@ -183,7 +183,7 @@ def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), opti
     for law in laws:
         if not law.states_motion() or law.frames != ("k", "l"):
             raise LawError(f"{law.__name__} has no recursive form: state motion(self, from_k) of l relative to k, between two "
-                           f"bodies k and l only")  # fmt: skip
+                           f"bodies k and l only")
         others = frozenset().union(*(page.taken for page, _ in pages))
         page = RecursivePage(law, structure_of(law, dict(options or {}) | {"kept": True}), others)
         pages.append((page, [Section(f"{title_of(law)} joint", page.blocks())]))

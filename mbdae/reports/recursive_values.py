@@ -23,7 +23,7 @@ from mbdae.symbolic.outputs import acceleration, jacobian_G, position, program_f
 
 TREE, ORACLE = "the compiled program of a tree", "a complex step along a motion through the program of a tree"
 MATRIX = Letter(r"\mathbf{M}", INERTIA, "derivatives of $\\mathbf{F}_l, \\mathbf{M}_l$ by the accelerations of l: of a rigid body"
-                " its mass and inertia")  # fmt: skip
+                " its mass and inertia")
 
 
 class RecursiveValues(LawPage):
@@ -74,7 +74,7 @@ class RecursiveValues(LawPage):
         self.Rk, self.Rl = (np.stack([self.state.vector(c) for c in self.state.frame(side).body], -1) for side in "kl")
 
     def run(self, piece: Piece, load: Any = None, up: Any = None, state: State | None = None,
-            stepped: bool = False) -> dict[Any, Any]:  # fmt: skip
+            stepped: bool = False) -> dict[Any, Any]:
         """Values of a kernel of the tree by target. load: force and moment on l (points, 6); up: accelerations; both, and the
         states, by default those of the page; stepped: evaluated with NumPy, for complex inputs of a complex step."""
         columns = [self._place(place, load, up, state or self.state) for place in piece.inputs]
@@ -141,7 +141,7 @@ class RecursiveValues(LawPage):
         found = dict(zip(p.targets, p.kernel.values(x).T, strict=True))
         return [Check(f"{what} of the joint vanish where {TREE} takes l", max(
             residual(self._row(found, head, i), np.zeros(POINTS)) for i in range(len(d.rows)) if d.rows[i] not in d.law.drives()))
-            for head, what in (("g", "rows"), ("gd", "rates of the rows"), ("gdd", "second rates of the rows"))]  # fmt: skip
+            for head, what in (("g", "rows"), ("gd", "rates of the rows"), ("gdd", "second rates of the rows"))]
 
     def _row(self, found: dict[Any, Any], head: str, i: int) -> Any:
         value = found.get((head, i), np.zeros(POINTS))

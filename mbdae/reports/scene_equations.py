@@ -114,7 +114,7 @@ class SceneEquations:
         self.writer = Writer(Record(), self.latex)
         units = [unit_of_row(prepared.model, row, effort=True) for row in self.m.rows]
         self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{self.names.said('row', row.name)}}}", units[i],
-                                     f"multiplier of the row {row.name}") for i, row in enumerate(self.m.rows)]  # fmt: skip
+                                     f"multiplier of the row {row.name}") for i, row in enumerate(self.m.rows)]
         self.entries: dict[str, tuple[int, int]] = {}  #: letter of an entry of G -> (row, place in u)
         self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
         self.rows = self._equations()
@@ -127,7 +127,7 @@ class SceneEquations:
         reasons = {joints: not self.m.m, "its beams are flexible": bool(model.lines),
                    "its reactions are not unique": bool(self.prepared.rank.dropped),
                    "friction follows from the reactions": bool(self.m.reactive),
-                   f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}  # fmt: skip
+                   f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}
         for reason, holds in reasons.items():
             if holds:
                 raise ValueError(reason)

@@ -135,7 +135,7 @@ class ClosedForms(SceneEquations, Page):
         w, lines = self.writer, []
         for at, v in self.velocities.items():
             terms = [f"{self.mass_letter(at, j)}\\,\\ddot{{{self.velocities[j].letter}}}_{self.velocities[j].below}"
-                     for j in self.mass[at]]  # fmt: skip
+                     for j in self.mass[at]]
             lines.append(f"{self.latex[f'p{at}']} = {' + '.join(terms)} - f^{v.letter}_{v.below}")
             left = [*(e * key for key, e in self.rows[at].items() if key is not None), self.rows[at][None]]
             lines.append(f"{w.scalar(sum(left, se.Integer(0)))} = 0")
@@ -158,9 +158,9 @@ class ClosedForms(SceneEquations, Page):
         w, n, m, lines = self.writer, len(unknowns), len(rows), []
         known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in unknowns]
         A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
-                          f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(m)]  # fmt: skip
+                          f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(m)]
         h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "minus the rest of the row")
-             for i in range(m)]  # fmt: skip
+             for i in range(m)]
         for i, row in enumerate(rows):
             apart = r" \ne 0" if m == n == 1 else ""
             lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, ZERO))}{apart}" for j, unknown in enumerate(unknowns)]

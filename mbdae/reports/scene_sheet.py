@@ -28,7 +28,7 @@ from mbdae.show.drawing import draw
 from mbdae.system.prepare import prepare
 
 KINDS = {"q": "positions", "v": "velocities", "s": "internal states", "z": "stresses of beams", "lambda": "multipliers",
-         "mu": "stabilising multipliers"}  # fmt: skip
+         "mu": "stabilising multipliers"}
 LISTED = 60  #: largest number of names in a list; further ones are only counted
 EIGEN_UP_TO = 1500  #: largest number of unknowns for which eigenvalues are computed
 
@@ -64,7 +64,7 @@ class Sheet:
         told = (f"{'Planar' if c.planar else 'Spatial'}: {m.why}. {counted(c.degrees_of_freedom, 'degree of freedom')};"
                 f" {counted(self.system.n, 'unknown')} and {counted(len(self.system.equations), 'equation')} in the form"
                 f" {self.system.label}. Length {m.length:.4g} m, characteristic time {self.prepared.time:.4g} s; gravity"
-                f" ({', '.join(f'{x:g}' for x in self.scene.gravity)}) m/s$^{{2}}$.")  # fmt: skip
+                f" ({', '.join(f'{x:g}' for x in self.scene.gravity)}) m/s$^{{2}}$.")
         start, chosen = self.prepared.start, f"{self.check.accuracy:g} by default: {escaped(str(self.check.choice))}"
         blocks: list[Block] = [Paragraph(told), Paragraph(f"To an accuracy of {chosen}.")]
         blocks += [Paragraph("Start: " + "; ".join(map(str, start.changes)))] if start.changes else []
@@ -133,7 +133,7 @@ class Sheet:
             lowest = min(int(y.index[i]) for i in own)
             rows.append([KINDS.get(kind, kind), str(n), str(lowest), listed([y.names[i] for i in own])])
         heads = Counter(name.split(" of ")[0].split(" ")[0] if " of " in name else name[name.rfind("(") + 1 :].rstrip(")")
-                        for name in y.equations)  # fmt: skip
+                        for name in y.equations)
         equations = "; ".join(f"{n} of {kind}" for kind, n in heads.items())
         shared = listed(list(self.check.shared))
         text = f"Rows that need no equation, because bodies share unknowns with a node of a beam: {shared}."
@@ -147,10 +147,10 @@ class Sheet:
         rows = [[step.reason, *(str(getattr(step.size, key)) for key in keys)] for step in self.check.reductions]
         lacking = absent(self.scene)
         caption = ("From the naive formulation to what is integrated. Kernels and operations: of residuals and derivatives of all"
-                   " laws but beams, after common subexpressions")  # fmt: skip
+                   " laws but beams, after common subexpressions")
         gone = f"Constraint equations left out because they hold in every position: {listed(list(self.check.pruned))}."
         told = [f"Without any term for: {', '.join(lacking)}." if lacking else "No kind of term is absent.",
-                gone if self.check.pruned else "No constraint equation is left out as always satisfied."]  # fmt: skip
+                gone if self.check.pruned else "No constraint equation is left out as always satisfied."]
         return Section("Pruned", [Table(["after", *keys], rows, caption), *map(Paragraph, told)])
 
     def redundant(self) -> Section:
@@ -197,9 +197,9 @@ class Sheet:
     def laws(self) -> Section:
         """Section with a table of the laws and their hashes."""
         rows = [[g.key[0].__name__, str(len(g.instances)), " - ".join(kind.value for kind, _ in g.key[2]),
-                 short_hash(g.derived)] for g in self.prepared.model.groups]  # fmt: skip
+                 short_hash(g.derived)] for g in self.prepared.model.groups]
         text = ("Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between"
-                " two bodies in space.")  # fmt: skip
+                " two bodies in space.")
         head = ["law", "times", "between nodes", "sha256 of the derived equations"]
         groups = self.prepared.model.groups
         faults = dict.fromkeys(f"{g.instances[0].item}: {fault}" for g in groups for fault in law_faults(g.derived))

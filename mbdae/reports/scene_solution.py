@@ -62,7 +62,7 @@ def _pivot(left: dict[int, Coefficients]) -> tuple[int, Any] | None:
     fewest rows."""
     counts = Counter(key for row in left.values() for key in row)
     found = [(len(row), counts[key], at, str(key), key) for at, row in left.items() for key, e in row.items()
-             if key is not None and e in (1, -1) and len(row) > 1]  # fmt: skip
+             if key is not None and e in (1, -1) and len(row) > 1]
     best = min(found, key=lambda entry: entry[:4], default=None)
     return None if best is None else (best[2], best[4])
 
@@ -86,10 +86,10 @@ def _block(rows: dict[int, Coefficients], known: set[Any], number: Callable[[Exp
 
 
 def _further(rows: dict[int, Coefficients], places: list[int], unknowns: list[Any], known: set[Any],
-             efforts: Mapping[int, str]) -> list[int]:  # fmt: skip
+             efforts: Mapping[int, str]) -> list[int]:
     """Places of further rows of the same unit that have no multipliers but those of a block."""
     found = [at for at in sorted(rows) if at not in places and efforts[at] == efforts[places[0]]
-             and {*_unsolved(rows[at], known)} <= {*unknowns}]  # fmt: skip
+             and {*_unsolved(rows[at], known)} <= {*unknowns}]
     return found[:FURTHER] if len({efforts[at] for at in places}) == 1 else []
 
 

@@ -108,7 +108,7 @@ def resistance_section(r: LawPage) -> list[Section]:
         return []
     if s.wrench is not None:
         text = ("The reactions of the joint cause a force $\\mathbf{F}$ on l at its point and a torque $\\mathbf{T}$ on l; the"
-                " opposite acts on k at the same point.")  # fmt: skip
+                " opposite acts on k at the same point.")
         blocks += r.told(text, *(r.line(rf"\mathbf{{{letter}}}", part) for letter, part in zip("FT", s.wrench, strict=True)))
     if s.thrust is not None:
         blocks.append(Paragraph("Friction acts against a coordinate, pressed by the reaction force of the joint on l."))
@@ -244,7 +244,7 @@ def coordinates_section(r: LawPage) -> list[Section]:
     if specs:
         units = {"rotation": "a quaternion; its rates an angular velocity, rad/s"}
         rows = [[f"`{name}`", f"${r.known[name].latex}$", units.get(spec.unit) or unit_text(spec.unit), worded(spec.meaning)]
-                for name, spec in specs.items()]  # fmt: skip
+                for name, spec in specs.items()]
         if not isinstance(r.s.law, Joint):
             said = "The coordinates are those of joints."
         elif r.s.places:
@@ -275,7 +275,7 @@ def chain(motion: Motion, page: LawPage, names: list[str]) -> list[Block]:
             axis = axis or f"({', '.join(f'{float(c):.6g}' for c in step.axis)})"
             rows.append([str(i), kind, axis, f"${page.writer.scalar(step.amount)}$"])
     text = ("Motion, from the frame of k to that of l: elementary motions one after the other, each along or about an axis of the"
-            " frame reached by those before it.")  # fmt: skip
+            " frame reached by those before it.")
     return [Paragraph(text), Table(["", "motion", "axis", "amount"], rows)]
 
 
@@ -346,5 +346,5 @@ def _told(r: LawPage, J: NDArray[Any]) -> list[Block]:
     free, (depend, have) = 6 - rank, ("depends", "has") if count == 1 else ("depend", "have")
     text = (f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {len(J)} reached a solution."
             f" There the {counted(count, 'row')} that {depend} on the motion of l {have} rank {rank}:"
-            f" {counted(free, 'relative motion')} of the bodies {'is' if free == 1 else 'are'} left.{given}")  # fmt: skip
+            f" {counted(free, 'relative motion')} of the bodies {'is' if free == 1 else 'are'} left.{given}")
     return [Paragraph(text)]

@@ -60,7 +60,7 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
     given = {name: v for name, v in options.items() if name in law.params}
     for name in (name for name, v in given.items() if v is not None):
         raise LawError(f"{law.__name__}: {name} = {shown(given[name])}: the report of a class shows letters, no values; leave "
-                       f"{name} out, or give None for a law without it")  # fmt: skip
+                       f"{name} out, or give None for a law without it")
     options = {name: v for name, v in options.items() if name not in given}
     unknown = sorted(set(options) - set(law.options))
     if unknown:
@@ -99,22 +99,22 @@ def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
     joint = _joint_of(law, chosen)
     if not chosen["kept"] and joint.must_keep():
         raise OptionError(f"kept = {shown(chosen['kept'])}: {joint.__name__} is stated by its coordinates alone, so that they "
-                          f"are unknowns in every joint model; give kept=True")  # fmt: skip
+                          f"are unknowns in every joint model; give kept=True")
     for name in ("coordinate", "rubs"):
         if chosen.get(name) is not None and chosen[name] not in joint.scalars():
             if not joint.scalars():
                 raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has no angle or displacement; leave "
-                                  f"{name} out")  # fmt: skip
+                                  f"{name} out")
             raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has no such coordinate; give one of "
-                              f"{', '.join(sorted(joint.scalars()))}")  # fmt: skip
+                              f"{', '.join(sorted(joint.scalars()))}")
     if joint.scalars():
         return
     if not issubclass(law, Joint):
         raise OptionError(f"joint = {shown(chosen['joint'])}: {joint.__name__} has no angle or displacement on which "
-                          f"{law.__name__} could act; give a joint with one, such as joint=mb.Revolute")  # fmt: skip
+                          f"{law.__name__} could act; give a joint with one, such as joint=mb.Revolute")
     if chosen["friction"] is not None:
         raise OptionError(f"friction = {shown(chosen['friction'])}: {joint.__name__} has no angle or displacement against which "
-                          f"friction could act; leave friction out")  # fmt: skip
+                          f"friction could act; leave friction out")
 
 
 def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
@@ -179,7 +179,7 @@ class Statement:
         spin = Vec(*(se.Symbol(f"{side}_W{i + 1}") for i in range(3)))
         heading = se.Symbol(f"{side}_h") if kind.moves else se.Integer(0)
         return Frame(side, kind, axes, r, v, a("x", side), a("y", side), z, w, center, v - w.cross(s), s, body, heading, spin,
-                     [], [], [], {}, {})  # fmt: skip
+                     [], [], [], {}, {})
 
     def _rotation(self, c: Frame) -> Rotation:
         """A free rotation whose turned axes are recorded vectors."""

@@ -170,7 +170,7 @@ class State:
             return np.stack([self.given[f"{base.kind}_{base.side}{i}"] for i in range(3)], axis=-1)
         f = self.frame(base.side)
         vectors = {"r": f.r, "s": f.arm, "c": f.center, "x": f.x, "y": f.y, "z": f.z, "v": f.v, "w": f.w,
-                   "bx": f.body[0], "by": f.body[1], "bz": f.body[2]}  # fmt: skip
+                   "bx": f.body[0], "by": f.body[1], "bz": f.body[2]}
         return self.vector(vectors[base.kind])
 
     def changed(self, step: complex, motion: dict[str, tuple[Any, Any]], symbols: dict[str, Any] | None = None) -> State:

@@ -25,7 +25,7 @@ def link_of(law: Any, structure: Structure, derived: frozenset[str]) -> Link:
     numbers += [name for name in law.params if name not in derived and name not in structure.absent]
     names = tuple(law.coordinates)
     return Link(law, structure, 0, "k", NodeKind.SPATIAL, (Axes.GENERAL, Axes.GENERAL), tuple((n, None) for n in numbers), True,
-                names, (False,) * len(names), 1)  # fmt: skip
+                names, (False,) * len(names), 1)
 
 
 def tree_of(link: Link) -> TreeStructure:

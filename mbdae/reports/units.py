@@ -23,7 +23,7 @@ from mbdae.symbolic.vectors import Expr
 BASIC = ("m", "kg", "s")
 FACTOR = 1.25  #: factor by which a basic unit is scaled
 _KNOWN = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0), "N": (1, 1, -2), "J": (2, 1, -2),
-          "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}  # fmt: skip
+          "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}
 _POINTS = 5  #: number of random states from which a unit is found
 #: bound below which a value is taken as 0: normal forces are smoothed by SLIGHT (N), so that values that should be 0 are of that
 #: size; other values in random states are near 1
@@ -116,7 +116,7 @@ class Dimensions:
         self.units = self._inputs()
         self.plain = State(d, self.given)
         self.scaled = [State(d, {n: v * self.units[n].size(scale) if n in self.units else v for n, v in self.given.items()})
-                       for scale in scales()]  # fmt: skip
+                       for scale in scales()]
         self._multipliers()
 
     def _inputs(self) -> dict[str, Unit]:
@@ -179,10 +179,10 @@ class Dimensions:
         stated = [(f"the row {row}", g, "") for row, g in zip(d.rows, d.g, strict=True)]
         stated += [("the energy", d.energy, "J"), ("the dissipated power", d.dissipated_power, "W")]
         stated += [(f"the {what} on {side}", e, u) for side, pair in d.force.items() if side in [f.side for f in d.sides]
-                   for what, u, part in zip(("force", "moment"), ("N", "N m"), pair, strict=True) for e in part]  # fmt: skip
+                   for what, u, part in zip(("force", "moment"), ("N", "N m"), pair, strict=True) for e in part]
         stated += [(f"the force on the coordinate {name}", d.force[f.side][0][0], str(unit("J") / unit(self.acts_on[name])))
                    for name, f in zip(self.acts_on, d.frames[len(d.sides) :], strict=False)
-                   if f.kind is NodeKind.COORDINATE and f.side in d.force]  # fmt: skip
+                   if f.kind is NodeKind.COORDINATE and f.side in d.force]
         return list(dict.fromkeys(said for what, e, wanted in stated if (said := self._fault(what, e, wanted))))
 
     def _fault(self, what: str, e: Expr, wanted: str) -> str:

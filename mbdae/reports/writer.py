@@ -17,10 +17,10 @@ _VECTORS = {"r": r"\mathbf{r}", "s": r"\mathbf{s}", "c": r"\mathbf{c}", "x": r"\
             "v": r"\mathbf{v}", "w": r"\boldsymbol{\omega}", "du": r"\delta\mathbf{r}", "dpsi": r"\delta\boldsymbol{\psi}",
             "vc": r"\dot{\mathbf{c}}", "ac": r"\ddot{\mathbf{c}}", "al": r"\dot{\boldsymbol{\omega}}", "F": r"\mathbf{F}",
             "M": r"\mathbf{M}", "dc": r"\delta\mathbf{c}",
-            "bx": r"\mathbf{b}^x", "by": r"\mathbf{b}^y", "bz": r"\mathbf{b}^z"}  # fmt: skip
+            "bx": r"\mathbf{b}^x", "by": r"\mathbf{b}^y", "bz": r"\mathbf{b}^z"}
 _FUNCTIONS = {"sin": r"\sin", "cos": r"\cos", "tan": r"\tan", "tanh": r"\tanh", "exp": r"\exp", "log": r"\ln",
               "atan2": r"\operatorname{atan2}", "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan", "sinh": r"\sinh",
-              "cosh": r"\cosh", "sign": r"\operatorname{sgn}", "Max": r"\max", "Min": r"\min"}  # fmt: skip
+              "cosh": r"\cosh", "sign": r"\operatorname{sgn}", "Max": r"\max", "Min": r"\min"}
 _RELATIONS = {"LessThan": r"\le", "StrictLessThan": "<", "Equality": "=", "Unequality": r"\ne"}
 
 

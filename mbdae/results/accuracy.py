@@ -27,7 +27,7 @@ RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its r
 NO_RUN_BESIDE = "not estimated: no second run for comparison was completed"
 NOT_REPEATED = "not measured: verify=True repeats the run on a finer mesh"
 MODEL = ("how far the model itself (rigid bodies, ideal joints, laws and their numbers) differs from the real system cannot be "
-         "estimated by a solver")  # fmt: skip
+         "estimated by a solver")
 
 
 @dataclass(frozen=True, repr=False)
@@ -116,17 +116,17 @@ class Accuracy:
         missing = [word for word in self._errors if word not in self.covers]
         left_out = [f"{word}{f' ({self._errors[word]:.1e})' if self._errors[word] is not None else ''}" for word in missing]
         return f"covers {', '.join(word for word in self._errors if word in self.covers) or 'nothing'}" + (
-            f", not {', '.join(left_out)}" if missing else "")  # fmt: skip
+            f", not {', '.join(left_out)}" if missing else "")
 
     def as_data(self) -> dict[str, Any]:
         """Plain data; `Accuracy(**data)` is equal to this one."""
         return {"asked": self.asked, "estimated": self.estimated, "verified": self.verified, "mesh": self.mesh,
                 "has_mesh": self.has_mesh, "unknown": dict(self.unknown), "found_reactions": self.reactions,
-                "found_amplification": self.amplification}  # fmt: skip
+                "found_amplification": self.amplification}
 
     def __repr__(self) -> str:
         told = (f"{name}={value:.2g}" for name, value in (("asked", self.asked), ("estimated", self.estimated),
-                ("verified", self.verified), *self._errors.items()) if value is not None and name != "motion")  # fmt: skip
+                ("verified", self.verified), *self._errors.items()) if value is not None and name != "motion")
         reasons = "".join(f"\n  {word}: not covered: {why}" for word, why in self.not_covered.items())
         return f"<Accuracy {', '.join((*told, self.brief))}>{reasons}"
 
@@ -248,7 +248,7 @@ class Unknowns(ListsAttributes):
         known = f"{a.estimated:.1e}" if a.estimated is not None else "unknown"
         asked = f"{a.asked:g}" if a.asked is not None else "none"
         warned = (", not reliable" if self.reliable is False else "") + (
-            f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")  # fmt: skip
+            f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")
         return (f"<Unknowns {', '.join(self.names)}: t = {self.t[0]:g}..{self.t[-1]:g} s, {info.solver.label}, "
                 f"{counted(s.steps, 'step')}, {info.cpu_s:.2f} s CPU, accuracy asked {asked}, estimated error {known}, "
                 f"{a.brief}{warned}>")

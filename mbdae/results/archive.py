@@ -86,7 +86,7 @@ class Archive:
         total = sum(info.file_size for info in infos)
         if total > max(FREE, DENSEST * size):
             raise BadValueError(f"the file of {size} bytes would become {total} bytes when unpacked, where at most "
-                                f"{max(FREE, DENSEST * size)} are expected")  # fmt: skip
+                                f"{max(FREE, DENSEST * size)} are expected")
         return {name: self._member(name, info) for name, info in zip(names, infos, strict=True)}
 
     def _member(self, name: str, info: zipfile.ZipInfo) -> _Member:
@@ -94,7 +94,7 @@ class Archive:
         plain = info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) and not info.flag_bits & 1
         if not (info.filename == f"{name}.npy" and name.isidentifier() and plain):
             raise BadValueError(f"the file's entry {shown(info.filename)} is not stored as mbdae stores an array (NAME.npy, "
-                                f"not encrypted)")  # fmt: skip
+                                f"not encrypted)")
         with self._zip.open(info) as file:
             begin = file.read(12)
             wide = begin[6:8] == b"\2\0"
@@ -115,7 +115,7 @@ class Archive:
             raise BadValueError(f"the file's array {shown(name)} has {len(shape)} dimensions, where at most 3 are expected")
         if offset + item * math.prod(shape) != info.file_size:
             raise BadValueError(f"the file's array {shown(name)} of shape {shape} has {info.file_size} bytes, where "
-                                f"{offset + item * math.prod(shape)} are expected")  # fmt: skip
+                                f"{offset + item * math.prod(shape)} are expected")
         return _Member(info, offset, np.dtype((order + kind).decode()), fortran == b"True", shape)
 
     def text(self, name: str) -> str:
@@ -169,7 +169,7 @@ def parsed(text: str) -> dict[str, Any]:
         raise BadValueError("the file's header does not name its format")
     if header["format"] != FORMAT:
         raise OtherFormatError(f"the file's format is {shown(header['format'])}, not {FORMAT!r}; give a file written by "
-                               f"r.save(path)")  # fmt: skip
+                               f"r.save(path)")
     _whole()(header.get("version"), "version")
     if header["version"] > VERSION:
         raise OtherFormatError(f"the file has format version {header['version']}, this mbdae reads up to {VERSION}: update mbdae")
@@ -294,7 +294,7 @@ def _record(required: Mapping[str, Kind], optional: Mapping[str, Kind] | None = 
             raise _refuse(value, where or "(the whole header)", "a table")
         for key in (*(k for k in required if k not in value), *(k for k in value if k not in known)):
             raise BadValueError(f"the file's header {'has an unknown' if key in value else 'lacks the'} entry "
-                                f"{f'{where}.' if where else ''}{shown(key)}")  # fmt: skip
+                                f"{f'{where}.' if where else ''}{shown(key)}")
         for key, part in value.items():
             known[key](part, f"{where}.{key}" if where else key)
 
@@ -303,7 +303,7 @@ def _record(required: Mapping[str, Kind], optional: Mapping[str, Kind] | None = 
 
 def _dense(value: Any, where: str) -> None:
     kinds = {"collocation": {"stages": _whole(2, 20)}, "hermite": {"points": _whole(1, 20)},
-             "joined": {"points": _many(_whole(1, 20)), "steps": _many(_whole(1))}}  # fmt: skip
+             "joined": {"points": _many(_whole(1, 20)), "steps": _many(_whole(1))}}
     kind = value.get("kind") if isinstance(value, dict) else None
     if not isinstance(kind, str) or kind not in kinds:
         raise _refuse(value, where, f"a table whose kind is one of {', '.join(kinds)}")
@@ -314,14 +314,14 @@ def _dense(value: Any, where: str) -> None:
 
 _TEXTS, _SHARE = _many(_text), _optional(_real(0.0, finite=False, known=False))
 _STATS = {f.name: _whole() if f.type == "int" else _each(_whole()) if f.name == "unresolved" else _real(0.0, finite=False)
-          for f in fields(Stats)}  # fmt: skip
+          for f in fields(Stats)}
 _ACCURACY = {"mesh": _SHARE, "has_mesh": _flag, "unknown": _each(_text), "found_reactions": _SHARE,
-             "found_amplification": _SHARE}  # fmt: skip
+             "found_amplification": _SHARE}
 _INFO = {
     "solver": _record({"class": _text, "options": _each(lambda value, where: None)}), "form": _text,
     "accuracy": _record({"asked": _SHARE, "estimated": _SHARE, "verified": _SHARE}, _ACCURACY), "stats": _record({}, _STATS),
     "warnings": _TEXTS, "runs": _whole(), "cpu_s": _real(0.0),
-}  # fmt: skip
+}
 HEADER = _record({
     "format": _text, "version": _whole(),
     "scene": _record({"name": _text, "gravity": _many(_real(), 3), "space": _text,
@@ -335,4 +335,4 @@ HEADER = _record({
     "run": _record({"names": _TEXTS, "complete": _flag, "dense": _dense}),
 }, {"laws": _each(_text), "told": _each(_text),
     "others": _many(_record({"names": _TEXTS, "share": _real(0.0), "kind": _text, "ratio": _real(0.0)}), most=MOST_OTHERS),
-})  # fmt: skip
+})

@@ -146,7 +146,7 @@ def gauss_strains(line: Line, q: Array, u: Array, z: Array | None = None) -> tup
     expressions = [*(elastic[name] for name in names), *(e for _, e in kernel.derived.resultants)]
     size = max(1, CHUNK // m)
     parts = [kernel.at_points(nodal_inputs(kernel, [line], q[i : i + size], u[i : i + size], np.zeros((len(q[i : i + size]), 0))),
-                              expressions) for i in range(0, len(q), size)]  # fmt: skip
+                              expressions) for i in range(0, len(q), size)]
     values = np.concatenate([np.zeros((0, kernel.points, len(expressions))), *parts]).reshape(len(q), m, kernel.points, 2, -1)
     if z is not None:
         values[..., 1, :] = z.reshape(len(q), m, kernel.points, -1)

@@ -220,7 +220,7 @@ class OtherRun:
 
     @classmethod
     def beside(cls, run: Solution, times: Array, share: float, prepared: Prepared | None = None, kind: str = "companion",
-               ratio: float = 0.0) -> OtherRun:  # fmt: skip
+               ratio: float = 0.0) -> OtherRun:
         """The run, whole where it is small."""
         kept = replace(run, systems=(), outputs=None) if run.y.size <= WHOLE else sampled(run, times)
         return cls(kept, times, share, prepared, kind, ratio)
@@ -260,7 +260,7 @@ class Fibre(NamesArguments):
         along3 = N3 * self._first_over_width(3, abs(self.x3)) * E / s.EI2
         if np.any(M1) and not self._round:
             raise OptionError(f"{self.called}: the shear stress of a torque is known for circles and tubes alone; read "
-                              f"fibre_stress and stress_resultants")  # fmt: skip
+                              f"fibre_stress and stress_resultants")
         polar = M1 * E / (s.EI2 + s.EI3) if self._round else 0 * M1
         return np.stack([along2 - polar * self.x3, along3 + polar * self.x2], axis=1)
 
@@ -277,16 +277,16 @@ class Fibre(NamesArguments):
         shape: Any = self.section.shape
         if not shape or not self.section.E:
             raise OptionError(f"{self.called}: its section has stiffnesses and no shape, so that stresses are not known: make it "
-                              f"by mb.Section.circular, tube or rectangular")  # fmt: skip
+                              f"by mb.Section.circular, tube or rectangular")
         kind, a, b = shape
         slack = 1 + OUTSIDE
         inside = b / slack <= np.hypot(self.x2, self.x3) <= a * slack if kind == "tube" else (
-            abs(self.x3) <= a / 2 * slack and abs(self.x2) <= b / 2 * slack)  # fmt: skip
+            abs(self.x3) <= a / 2 * slack and abs(self.x2) <= b / 2 * slack)
         if not inside:
             section = f"a tube of radii {a:g} and {b:g} m" if kind == "tube" else f"a rectangle of {a:g} m by {b:g} m"
             where = f"x2 = {self.x2:g} m, x3 = {self.x3:g} m"
             raise OptionError(f"{self.called}: the point {where} is outside of its section, {section}: "
-                              f"name a point of it, such as beam.at((x, y, z))")  # fmt: skip
+                              f"name a point of it, such as beam.at((x, y, z))")
         return float(self.section.E)
 
     def _first_over_width(self, axis: int, x: float) -> float:

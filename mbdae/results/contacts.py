@@ -218,7 +218,7 @@ def contacts_of(t: Array, gap: Array, rate: Array) -> tuple[Array, Array, Array]
     end = np.r_[end, t[-1:]] if touching[-1] else end
     depth = _deepest(t, gap, rate)
     peak = [np.max(depth[max(np.searchsorted(t, a, "right") - 1, 0) : max(np.searchsorted(t, b, "left"), 1)], initial=0.0)
-            for a, b in zip(begin, end, strict=True)]  # fmt: skip
+            for a, b in zip(begin, end, strict=True)]
     return begin, end, np.array(peak)
 
 

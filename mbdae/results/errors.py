@@ -79,7 +79,7 @@ class Errors:
     def __getstate__(self) -> dict[str, Any]:
         """What `pickle` keeps: the runs and what was told; errors are computed again when they are read."""
         return {name: vars(self)[name] for name in ("prepared", "solution", "others", "asked", "told", "reactions")} | {
-            "closer": None, "_known": {}}  # fmt: skip
+            "closer": None, "_known": {}}
 
     # -- reactions
 
@@ -103,7 +103,7 @@ class Errors:
         compared = wrenches(scene, states_of(scene, other.run, other.times))
         size, apart = (float(np.max(np.maximum(np.linalg.norm(w[..., :3], axis=2),
                                                np.linalg.norm(w[..., 3:], axis=2) / self.prepared.length)))
-                       for w in (own, compared - own))  # fmt: skip
+                       for w in (own, compared - own))
         return size, apart
 
     @cached_property
@@ -279,7 +279,7 @@ class Errors:
             return f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or ask for {smaller}"
         if any(other.kind == "window" for other in self.others):
             return (f"the run leaves out fast vibrations of the beams, which hardly move them and carry forces; ask for "
-                    f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")  # fmt: skip
+                    f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")
         return f"ask for {smaller}"
 
 

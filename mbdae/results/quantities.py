@@ -27,12 +27,12 @@ Quantity = str | Callable[[Any], Any]
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sqrt", "exp", "log", "abs", "sign", "minimum", "maximum")},
     "norm": lambda v: np.linalg.norm(v, axis=-1),
-}  # fmt: skip
+}
 _SIGNS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.true_divide, ast.Pow: np.power,
-}  # fmt: skip
+}
 NAME_A_QUANTITY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a "
-                   "function of the result (lambda r: r[\"J\"].angle)")  # fmt: skip
+                   "function of the result (lambda r: r[\"J\"].angle)")
 
 
 def value(result: Any, quantity: Quantity) -> Array:
@@ -48,7 +48,7 @@ def value(result: Any, quantity: Quantity) -> Array:
         raise OptionError(f"{shown(quantity)} is no quantity: {NAME_A_QUANTITY}")
     if found.shape[:1] != result.t.shape or found.dtype.kind not in "fi":
         raise OptionError(f"{named(quantity)} is not a quantity over time: it has the shape {found.shape}, where numbers at "
-                          f"{counted(len(result.t), 'time')} are expected; {NAME_A_QUANTITY}")  # fmt: skip
+                          f"{counted(len(result.t), 'time')} are expected; {NAME_A_QUANTITY}")
     return np.asarray(found, dtype=float)
 
 
@@ -126,7 +126,7 @@ def _evaluated(result: Any, node: Any, names: Mapping[str, str]) -> Any:
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
         return _applied(result, node, FUNCTIONS[node.func.id], node.args, names)
     raise OptionError(f"'{_said(node, names)}' is no part of an expression of sensors: signs + - * / **, numbers, t, pi, "
-                      f"the functions {', '.join(FUNCTIONS)}, and sensors may appear")  # fmt: skip
+                      f"the functions {', '.join(FUNCTIONS)}, and sensors may appear")
 
 
 def _applied(result: Any, node: Any, function: Callable[..., Any], parts: Sequence[Any], names: Mapping[str, str]) -> Any:
@@ -137,7 +137,7 @@ def _applied(result: Any, node: Any, function: Callable[..., Any], parts: Sequen
         raise OptionError(f"'{_said(node, names)}' has {counted(len(given), 'argument')}, but takes {wanted}")
     if function is FUNCTIONS["norm"] and np.ndim(given[0]) < 2:
         raise OptionError(f"'{_said(node, names)}' cannot be formed: norm takes a vector such as b.velocity, "
-                          f"and {_said(parts[0], names)} has one number; take abs")  # fmt: skip
+                          f"and {_said(parts[0], names)} has one number; take abs")
     if len({np.shape(value) for value in given if np.ndim(value)}) > 1:
         sizes = ", ".join(f"{_said(part, names)} has {_components(value)}" for part, value in zip(parts, given, strict=True))
         raise OptionError(f"'{_said(node, names)}' cannot be formed: {sizes}; name components, as in b.position[1]")
@@ -223,7 +223,7 @@ def to_xarray(result: Any, sensors: Sequence[Quantity], further: dict[str, Quant
     axis: dict[str, list[str]] = {}
     for column in columns(result, sensors, further):
         names = ["axis" if n == 3 and i == 0 and column.values.ndim == 2 else f"{column.name}_{i}"
-                 for i, n in enumerate(column.values.shape[1:])]  # fmt: skip
+                 for i, n in enumerate(column.values.shape[1:])]
         axis |= {"axis": list(AXES)} if "axis" in names else {}
         data[column.name] = (("t", *names), column.values, {"units": column.unit} if column.unit else {})
     found = xarray.Dataset(data, coords={"t": ("t", result.t, {"units": "s"}), **axis})

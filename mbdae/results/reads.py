@@ -35,13 +35,13 @@ def own_of(scene: SceneData) -> dict[str, dict[str, str]]:
     """What the user's own functions and classes in a scene depend on, by name. Of laws and parts of laws their equations count,
     which are compared beside."""
     return {name: reads(thing) for name, thing in scene.own.items()
-            if not (isinstance(thing, type) and issubclass(thing, Law | Part)) and not name.startswith("kept ")}  # fmt: skip
+            if not (isinstance(thing, type) and issubclass(thing, Law | Part)) and not name.startswith("kept ")}
 
 
 def own_classes(*things: Any) -> dict[str, dict[str, str]]:
     """What the user's own classes of some objects, such as solvers and forms, depend on, by name."""
     return {type(thing).__qualname__: reads(type(thing)) for thing in things
-            if thing is not None and _module(type(thing)).partition(".")[0] != PACKAGE}  # fmt: skip
+            if thing is not None and _module(type(thing)).partition(".")[0] != PACKAGE}
 
 
 def reads(thing: Any) -> dict[str, str]:
@@ -107,7 +107,7 @@ class _Reads:
 
     def _of_class(self, cls: type, name: str) -> None:
         hidden = ("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__annotations__", "__firstlineno__",
-                  "__static_attributes__", "_abc_impl", "__abstractmethods__")  # fmt: skip
+                  "__static_attributes__", "_abc_impl", "__abstractmethods__")
         own = {n: value for n, value in vars(cls).items() if n not in hidden}
         self._values(name, {n: _bare(value) for n, value in own.items()} | {f"base {b.__name__}": b for b in cls.__bases__})
 
@@ -178,7 +178,7 @@ def _plain(value: Any) -> str | None:
 def _code(code: CodeType) -> list[bytes]:
     """What a code object does: its instructions, names and constants, those of functions inside of it too."""
     parts = [code.co_code, repr((code.co_names, code.co_varnames, code.co_freevars, code.co_argcount, code.co_kwonlyargcount,
-                                 code.co_flags)).encode()]  # fmt: skip
+                                 code.co_flags)).encode()]
     for constant in code.co_consts:
         parts += _code(constant) if isinstance(constant, CodeType) else [(_plain(constant) or repr(constant)).encode()]
     return parts

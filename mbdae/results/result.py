@@ -111,18 +111,18 @@ class Result(RunStates, ListsAttributes):
         if [b.name for b in self.prepared.model.scene.bodies] != [b.name for b in scene.bodies]:
             raise OptionError(f"start: a state of scene '{self.prepared.model.scene.name}', which has other bodies than "
                               f"'{scene.name}', cannot start it: "
-                              "give one of a scene with the same names of bodies in the same order")  # fmt: skip
+                              "give one of a scene with the same names of bodies in the same order")
         (q,), (u,), (s,) = self.states(when)
         known = {c.name for c in scene.joints if c.kept}
         here = self(when)
         coordinates = {(c.name, name): float(value[0]) for c in self.prepared.model.scene.joints
-                       for name, (value, _) in here.coordinates(c).items()}  # fmt: skip
+                       for name, (value, _) in here.coordinates(c).items()}
         nodes = [n for n in self.prepared.model.nodes if n.body is not None or n.joint in known]
         q = np.concatenate([q[n.q : n.q + n.kind.sizes[0]] for n in nodes])
         u = np.concatenate([u[n.u : n.u + n.kind.sizes[1]] for n in nodes])
         names = tuple(self.prepared.mechanics.numbering.states.values())
         return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0), names=names, coordinates=coordinates,
-                     controllers=self._controllers_for(scene, float(when[0])))  # fmt: skip
+                     controllers=self._controllers_for(scene, float(when[0])))
 
     def _controllers_for(self, scene: SceneData, t: float) -> dict[str, UnderWay]:
         """The states, by name, of the controllers that `scene` shares with this run, at the time t (s) of the run: in a run of
@@ -279,14 +279,14 @@ class Result(RunStates, ListsAttributes):
         return ATTACHED["phase"](self, x, y, against, labels, path)
 
     def orbit(self, place: Any, axes: str = "xy", against: Any = None, labels: Sequence[str] | None = None,
-              path: Any = None) -> Any:  # fmt: skip
+              path: Any = None) -> Any:
         """Draw the path (m) of a place in a plane of the inertial frame, equal scales, start and end marked.
 
         place: a body, a joint or their name, "hub.position", body.at(point) or "beam.at(0.5)"; other options as for `plot`."""
         return ATTACHED["orbit"](self, place, axes, against, labels, path)
 
     def animate(self, path: Any = None, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
-                trail: Any = None, hide: Any = ()) -> Any:  # fmt: skip
+                trail: Any = None, hide: Any = ()) -> Any:
         """The motion as a film, which a notebook plays; path: of a .gif, or of an .html player that needs nothing but a browser.
 
         sensors: drawn over time beside the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
@@ -306,7 +306,7 @@ class Result(RunStates, ListsAttributes):
                            f"{self.info.cpu_s:.2f} s CPU"),
                 ("accuracy", f"asked {a.asked if a.asked is not None else 'none'}, estimated error "
                              f"{'unknown' if a.estimated is None else f'{a.estimated:.1e}'}; {a.brief}"),
-                ("sensors", ", ".join(item.name for item in scene._items))]  # fmt: skip
+                ("sensors", ", ".join(item.name for item in scene._items))]
         return titled(f"result of '{scene.name}'", rows(said + [("warning", w) for w in self.warnings]))
 
     @property
@@ -320,7 +320,7 @@ class Result(RunStates, ListsAttributes):
         asked = f"{a.asked:g}" if a.asked is not None else "none"
         shorter = f" ({s.shortened} shortened for inputs of time)" if s.shortened else ""
         warned = (", not reliable" if self.reliable is False else "") + (
-            f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")  # fmt: skip
+            f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
                 f"{self.info.form}, {counted(s.steps, 'step')}{shorter}{self._plane}, {self.info.cpu_s:.2f} s CPU, "
                 f"accuracy asked {asked}, estimated error {known}, {a.brief}{warned}>")

@@ -214,7 +214,7 @@ class ConnectionSensor(ListsAttributes):
                 if point is not None:
                     raise OptionError(f"{coordinate} is not known: the point mass '{point}' has no orientation; use s.rigid_body")
                 raise OptionError(f"{coordinate} is not known: the positions of its bodies do not determine it; use "
-                                  f"model=mb.Classical(), where it is an unknown")  # fmt: skip
+                                  f"model=mb.Classical(), where it is an unknown")
             return found[name in rates]
         if name in drives_of(item):
             found_drive = self._drive(name, drives_of(item)[name])
@@ -290,7 +290,7 @@ class ConnectionSensor(ListsAttributes):
         known = [one for one in self._result.prepared.contacts if one.item == self._item.name]
         if not known:
             raise OptionError(f"{self._item.kind} '{self._item.name}' has no contacts: only joints with clearance or with limits "
-                              f"have some; leave .contacts and .summary() out")  # fmt: skip
+                              f"have some; leave .contacts and .summary() out")
         return contacts_at(self._result.prepared, self._result.solution, known)
 
     def summary(self) -> dict[str, float]:

@@ -322,7 +322,7 @@ def integrated(mechanics: Mechanics, steps: Array, at: Array, states: StatesAt) 
     width, middle = np.diff(grid) / 2, (grid[1:] + grid[:-1]) / 2
     points = (middle[:, None] + width[:, None] * _NODES).ravel()
     values = np.concatenate([powers(mechanics, points[part], states) for part in _parts(mechanics, len(points))]
-                            or [np.zeros((0, len(TRANSFERS)))])  # fmt: skip
+                            or [np.zeros((0, len(TRANSFERS)))])
     per_step = np.einsum("ijk,j->ik", values.reshape(-1, 3, len(TRANSFERS)), _WEIGHTS) * width[:, None]
     sums = np.vstack([np.zeros((1, len(TRANSFERS))), np.cumsum(per_step, axis=0)])
     return sums[np.searchsorted(grid, at)]

@@ -55,7 +55,7 @@ def save(result: Result, path: Any) -> None:
         "start": start_header(prepared.start), "laws": stored_parts.own_laws(prepared.model), "time": prepared.time,
         "info": _info(result.info), **stored_parts.header_of(result.accuracy.errors),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
-    }  # fmt: skip
+    }
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START} | _arrays(solution.interpolant)
     arrays |= {"t": result.t, "steps": solution.t, "y": solution.y, "yp": solution.yp}
     arrays |= stored_parts.arrays_of(result.accuracy.errors)
@@ -65,7 +65,7 @@ def save(result: Result, path: Any) -> None:
         _check_shapes(header, {name: values.shape for name, values in arrays.items()})
     except BadValueError as error:
         raise OptionError(f"this result cannot be stored: {error}; keep the script that states its scene, and its results by "
-                          f"r.to_csv") from error  # fmt: skip
+                          f"r.to_csv") from error
     archive.write(path, text, arrays)
 
 
@@ -118,12 +118,12 @@ def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> R
     solver = _solver(info["solver"], known)
     stats = Stats(**info["stats"])
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
-                        _interpolant(run["dense"], arrays))  # fmt: skip
+                        _interpolant(run["dense"], arrays))
     accuracy, warnings = _accuracy(info["accuracy"], prepared), tuple(info["warnings"])
     accuracy = stored_parts.with_errors(accuracy, header, arrays, prepared, solution)
     made = RunInfo(solver, _form(info["form"], known), accuracy, stats, info["runs"], info["cpu_s"], warnings,
                    info.get("choice", ""), info.get("reliable", True),
-                   tuple(Event(float(t), str(name), int(sense)) for t, name, sense in info.get("events", [])))  # fmt: skip
+                   tuple(Event(float(t), str(name), int(sense)) for t, name, sense in info.get("events", [])))
     return Result(prepared, solution, made, arrays["t"])
 
 
@@ -164,7 +164,7 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
         raise BadValueError(f"the scene in the file has no constraint {shown(unknown[0])}, which the file's run has")
     if sorted(stored["kept"] + stored["dropped"]) != sorted(rows):
         raise BadValueError("the constraints that the file's run kept and dropped are not those of the scene in the file: it "
-                            "was changed or damaged")  # fmt: skip
+                            "was changed or damaged")
     lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
@@ -184,7 +184,7 @@ def _check_elements(statements: list[Any], unknowns: int) -> None:
             if not isinstance(count, int) or count > unknowns:
                 name = args[0] if args else kwargs.get("name")
                 raise BadValueError(f"the beam {shown(name)} in the file has elements = {shown(count)}, where a whole number of "
-                                    f"at most {unknowns}, the number of unknowns of its run, is expected")  # fmt: skip
+                                    f"at most {unknowns}, the number of unknowns of its run, is expected")
 
 
 def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
@@ -198,7 +198,7 @@ def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
     if names != in_order or not multipliers >= {*rest} or len({*rest}) < len(rest):
         raise BadValueError("the unknowns of the file's run are not those of its scene: changed, or written by another mbdae")
     sizes = {"q": prepared.model.nq, "u": prepared.model.nu, "s": len(mechanics.numbering.states),
-             "acceleration": prepared.model.nu, "multipliers": len(mechanics.rows)}  # fmt: skip
+             "acceleration": prepared.model.nu, "multipliers": len(mechanics.rows)}
     for name, size in sizes.items():
         if getattr(start, name).shape != (size,):
             shape = getattr(start, name).shape
@@ -208,7 +208,7 @@ def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
 def _info(info: RunInfo) -> dict[str, Any]:
     parts = {"accuracy": info.accuracy.as_data(), "stats": asdict(info.stats), "warnings": list(info.warnings)}
     return {"solver": _info_of(info.solver), "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice,
-            "reliable": info.reliable, "events": [list(event) for event in info.events], **parts}  # fmt: skip
+            "reliable": info.reliable, "events": [list(event) for event in info.events], **parts}
 
 
 def _info_of(solver: Any) -> dict[str, Any]:
@@ -230,7 +230,7 @@ def _solver(stored: dict[str, Any], known: Known) -> Any:
         several = isinstance(value, list)
         if not all(isinstance(v, int | float | str | None) for v in (value if several else [value])):
             raise BadValueError(f"the solver in the file has {key} = {shown(value)}, where a number, a text or a list of numbers "
-                                f"is expected")  # fmt: skip
+                                f"is expected")
         options[key] = np.array(value, dtype=float) if several else value
     return cls(**options)
 
@@ -250,7 +250,7 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
         return {"kind": "hermite", "points": interpolant.points}
     if isinstance(interpolant, Joined):
         return {"kind": "joined", "points": [part.points for part in interpolant.parts],
-                "steps": [len(part.t) for part in interpolant.parts]}  # fmt: skip
+                "steps": [len(part.t) for part in interpolant.parts]}
     kind = type(interpolant).__name__
     raise OptionError(f"runs of a solver that interpolates between its steps by {kind} cannot be stored; run with mb.IDA, "
                       f"mb.RadauIIA, mb.CVODE or mb.DOP853 to save")

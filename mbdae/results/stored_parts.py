@@ -48,7 +48,7 @@ def statements(scene: SceneData) -> dict[str, Any]:
             if "unreadable" in found:
                 argument = found["unreadable"]
                 raise OptionError(f"{method} '{item}' was given {argument}, which cannot be stored: give numbers, "
-                                  f"texts, expressions of mb.t, laws, or a function defined with def")  # fmt: skip
+                                  f"texts, expressions of mb.t, laws, or a function defined with def")
             _check_name(f"{method} '{item}'", found.get("class", found.get("object", found.get("law"))))
     if set(scene.own) - set(Known().own):
         _check_own(scene, data)
@@ -78,10 +78,10 @@ def _check_name(item: str, name: Any) -> None:
     """OptionError for the stored name of a class or function by which `mb.load` could not find it: of a lambda, or not unique."""
     if isinstance(name, str) and name.endswith("<lambda>"):
         raise OptionError(f"{item}: a lambda has no name by which it could be found again; define it with def, and pass it to "
-                          f"mb.load in laws=[...]")  # fmt: skip
+                          f"mb.load in laws=[...]")
     if isinstance(name, str) and name.endswith(")"):
         raise OptionError(f"{item}: two classes or functions are called {name.rpartition(' ')[0]}, which the file could not tell "
-                          f"apart; give each a name of its own")  # fmt: skip
+                          f"apart; give each a name of its own")
 
 
 def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
@@ -108,14 +108,14 @@ def check_laws(stored: dict[str, str], found: dict[str, str]) -> None:
     for name in stored:
         if found.get(name) != stored[name]:
             raise BadValueError(f"the law {name.split()[0]} states other equations than when the file was written; hand over the "
-                                f"class as it was: pass laws=[...]")  # fmt: skip
+                                f"class as it was: pass laws=[...]")
 
 
 def start_header(start: Start) -> dict[str, Any]:
     """The plain data of a start that go into the header of a file; its arrays are stored separately."""
     controllers = {name: [c.begin, c.calls, encode(c.memory)] for name, c in start.controllers.items()}
     return {"t": start.t, "changes": start.changes, "coordinates": _by_joint(start)} | (
-        {"controllers": controllers} if controllers else {})  # fmt: skip
+        {"controllers": controllers} if controllers else {})
 
 
 def start_of(header: dict[str, Any], numbers: dict[str, Any], scene: SceneData, known: Known) -> Start:
@@ -149,7 +149,7 @@ def _coordinates(stored: dict[str, Any], scene: SceneData) -> dict[tuple[str, st
             raise BadValueError(f"the start in the file names joint {shown(joint)}, which the scene in the file does not have")
         if not of_joint or not set(of_joint) <= set(names):
             raise BadValueError(f"the start in the file gives {shown(values)} for joint {shown(joint)}, whose coordinates are "
-                                f"{', '.join(names) or 'none'}")  # fmt: skip
+                                f"{', '.join(names) or 'none'}")
         found |= {(joint, name): float(value) for name, value in of_joint.items()}
     return found
 
@@ -190,7 +190,7 @@ def shapes_of(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) -> dic
 
 
 def with_errors(accuracy: Accuracy, header: dict[str, Any], arrays: dict[str, Array], prepared: Prepared,
-                solution: Solution) -> Accuracy:  # fmt: skip
+                solution: Solution) -> Accuracy:
     """The accuracy of a loaded run with the errors of all quantities; with that of the reactions alone, a number, where the file
     has no runs beside it, as those of earlier versions."""
     if "others" not in header or accuracy.reactions is None:

@@ -160,7 +160,7 @@ def decided_by_round_off(prepared: Prepared | None, run: Solution, frozen: float
     measure = "the scene's length (or rad)" if prepared is not None else "the scale of an unknown"
     return [f"small disturbances grow by a factor of {factor} up to t = {found[1]:.4g} s: what is below {decisive:.0e} of "
             f"{measure} at the start, round-off too, decides whether an accuracy of {accuracy:g} is kept; a shorter run, or a "
-            "start farther from the unstable rest, can be predicted"]  # fmt: skip
+            "start farther from the unstable rest, can be predicted"]
 
 
 def _farthest(prepared: Prepared, run: Solution) -> float:
@@ -168,7 +168,7 @@ def _farthest(prepared: Prepared, run: Solution) -> float:
     some = run.t[:: len(run.t) // PLACES + 1]
     q = prepared.states(some, run(some))[0]
     places = [np.max(np.abs(q[:, node.q : node.q + node.kind.translations])) for node in prepared.model.nodes
-              if node.unit == "m" and node.kind.translations]  # fmt: skip
+              if node.unit == "m" and node.kind.translations]
     return max(1.0, float(max(places, default=0.0)) / prepared.length)
 
 

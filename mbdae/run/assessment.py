@@ -96,7 +96,7 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
             continue
         return [f"the run passes a singular position of {_named(result, near[:1])} at t = {when:.6g} s (smallest singular value "
                 f"of its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the "
-                "run may have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
+                "run may have changed branch; compare with runs at smaller accuracies, or avoid that position"]
     return []
 
 
@@ -142,7 +142,7 @@ def _why(before: Result, near: list[Dependency], usual: float, drifts: bool) -> 
             names.update(dict.fromkeys(named))
     if names:
         return (f"where it cannot follow what is prescribed for {_listed(list(names))} with finite velocities: prescribe less "
-                f"motion, or change the lengths{doubt}")  # fmt: skip
+                f"motion, or change the lengths{doubt}")
     return f"where two branches of the motion meet: let the start or the loads keep the scene away from it{doubt}"
 
 
@@ -234,7 +234,7 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     changed = dict.fromkeys(c for c in found.prepared.start.changes if isinstance(c, ChangedVelocity))
     notes = [*changed, *missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run, known.asked),
              *contact.notes, *singular, *growth_words(run, known.asked, found.prepared), *unequal_lengths(found),
-             *turned_aside(found), *energy_drift(found, run, known.asked)]  # fmt: skip
+             *turned_aside(found), *energy_drift(found, run, known.asked)]
     reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
     return Assessment(tuple(notes), reliable, bool(singular), off)
 
@@ -258,7 +258,7 @@ def turned_aside(result: Result) -> list[str]:
             turning = np.max(np.abs(result.u[:, node.u + 3 : node.u + 6]), axis=0, initial=0.0)
             if max(turning[:2]) > ASIDE * max(1 / result.prepared.time, float(np.max(turning))):
                 found.append(f"body '{body.name}' turns about its x or y axis, about which its inertia is 0: one number counts "
-                             "about z alone; in space give three principal moments, or a matrix")  # fmt: skip
+                             "about z alone; in space give three principal moments, or a matrix")
     return found
 
 
@@ -272,7 +272,7 @@ def missed(known: Accuracy, run: Controlled) -> list[str]:
         notes.append(f"accuracy {asked:g} was asked, the error is {found}: {_advice(known.motion, asked, run)}")
     if known.mesh is not None and not known.mesh <= asked:
         notes.append(f"accuracy {asked:g} was asked, the error by the mesh of the beams is about {known.mesh:.1e}: give them "
-                     "more elements or a higher order")  # fmt: skip
+                     "more elements or a higher order")
     return notes
 
 
@@ -289,10 +289,10 @@ def _advice(error: float, asked: float, run: Controlled) -> str:
                 "steps show; no run has shown that a smaller accuracy comes nearer: take another solver or a shorter run")
     if last <= run.limit * (1 + 1e-9):
         return (f"{size.format(last)} is the smallest that round-off allows {run.solver.label}, so that a smaller accuracy ends "
-                f"with the same run; a run over a shorter time comes nearer")  # fmt: skip
+                f"with the same run; a run over a shorter time comes nearer")
     if len(told) < 2:
         return (f"the error was estimated once, with {size.format(last)}, so that it is not known whether a smaller accuracy "
-                "comes nearer: try one, or take a shorter run")  # fmt: skip
+                "comes nearer: try one, or take a shorter run")
     before, earlier = told[-2]
     errors_so_far = f"with {size.format(before)} the error was {earlier:.1e}, with {size.format(last)} {estimate:.1e}"
     if estimate > earlier * (last / before) ** SLOW:
@@ -324,7 +324,7 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
         return 0.0, []
     driven = any(c.prescribed for c in prepared.model.scene.joints)
     likely_cause = ("prescribed motions may contradict each other there, then release one of them" if driven
-                    else "the joints do not stay together")  # fmt: skip
+                    else "the joints do not stay together")
     left_out = ""
     if m.rows[worst] in prepared.rank.dropped:
         left_out = " (left out as redundant at the start, and not redundant all the way)"

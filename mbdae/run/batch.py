@@ -38,7 +38,7 @@ class Runs:
 
 
 def run_batch(scene: SceneData, t_end: float, accuracy: float = 1e-6, *, starts: Any = None,
-              numbers: Mapping[str, Any] | None = None, outputs: Any = None, max_wall: float | None = None) -> Runs:  # fmt: skip
+              numbers: Mapping[str, Any] | None = None, outputs: Any = None, max_wall: float | None = None) -> Runs:
     """Run every point as `Scene.simulate` does: at ten times the tolerance and at the tolerance. Their difference gives the
     estimated error; where it is above the accuracy, the point is run again with a smaller tolerance. Arguments as in
     `solve_batch`.
@@ -51,14 +51,14 @@ class Batches:
     """A scene prepared for several batches of runs, one after the other; arguments as in `run_batch`."""
 
     def __init__(self, scene: SceneData, t_end: float, accuracy: float = 1e-6, outputs: Any = None,
-                 numbers: Iterable[str] = ()) -> None:  # fmt: skip
+                 numbers: Iterable[str] = ()) -> None:
         """numbers: names of law parameters that will vary; some cannot, because the equations have them as constants."""
         self.accuracy, self.t_end = plausible(accuracy), t_end
         prepared = with_recursive_joints(scene, t_end=t_end) or prepared_from(scene, t_end=t_end)
         choice = choose(prepared, scene, self.accuracy)
         if not isinstance(choice.solver, DOP853):
             raise OptionError(f"scene '{scene.name}': a batch is solved by DOP853, but mbdae solves this scene by {choice}; run "
-                              "its points one by one")  # fmt: skip
+                              "its points one by one")
         self.system, self._known = system_for(prepared, choice.form, 0), dict[str, bool]()
         try:
             left = [name for name in numbers if not self._read(name)]
@@ -117,7 +117,7 @@ class Batches:
             given = {name: _some(np.atleast_1d(v), some) for name, v in (numbers or {}).items()}
             own = None if starts is None else _some(np.atleast_2d(starts), some)
             return solve_batch(self.system, self.t_end, replace(self._solver, rtol=rtol), starts=own, numbers=given,
-                               outputs=self._every, max_wall=left)  # fmt: skip
+                               outputs=self._every, max_wall=left)
 
         tight = self._solver.tolerance
         coarse, fine = solved(min(tight * self._solver.companion, 0.1)), solved(tight)
@@ -126,7 +126,7 @@ class Batches:
         for _ in range(ATTEMPTS):
             # the whole difference counts as the error: not at every point does it fall with the tolerance as it is assumed to
             estimate[some] = [float(np.max(self._measure(a, b))) if fine.errors[i] is None else np.nan
-                              for i, (a, b) in enumerate(zip(coarse.y, fine.y, strict=True))]  # fmt: skip
+                              for i, (a, b) in enumerate(zip(coarse.y, fine.y, strict=True))]
             made = fine if len(some) == len(estimate) else _with(made, fine, some)
             missed = np.flatnonzero(estimate[some] > accuracy)
             if not len(missed) or tight <= self._limit:

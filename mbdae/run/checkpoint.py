@@ -77,7 +77,7 @@ class Bar:
         console = Console(stderr=True)
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}"))
         self._bar = Progress(*columns, console=console, transient=True, auto_refresh=False, redirect_stdout=False,
-                             redirect_stderr=False, disable=not console.is_terminal)  # fmt: skip
+                             redirect_stderr=False, disable=not console.is_terminal)
         self._task = self._bar.add_task("", total=1.0, note="")
         self._running = False
 
@@ -112,7 +112,7 @@ def progress_of(progress: Any) -> Any:
     if isinstance(progress, bool | np.bool_):
         return bar() if progress else None
     return optional("progress", progress, function, "give True for a bar, a function progress(t, t_end, stats), or None",
-                    takes="t, t_end, stats")  # fmt: skip
+                    takes="t, t_end, stats")
 
 
 T = TypeVar("T")
@@ -160,22 +160,22 @@ def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iter
         raise OptionError(f"checkpoint: {error}") from error
     except Stopping:
         raise StoppedError(f"stopped by SIGTERM: what was computed is kept in '{keeper.folder}'; the same call goes on from "
-                           f"there") from None  # fmt: skip
+                           f"there") from None
 
 
 def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form | None, start: Result | None,
-                 **options: Any) -> dict[str, Any]:  # fmt: skip
+                 **options: Any) -> dict[str, Any]:
     """Plain data of a call: scene, options and versions. OptionError where its runs cannot be stored."""
     try:
         stated = statements(scene)
     except OptionError as error:
         raise OptionError(f"checkpoint: the folder has to hold the scene, and this scene cannot be stored: "
-                          f"{error}; or run it without checkpoint=") from error  # fmt: skip
+                          f"{error}; or run it without checkpoint=") from error
     return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]),
             "solver": repr(solver), "form": repr(form), "every": every,
             "start": None if start is None else _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1]),
             "own": own_of(scene) | own_classes(solver, form), "versions": versions(),
-            **{name: _told(value) for name, value in options.items()}}  # fmt: skip
+            **{name: _told(value) for name, value in options.items()}}
 
 
 def _told(value: Any) -> Any:
@@ -202,7 +202,7 @@ def _check(folder: Path, here: dict[str, Any]) -> None:
     difference = "it has another format" if call is None else first_difference(call, here)
     if difference:
         raise OptionError(f"checkpoint = '{folder}' holds another run: {difference}; make the same call with the same versions, "
-                          f"or name another folder")  # fmt: skip
+                          f"or name another folder")
 
 
 @contextmanager

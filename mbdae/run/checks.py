@@ -150,7 +150,7 @@ class Check(ListsAttributes):
     def __repr__(self) -> str:
         scene = self.prepared.model.scene
         return (f"<Check of '{scene.name}': {'planar' if self.planar else 'spatial'}, bodies {len(scene.bodies)}, "
-                f"joints {len(scene.joints)}, degrees of freedom {self.degrees_of_freedom}; print it for more>")  # fmt: skip
+                f"joints {len(scene.joints)}, degrees of freedom {self.degrees_of_freedom}; print it for more>")
 
     def _repr_html_(self) -> str:
         title, _, rest = str(self).partition("\n")
@@ -167,17 +167,17 @@ class Check(ListsAttributes):
                  f"{counted(len(scene.joints), 'joint')}, {coupled}{counted(forces, 'force element')}{loads}",
                  f"  {'planar' if self.planar else 'spatial'}: {p.model.why}",
                  f"  degrees of freedom: {self.degrees_of_freedom}",
-                 "  unknowns: " + ", ".join(counted(n, _ONE[kind]) for kind, n in self.unknowns.items() if n)]  # fmt: skip
+                 "  unknowns: " + ", ".join(counted(n, _ONE[kind]) for kind, n in self.unknowns.items() if n)]
         lines += [f"  not joined to the ground: {_listed(self.not_joined)}"] if self.not_joined else []
         lines += self._of_joints()
         lines += self._of_beams()
         lines += self._of_recursive_joints()
         lines += [f"  contact: {names} with {text}"
-                  for names, text in _grouped((f"'{contact.item}'", contact.summary()) for contact in p.contacts)]  # fmt: skip
+                  for names, text in _grouped((f"'{contact.item}'", contact.summary()) for contact in p.contacts)]
         lines += self._of_friction()
         lines += [f"  {names}: {text}" for names, text in _grouped((f"joint '{c}'", text) for c, text in self.remarks.items())]
         lines += [f"  joint '{name}': its point is {away:.3g} m beside the link '{link}'"
-                  for name, links in self.off_links.items() for link, away in links.items()]  # fmt: skip
+                  for name, links in self.off_links.items() for link, away in links.items()]
         flat = [b.name for _, b in p.model.bodies if b.principal_plane] if not self.planar else []
         lines += [f"  inertia that is one number counts about z alone: {_listed(flat)}"] if flat else []
         lines += self._of_inputs()
@@ -189,7 +189,7 @@ class Check(ListsAttributes):
         lines += _by_joint("  constraint equations left out because a point mass has no axes", undefined)
         for row in p.rank.singular_here:
             lines.append(f"  constraint equation dependent on others at the start only: {row.name}; the scene starts in a "
-                         "singular position")  # fmt: skip
+                         "singular position")
         lines += [f"  {note}" for note in doubts(p)]
         if p.rows:
             lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
@@ -207,7 +207,7 @@ class Check(ListsAttributes):
             model = type(c.model).__name__.lower() if c.has_models else "without coordinates"
             models.setdefault(model, []).append((c.name, _coordinates(c)))
         lines = [f"  joints, {model}: " + "; ".join(names + text for names, text in _grouped(joints))
-                 for model, joints in models.items()]  # fmt: skip
+                 for model, joints in models.items()]
         kept = _grouped(self.kept_coordinates.items())
         return lines + [f"  coordinates kept as unknowns: {names}: {why}" for names, why in kept]
 
@@ -217,10 +217,10 @@ class Check(ListsAttributes):
         if not lines:
             return []
         meshes = _grouped((line.beam.name, f"{counted(len(line.mesh.elements), 'element')} of order {line.mesh.order}, "
-                           f"{len(line.nodes)} nodes") for line in lines)  # fmt: skip
+                           f"{len(line.nodes)} nodes") for line in lines)
         return [f"  beams: {'; '.join(f'{names} ({text})' for names, text in meshes)}",
                 "  stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections",
-                *_by_joint("  without equations, unknowns shared with a node of a beam", self.shared)]  # fmt: skip
+                *_by_joint("  without equations, unknowns shared with a node of a beam", self.shared)]
 
     @property
     def contacts(self) -> tuple[str, ...]:
@@ -271,7 +271,7 @@ class Check(ListsAttributes):
             welded = f"; rigid: {_listed(list(tree.rigid))}" if tree.rigid else ""
             lines.append(f"  recursive joints, from '{root}' outwards: {names}{welded}; "
                          f"their bodies have no unknowns: {_listed([n.name for n in tree.nodes[1:] if n])} "
-                         f"({self._kernels_of(tree)})")  # fmt: skip
+                         f"({self._kernels_of(tree)})")
         kept = _grouped(self.kept_kinematic.items())
         return lines + [f"  constraint equations kept for {names}: {why}" for names, why in kept]
 
@@ -289,7 +289,7 @@ def why_kept(c: Connection, couplings: list[Connection]) -> str:
     acting = [type(part).__name__.removeprefix("Joint").lower() for part in c.laws if isinstance(part, OnCoordinate)]
     acting += ["friction"] if c.rubs else []
     return ("the joint has no method `coordinate` that computes from the bodies the one of its "
-            f"{_listed(list(dict.fromkeys(acting)))}")  # fmt: skip
+            f"{_listed(list(dict.fromkeys(acting)))}")
 
 
 def _coordinates(c: Connection) -> str:

@@ -214,7 +214,7 @@ class Rates:
         if not finite.all():
             worst = system.equations[int(np.argmin(finite))]
             raise OptionError(f"the derivatives of equation {worst} are not finite at the start t = {system.t0:g} s: check the "
-                              f"laws and parameters it contains")  # fmt: skip
+                              f"laws and parameters it contains")
         return finite_eigenvalues(fy, fyp)
 
     @property
@@ -240,7 +240,7 @@ class Rates:
             return f"more than {EIGENVALUES} unknowns, too many to compute the fastest vibrations"
         T = self.time
         what = f"decay at up to {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else (
-            f"oscillate at up to {self.oscillation / T:.3g} rad/s")  # fmt: skip
+            f"oscillate at up to {self.oscillation / T:.3g} rad/s")
         return f"small disturbances {what}, the motion changes in {T:.3g} s"
 
 
@@ -272,7 +272,7 @@ def size_of(system: Assembly) -> Size:
         d = group.derived
         idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))
         active = [i for i in range(len(group.instances))
-                  if (g, i) not in system.moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
+                  if (g, i) not in system.moved.replaced and not (idle and (g, i) not in live)]
         if active:
             p = linearised_plan(d, system.spec.outputs)
             own = (p.residual.operations if p.nonlinear else 0) + (p.jacobian.operations if p.jacobian_places else 0)
@@ -311,7 +311,7 @@ def absent(scene: SceneData) -> list[str]:
     rubbing = any(getattr(law, "friction", None) is not None for law in laws)
     timed = any(not isinstance(getattr(law, p), float | int | None) for law in laws for p in law.params)
     has = {"gravity": bool(scene.gravity.any()), "friction": rubbing, "contact": any(c.loose for c in scene.joints),
-           "values prescribed in time": timed}  # fmt: skip
+           "values prescribed in time": timed}
     return [term for term, needed in has.items() if not needed]
 
 
@@ -327,7 +327,7 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
     spatial.space = "spatial"
     joints = [c.name for c in scene.joints if may_be_recursive(c) and refusal(type(c.joint), Classical()) is None]  # type: ignore[arg-type]
     for reason, classical in (("all equations in space, with classical joints", tuple(joints)),
-                              ("without unknowns for joint coordinates", ())):  # fmt: skip
+                              ("without unknowns for joint coordinates", ())):
         try:
             of = build(replaced(spatial, classical, Classical()) if classical else spatial, by_rows)
             yield reason, whole(of, constraint_rows(of))
@@ -343,8 +343,8 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
     rows = [row for row in constraint_rows(rigid) if row.name not in redundant]
     trees = find_trees(rigid)
     yield "welded bodies, and points held by a joint, move with the other body", Assembly(
-        rigid, rows, spec, moved=MovedBodies(rigid, trees, share=False))  # fmt: skip
+        rigid, rows, spec, moved=MovedBodies(rigid, trees, share=False))
     yield "nodes that meet share unknowns, or are fixed to the ground", Assembly(
-        rigid, rows, spec, moved=MovedBodies(rigid, trees))  # fmt: skip
+        rigid, rows, spec, moved=MovedBodies(rigid, trees))
     yield "recursive joints: their coordinates are the only unknowns", Assembly(
-        model, prepared.mechanics.rows, spec, moved=prepared.all_bodies.moved)  # fmt: skip
+        model, prepared.mechanics.rows, spec, moved=prepared.all_bodies.moved)

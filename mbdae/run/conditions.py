@@ -88,7 +88,7 @@ def _condition_of(scene: Any, given: Any) -> Expr:
     """A condition as an expression of symengine."""
     if isinstance(given, bool | np.bool_):
         raise BadValueError(f"{given} is no condition (== of symbols is Python's own, which is {given} at once); write an "
-                            f"equation as text, 'J.angle == 0', or as sympy.Eq(...)")  # fmt: skip
+                            f"equation as text, 'J.angle == 0', or as sympy.Eq(...)")
     if isinstance(given, str):
         e = text.whole(_with_symbols(scene, given))
     else:

@@ -71,7 +71,7 @@ def _laws(prepared: Prepared) -> bool:
 def _switches(derived: Derived) -> bool:
     """Whether a law contains a steep function."""
     return bool(derived.noted("short_events.steep", lambda: any(
-        _steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))))  # fmt: skip
+        _steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))))
 
 
 def _subexpressions(expressions: Sequence[Any]) -> Iterator[Any]:
@@ -139,7 +139,7 @@ def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling:
     q, u, _ = prepared.states(run.t, run.y)
     gaps = gaps_of(prepared.mechanics, run.t, q, u)
     found = [contacts_of(run.t, *place)[2] / contact.size for contact in prepared.contacts
-             for place in zip(*(part.T for part in gaps[contact.place]), strict=True)]  # fmt: skip
+             for place in zip(*(part.T for part in gaps[contact.place]), strict=True)]
     peaks = [peak for peak in (float(median(deep)) for deep in found if len(deep)) if peak > 0]
     limits = [RESOLVED * velocity / typical_speed(prepared) for _, velocity in reversing(prepared, run)]
     return min([solver.penetration_share * min(peaks), *limits]) if peaks else ceiling
@@ -210,7 +210,7 @@ def stepped_over(hidden: Sequence[Hidden]) -> str:
     return (f"{counted(len(hidden), 'contact')} stepped over (closed and opened within a step), first '{first.name}' at "
             f"t = {first.deepest:.6g} s: the motion from there on is wrong; take a smaller accuracy or tolerance, or constant "
             f"steps of at most "
-            f"{(first.end - first.begin) / 2:.1g} s")  # fmt: skip
+            f"{(first.end - first.begin) / 2:.1g} s")
 
 
 class _Intervals(NamedTuple):
@@ -240,7 +240,7 @@ class _Intervals(NamedTuple):
         doubt = DOUBT * _off_cubic(at[:, 0], 0.5, self.b - self.a, self.left, self.right)
         ends = np.concatenate([self.a, middle]), np.concatenate([middle, self.b])
         return _Intervals(np.tile(self.step, 2), np.tile(self.place, 2), *ends, np.concatenate([self.left, at]),
-                          np.concatenate([at, self.right]), np.tile(doubt, 2))  # fmt: skip
+                          np.concatenate([at, self.right]), np.tile(doubt, 2))
 
 
 def _off_cubic(gap: Array, s: Any, h: Array, left: Array, right: Array) -> Array:
@@ -330,4 +330,4 @@ def _first(times: Array, values: Array, is_open: Any) -> _Intervals:
     kept = is_open[step, place]
     step, part, place = step[kept], part[kept], place[kept]
     return _Intervals(step, place, times[step, part], times[step, part + 1], values[step, part, place],
-                      values[step, part + 1, place], np.maximum(off[step, part, place], off[step, part + 1, place]))  # fmt: skip
+                      values[step, part + 1, place], np.maximum(off[step, part, place], off[step, part + 1, place]))

@@ -59,7 +59,7 @@ CUT = 100
 #: not fall come from one unlucky step of a companion, which the next run does not have
 CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
-         "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
+         "some time; rely on energies, forces and statistics, or on a shorter run")
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
 #: that round-off or penetrations bound is not subject to them
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
@@ -115,7 +115,7 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
 
 
 def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float, kind: str = "companion",
-              ratio: float = 0.0) -> tuple[OtherRun, ...]:  # fmt: skip
+              ratio: float = 0.0) -> tuple[OtherRun, ...]:
     """A companion run with some of the `times` of its comparison with the run that is returned, to estimate errors of all that is
     read. share: assumed ratio of the error to the difference of both; 1 with contacts; ratio: its tolerance over the run's."""
     if prepared is None or not isinstance(system, SceneSystem):
@@ -125,7 +125,7 @@ def other_run(system: System, prepared: Prepared | None, run: Solution, times: A
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                   outputs: Array) -> Controlled:  # fmt: skip
+                   outputs: Array) -> Controlled:
     """Make runs with smaller and smaller tolerances until the estimated error, also at the outputs, is below `accuracy` or cannot
     be made smaller by this solver. The wall time in `asked` is the limit of all runs together."""
     asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
@@ -147,7 +147,7 @@ def _last_of_each_kind(notes: Sequence[str]) -> tuple[str, ...]:
 
 
 def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                          outputs: Array) -> Controlled:  # fmt: skip
+                          outputs: Array) -> Controlled:
     """A run in which no contact closes and opens inside a step, and whose steps follow every disturbance that grows unseen: where
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
@@ -163,7 +163,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
             return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
-            one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
+            one for _, other in made for one in hidden_contacts(system, other, depth)]
         growth = growing(system, run.solution, bool(asked.bounds))
         bounds = unfollowed(growth) if repeats < FOLLOWING else ()
         if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
@@ -182,7 +182,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
 
 
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                outputs: Array, made: list[Run]) -> Controlled:  # fmt: skip
+                outputs: Array, made: list[Run]) -> Controlled:
     """`run_controlled` without the search for hidden contacts; the last runs and their tolerances are left in the list `made`."""
     measure = measure_of(system, prepared)
     if solver.by_steps:
@@ -209,7 +209,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             raise WallClockError(
                 f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
                 f"{UNKNOWN.format(best.solver.rtol)}; raise max_wall or loosen the accuracy",
-                error.time, error.culprit, best.solution) from error  # fmt: skip
+                error.time, error.culprit, best.solution) from error
         except ChatteringError:
             raise
         except SolverError as error:
@@ -225,7 +225,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
-            ratio=before / tight.tolerance))  # fmt: skip
+            ratio=before / tight.tolerance))
         best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others, told=tuple(told), limit=limit)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling
@@ -278,7 +278,7 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
 
 
 def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
-                           measure: Measure) -> Controlled:  # fmt: skip
+                           measure: Measure) -> Controlled:
     """The run with an estimate that includes vibrations with periods shorter than its constant steps. Runs with a step and with
     half of it reproduce them equally badly, so that their difference does not show them. Measured: an estimate of 5e-6 where a
     stiff spring vibrated with 2e-4."""
@@ -308,7 +308,7 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
             with keeping(solution, UNTESTED):
                 most = 10 * solution.stats.residuals + 10000
                 close = probe.solver.run(beginning_at(probe.system, solution, begin),
-                                         Asked(end, max_residuals=most, share=SHARE))  # fmt: skip
+                                         Asked(end, max_residuals=most, share=SHARE))
         except WallClockError:
             raise
         except SolverError as error:

@@ -129,7 +129,7 @@ class Defect:
         worst = [k for k in np.argsort(-ratio, kind="stable")[:most] if ratio[k] > OUTSTANDING]
         inside = (times - t[steps]) / self.widths[steps]
         return distinct([steps[k] for k in worst for s in self._effects(steps[k : k + 1], inside[k : k + 1], limit)
-                          if s.effect > limit]).astype(int)  # fmt: skip
+                          if s.effect > limit]).astype(int)
 
     def _residual(self, times: Array) -> tuple[Array, Array, Array]:
         """F, y, y' (k, n) at points of the dense output; F is set to 0 where it is not defined."""
@@ -164,7 +164,7 @@ class Defect:
             longest = some[np.argmax(self.widths[steps[some]])]
             share = self.widths[steps[some]] / self.widths[steps[longest]]
             moved[some] = self._moved(int(steps[longest]), times[longest], y[longest], yp[longest],
-                                      share[:, None, None] * right[some])  # fmt: skip
+                                      share[:, None, None] * right[some])
         effect = self._distance(times, y, moved)
         doubtful = np.flatnonzero(effect > DOUBTFUL * limit)
         for i in doubtful:
@@ -174,7 +174,7 @@ class Defect:
         worst = [largest(np.max(np.abs(part), axis=0)) for part in F]
         size = [np.abs(part[:, row]) for part, row in zip(F, worst, strict=True)]
         return [Suspect(int(steps[i]), float(effect[i]), times[i], size[i] >= LARGE * np.max(size[i]), self.system.equations[row])
-                for i, row in enumerate(worst)]  # fmt: skip
+                for i, row in enumerate(worst)]
 
     def _moved(self, step: int, times: Array, y: Array, yp: Array, given: Array) -> Array:
         """Change of the unknowns -J^-1 given (m, k, n), with the iteration matrix J in the middle of step number `step`. times

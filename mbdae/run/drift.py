@@ -65,7 +65,7 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
         return []
     remedy = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
     return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, while "
-            f"{exchanged:.2g} J are exchanged; {remedy} a smaller rtol or step"]  # fmt: skip
+            f"{exchanged:.2g} J are exchanged; {remedy} a smaller rtol or step"]
 
 
 def round_off(prepared: Prepared, e: Energy) -> float:
@@ -103,7 +103,7 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
         if np.max(values) > asked:
             return [f"joint row {m.rows[worst].name} is violated in {what}, by {np.max(values):.1e} of the scene's {size}: the "
                     "form satisfies constraints for accelerations only; raise its baumgarte, ask for a smaller accuracy, or use "
-                    "mb.GGL()"]  # fmt: skip
+                    "mb.GGL()"]
     return []
 
 
@@ -179,7 +179,7 @@ def _of_energy(result: Result, run: Controlled) -> list[str]:
     if off <= max(allowed, explained, round_off(result.prepared, e)):
         return []
     return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
-            f"a smaller accuracy, or rtol"]  # fmt: skip
+            f"a smaller accuracy, or rtol"]
 
 
 def _stored(result: Result) -> float:
@@ -200,7 +200,7 @@ def _of_constant_steps(result: Result) -> list[str]:
     if np.isfinite(off).all() and np.max(off) <= max(ALARM * moved, round_off(result.prepared, e)):
         return []
     return [f"not reliable: with steps of {result.stats.h_max:.2g} s the energy balance is off by {np.max(off):.2g} J, where "
-            f"{moved:.2g} J were exchanged: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]  # fmt: skip
+            f"{moved:.2g} J were exchanged: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]
 
 
 def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> list[str]:
@@ -217,11 +217,11 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
         wanted = run.solver.penetration_share * typical / expected.size
         found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median of its contacts), {run.solver.label} with its rtol "
                      f"resolves only {tolerance:.2g} {unit}: "
-                     f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}")  # fmt: skip
+                     f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}")
     limit, limit_in_words, likely_cause = law.doubtful_depth()
     if deepest > limit:
         found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} "
-                     f"({limit_in_words}): {likely_cause}")  # fmt: skip
+                     f"({limit_in_words}): {likely_cause}")
     return found
 
 
@@ -254,7 +254,7 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
         return []
     return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "
             "rad/s, driven by dry friction, so the pin does not run as in an ideal joint: less friction or more contact damping "
-            "ends it"]  # fmt: skip
+            "ends it"]
 
 
 def _flutter(result: Result, sensor: ClearanceSensor, expected: ExpectedContact) -> list[str]:
@@ -274,7 +274,7 @@ def _flutter(result: Result, sensor: ClearanceSensor, expected: ExpectedContact)
         return []
     return [f"not reliable: friction makes the contact in '{expected.item}' unstable: it oscillates at about {fast:.2g} rad/s "
             f"and grows, which steps of {float(np.max(step)):.1g} s damp away; follow it with a smaller rtol or steps below "
-            f"{RESOLVED_STEP / fast:.1g} s, or take less friction or more contact damping"]  # fmt: skip
+            f"{RESOLVED_STEP / fast:.1g} s, or take less friction or more contact damping"]
 
 
 def _of_friction(result: Result, run: Controlled) -> list[str]:
@@ -282,7 +282,7 @@ def _of_friction(result: Result, run: Controlled) -> list[str]:
     resolved = (run.solver.rtol or 0.0) * speed
     return [f"friction of '{item}' changes within {velocity:.2g} m/s of sliding, {run.solver.label} with its rtol resolves only "
             f"{resolved:.2g} m/s: {_finer(run, form, RESOLVED * velocity / speed, 'raise that velocity of the friction law')}"
-            for item, velocity in reversing(result.prepared, run.solution) if resolved > 10 * RESOLVED * velocity]  # fmt: skip
+            for item, velocity in reversing(result.prepared, run.solution) if resolved > 10 * RESOLVED * velocity]
 
 
 def compared(run: Controlled, asked: float | None) -> bool:
@@ -290,7 +290,7 @@ def compared(run: Controlled, asked: float | None) -> bool:
     not bound, so that its contacts are resolved, also those that hardly touch and take two steps. Measured on such grazes: with a
     tolerance of up to 70 times the penetration the error was a tenth of the accuracy."""
     return (asked is not None and run.solver.rtol is not None and len(run.told) > 0 and run.estimate <= asked
-            and run.told[-1][0] > run.limit * (1 + 1e-9))  # fmt: skip
+            and run.told[-1][0] > run.limit * (1 + 1e-9))
 
 
 def doubts_of_steps(run: Controlled, asked: float | None = None) -> list[str]:
@@ -300,11 +300,11 @@ def doubts_of_steps(run: Controlled, asked: float | None = None) -> list[str]:
         found.append(stepped_over(run.hidden))
     elif stats.missed_dips:
         found.append(f"{counted(stats.missed_dips, 'contact')} may have been stepped over (begun and ended within a step): "
-                     "use error control, or a smaller step")  # fmt: skip
+                     "use error control, or a smaller step")
     for item, count in stats.unresolved.items():
         found.append(f"{counted(count, 'step')} did not resolve the law of '{item}', which jumps, bends or acts for a part of a "
-                     f"step only: use error control or steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
+                     f"step only: use error control or steps of at most {stats.resolving_step:.1g} s")
     if 0 < stats.shortest_contact < FEW_STEPS and not compared(run, asked):
         found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
-                     f"smaller rtol or step")  # fmt: skip
+                     f"smaller rtol or step")
     return [*found, text] if (text := rejecting(run.solution)) else found

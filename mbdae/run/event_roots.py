@@ -69,7 +69,7 @@ def roots(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, 
 
 
 def zeros(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, merge: bool = True, steep: Steep | None = None,
-          switched: Array | None = None, least: float = 0.0) -> Zeros:  # fmt: skip
+          switched: Array | None = None, least: float = 0.0) -> Zeros:
     """`roots`, and the round-off of the function. steep, least: as for `pieces.resolved`; switched: those of the edges at which a
     floor or condition in the function switches. The function may vanish from there on, so that zeros there are not merged."""
     pieces = resolved(function, edges, steep, least)
@@ -116,7 +116,7 @@ def _of_one(pieces: Pieces, i: int, extremes: Array, near: float) -> tuple[list[
     y[np.abs(y) <= pieces.noise] = 0.0
     signs = np.sign(y).astype(int)
     crossed = [_Bracket(i, float(x[k]), float(x[k + 1]), int(signs[k]), int(signs[k + 1])) for k in range(len(x) - 1)
-               if signs[k] * signs[k + 1] < 0]  # fmt: skip
+               if signs[k] * signs[k + 1] < 0]
     touched = []
     for k in range(1, len(x) - 1):
         time = (low + high) / 2 + float(x[k]) * (high - low) / 2
@@ -205,7 +205,7 @@ def _near(c: Array, end: float, small: float) -> int:
 
 
 def _merged(found: list[Root], alone: NDArray[np.bool_], function: Callable[[Array], Array], same: float,
-            level: float) -> list[Root]:  # fmt: skip
+            level: float) -> list[Root]:
     """The zeros `found`, with neighbours merged into one zero in their middle. Merged are zeros between which the magnitude of
     the function stays within `level` (round-off or the error of the run has split a zero of higher order), except where `alone`
     forbids it; and zeros nearer to each other than `same` (s) without a change of sign between them."""

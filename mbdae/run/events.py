@@ -63,14 +63,14 @@ class Seen:
         if self.condition.is_equation or self._holds_at_start or not self._truth[0]:
             return []
         return [f"until = '{self.condition.name}' is not met at the start t = {self._begin:g} s but immediately after it, "
-                f"which does not end the run: it ends where the condition begins to hold again"]  # fmt: skip
+                f"which does not end the run: it ends where the condition begins to hold again"]
 
     def near_misses(self) -> list[str]:
         """A note where an inequality comes so near to its limit that the accuracy does not decide whether it is passed."""
         near = [root.time for of_one, equation in zip(self._zeros, self.condition.equations, strict=True) if not equation
-                for root in of_one if root.before == root.after != 0]  # fmt: skip
+                for root in of_one if root.before == root.after != 0]
         return [f"'{self.condition.name}' comes so near to its limit at t = {near[0]:.9g} s that the accuracy does not decide "
-                f"whether it is passed: ask for a smaller accuracy, or another limit"] if near else []  # fmt: skip
+                f"whether it is passed: ask for a smaller accuracy, or another limit"] if near else []
 
     @cached_property
     def _instants(self) -> Array:
@@ -133,7 +133,7 @@ class Seen:
         here: the zero of every function at t, or None."""
         values = self._values(np.array([t]))[0]
         return np.array([(root is not None) if equation else (root is None and value > 0)
-                         for root, equation, value in zip(here, self.condition.equations, values, strict=True)])  # fmt: skip
+                         for root, equation, value in zip(here, self.condition.equations, values, strict=True)])
 
 
 def _sense(root: Root) -> int:
@@ -166,7 +166,7 @@ class Watched:
         first = min(found, key=lambda event: event.time, default=None)
         if first is not None and first.time <= solution.t[0]:
             raise OptionError(f"until = '{first.name}': it holds already at the start t = {solution.t[0]:g} s; give a condition "
-                              f"that becomes true later, or start from another state")  # fmt: skip
+                              f"that becomes true later, or start from another state")
         return first
 
     def with_turns(self, prepared: Prepared, prepare_again: Callable[[Any], Prepared]) -> Prepared:
@@ -176,13 +176,13 @@ class Watched:
         read = {path for path in self._paths if may_be_observed(model.scene, path)}
         sensors = [sensed(model.scene, path) for path in sorted(read)]
         hidden = [s for s in sensors if isinstance(s.item, Connection) and s.item.unit(s.quantity) == "rad" and not s.item.loose
-                  and model.coordinate_node(s.item.name, s.quantity) is None]  # fmt: skip
+                  and model.coordinate_node(s.item.name, s.quantity) is None]
         prepared = prepared if model.planar or not hidden else prepare_again(keeping(model.scene, sorted(read)))
         probe(prepared, self._paths)
         return prepared
 
     def result(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]], outputs: Any,
-               verify: bool) -> Result:  # fmt: skip
+               verify: bool) -> Result:
         """The result of a run up to its event, or to its end without one, with all recorded events. made: function that executes
         a job; outputs: as the user gave them."""
         self._check_tables(job.prepared.start.t, job.asked.t_end)
@@ -208,7 +208,7 @@ class Watched:
                                   f"{span_and_remedy}")
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
-                  ) -> tuple[Controlled, Job, Event | None]:  # fmt: skip
+                  ) -> tuple[Controlled, Job, Event | None]:
         """A run that continues a little after its event, its job, and the event; without an event the run to its end, and
         None."""
         begin, end = job.prepared.start.t, job.asked.t_end
@@ -234,7 +234,7 @@ class Watched:
             near, beyond = stop, 1.0
 
     def events(self, prepared: Prepared, solution: Solution, end: Event | None,
-               accuracy: float) -> tuple[tuple[Event, ...], list[str]]:  # fmt: skip
+               accuracy: float) -> tuple[tuple[Event, ...], list[str]]:
         """Recorded events in the order of time, with `end`, the one that ended the run; and notes on conditions that the accuracy
         leaves undecided."""
         found, notes = _events(self.record, prepared, solution, accuracy)
@@ -254,7 +254,7 @@ def _times(job: Job, outputs: Any, end: float) -> Array:
 
 
 def _events(conditions: list[Condition], prepared: Prepared, solution: Solution, touch: float,
-            until: bool = False) -> tuple[list[Event], list[str]]:  # fmt: skip
+            until: bool = False) -> tuple[list[Event], list[str]]:
     """Events of conditions on a solution, and notes on conditions that are missed by less than the accuracy `touch`. until:
     whether only events are asked for at which a condition begins to hold; the start is one where it holds there."""
     found, notes = list[Event](), list[str]()
@@ -272,6 +272,6 @@ def ended(solution: Solution, t: float) -> Solution:
     count = int(np.searchsorted(solution.t, t, side="left"))
     y, yp = solution.interpolant.value(times), solution.interpolant.derivative(times)
     steps, rows, rates = (np.concatenate([part[:count], last]) for part, last in
-                          ((solution.t, times), (solution.y, y), (solution.yp, yp)))  # fmt: skip
+                          ((solution.t, times), (solution.y, y), (solution.yp, yp)))
     systems = tuple(entry for entry in solution.systems if entry[0] <= t)
     return replace(solution, t=steps, y=rows, yp=rates, interpolant=cut(solution.interpolant, t), complete=True, systems=systems)

@@ -107,9 +107,9 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     elif system.n <= SMALL and _varies(system, t0, t1):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
-              for look, one, asked in zip(looks, found, late, strict=True)]  # fmt: skip
+              for look, one, asked in zip(looks, found, late, strict=True)]
     return _while_unseen([Growth(float(a), float(b), one.rate, one.unseen, asked)
-                          for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)])  # fmt: skip
+                          for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)])
 
 
 def _persistent(run: Solution, looks: list[Look], found: list[Found], edges: Array) -> list[Found]:
@@ -117,7 +117,7 @@ def _persistent(run: Solution, looks: list[Look], found: list[Found], edges: Arr
     an impact."""
     return [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
             if one.unseen > 0 and not _steady(run, look, (float(a), float(b)), (one.rate,)) else one
-            for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]  # fmt: skip
+            for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]
 
 
 def _while_unseen(parts: Sequence[Growth]) -> list[Growth]:
@@ -150,11 +150,11 @@ def _late(run: Solution, looks: list[Look], found: list[Found], apart: int) -> l
         if a.size > 0 and b.size > 0 and _rests(here, there, a):
             expected = log(a.after(there.t - here.t, (1 + b.rate / a.rate) / 2) / a.size)
             if log(b.size / a.size) < KEEPS * expected - SPARE and _steady(
-                    run, here, (here.t, there.t), (a.rate, b.rate)):  # fmt: skip
+                    run, here, (here.t, there.t), (a.rate, b.rate)):
                 for k in range(i, i + apart + 1):
                     asked[k] = CLOSER / min(here.h, there.h)
     return [min(late, CLOSEST * one.unseen) if CLOSEST * one.unseen * look.h > FOLLOWED else 0.0
-            for late, one, look in zip(asked, found, looks, strict=True)]  # fmt: skip
+            for late, one, look in zip(asked, found, looks, strict=True)]
 
 
 def _rests(a: Look, b: Look, found: Found) -> bool:
@@ -178,7 +178,7 @@ def _varies(system: System, t0: float, t1: float) -> bool:
 
 
 def _by_varying(system: System, run: Solution, spectra: Spectra,
-                found: list[Found]) -> tuple[list[Found], list[float]]:  # fmt: skip
+                found: list[Found]) -> tuple[list[Found], list[float]]:
     """Growth by equations that vary in time: what is found at every state, and the inverse of the step (1/s) asked for there. It
     is sought, along the run, where something vibrates unseen."""
     looks, idle = spectra.looks, spectra.idle(FAINT)

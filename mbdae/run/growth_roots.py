@@ -139,7 +139,7 @@ def _vectors(shifted: Array, at: NDArray[np.int64], values: Values) -> tuple[Val
     if len(values) > FEW * len(distinct(at)):
         found = [np.linalg.eig(S) for S in (shifted, shifted.transpose(0, 2, 1))]
         right, left = (np.array([vectors[i][:, j] for i, j in zip(at, _nearest(others, at, values), strict=True)])
-                       for others, vectors in found)  # fmt: skip
+                       for others, vectors in found)
         return right, left
     M = shifted[at] - (values * (1 + BESIDE))[:, None, None] * np.eye(n)
     both, x = np.concatenate([M, M.transpose(0, 2, 1)]), np.tile(spread((len(at), n)), (2, 1))[:, :, None]

@@ -60,7 +60,7 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 from mbdae.threads import furthest
 
 UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with "
-              "solver=mb.RadauIIA(3) follows them")  # fmt: skip
+              "solver=mb.RadauIIA(3) follows them")
 #: the time of an event is found by a run LOOSER times less accurate than the run that will end there, but never less accurate
 #: than MOST
 LOOSER, MOST = 10.0, 1e-3
@@ -217,7 +217,7 @@ class Job:
             known = found.within(known)
             if found.reliable and not found.singular:  # else a warning already says that the run is not to be relied on
                 missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
-                                    asdict, Rechecked.again)  # fmt: skip
+                                    asdict, Rechecked.again)
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
                 found = found._replace(notes=(*found.notes, *missed.notes))
             if (errors := known.errors) is not None and not run.solver.fixed and run.solver.rtol is not None and found.reliable:
@@ -241,7 +241,7 @@ class Job:
             stopped = isinstance(error, SolverError) and not isinstance(error, FINAL)
             if isinstance(error, SolverError) and stopped and singular and error.time <= self.prepared.start.t:
                 error.args = (f"{error}; the scene starts in a singular position, where constraint {singular[0].name} depends on "
-                              "the others: start it slightly away from that position",)  # fmt: skip
+                              "the others: start it slightly away from that position",)
             if isinstance(solution, Solution):
                 why = "the run failed before its end" if isinstance(error, MbdaeError) else "the run was interrupted"
                 known, stats = nothing_known(self.prepared, why), solution.stats

@@ -193,7 +193,7 @@ class OwnRun:
         for note in notes:
             warn(note)
         return self._made(run.solution, RunInfo(run.solver, self.system.label, known, run.solution.stats, run.runs, run.cpu_s,
-                                                tuple(notes), choice, reliable))  # fmt: skip
+                                                tuple(notes), choice, reliable))
 
     def _accuracy(self, run: Controlled) -> UnknownsAccuracy:
         if math.isnan(run.estimate):

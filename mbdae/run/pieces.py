@@ -176,7 +176,7 @@ def check(scene: Any, path: str) -> None:
         known = quantities_of(BodySensor) if isinstance(item, Body) else of_joints
         if quantity not in known:
             raise (refused if "no sensor" in str(refused) else BadValueError(
-                f"there is no sensor '{path}': '{name}' has {', '.join(known) or 'none'}")) from None  # fmt: skip
+                f"there is no sensor '{path}': '{name}' has {', '.join(known) or 'none'}")) from None
 
 
 def may_be_observed(scene: Any, path: str) -> bool:

@@ -139,7 +139,7 @@ class Rechecked:
                 f"{c.step:.3g} s was not evaluated there: with short steps the motion differs by {c.difference:.1e} (allowed "
                 f"{self.allowed:.0e}){also}. Something acts there for a short time: take steps below {c.longest:.2g} s, as with "
                 f"mb.RadauIIA(3, step={SHORTER * c.longest:.2g}), or end a run at t = {(c.begin + c.end) / 2:.6g} s and continue "
-                f"it with start="]  # fmt: skip
+                f"it with start="]
 
 
 def rechecked(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled, asked: float | None) -> Rechecked:
@@ -152,7 +152,7 @@ def rechecked(prepared: Prepared, form: Form, system: SceneSystem, run: Controll
     suspects = Defect(prepared, system, solution, rough=solver.fixed).suspects(allowed)
     fine = FineRun(prepared, form, solution, allowed)
     found = [Contradiction.of(solution, suspect, difference) for suspect in suspects[:MOST]
-             if (difference := fine.difference(suspect)) > WARNED * suspect.allowed]  # fmt: skip
+             if (difference := fine.difference(suspect)) > WARNED * suspect.allowed]
     found.sort(key=lambda c: -c.difference)
     return Rechecked(tuple(found), len(suspects), time.process_time() - begin, WARNED * allowed)
 

@@ -165,7 +165,7 @@ class Verified:
 
 
 def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, asked: Asked,
-             continued: bool) -> Verified:  # fmt: skip
+             continued: bool) -> Verified:
     """Compare a run with another method at a tenth of the accuracy and, where it has beams, with a finer mesh."""
     found = _by_another_method(prepared, run, accuracy, asked)
     if not prepared.model.lines:

@@ -50,10 +50,10 @@ class BeamStatements(SceneItems):
 
     @reads(name=reading.name, points=reading.point, section=reading.instance(Section, "cross-section", "give mb.Section(...)"),
            elements=reading.counts, order=reading.integer(min(ORDERS), max(ORDERS)), curve=_curve, axis2=reading.direction,
-           velocity=reading.vector("m/s"), angular_velocity=reading.vector("rad/s"))  # fmt: skip
+           velocity=reading.vector("m/s"), angular_velocity=reading.vector("rad/s"))
     @statement
     def beam(self, name: str, *points: Any, section: Any, elements: Any = 4, order: int = 2, curve: Any = None, axis2: Any = None,
-             velocity: Any = None, angular_velocity: Any = None) -> Beam:  # fmt: skip
+             velocity: Any = None, angular_velocity: Any = None) -> Beam:
         """A flexible beam through `points` (m; corners are rigid) with a `section` (mb.Section), in `elements` of an `order` from
         1 to 4: a number per segment, or one number spread by length.
 
@@ -64,7 +64,7 @@ class BeamStatements(SceneItems):
         section = section if section is not None else HARMLESS_SECTION
         if section.rigid:
             self.problems.append(f"beam '{name}': section.{section.rigid[0]} is infinite, and a beam needs finite stiffnesses; "
-                                 f"give a large value, such as 1e4 times that of a real cross-section")  # fmt: skip
+                                 f"give a large value, such as 1e4 times that of a real cross-section")
             section = HARMLESS_SECTION
         v, w = (np.zeros(3) if given is None else given for given in (velocity, angular_velocity))
         if elements is None:
@@ -73,7 +73,7 @@ class BeamStatements(SceneItems):
         center = lengths @ (outline[1:] + outline[:-1]) / (2 * lengths.sum())
         body = Beam(name, section.mass_per_length * float(lengths.sum()), None, center, np.eye(3), v, w,
                     given_velocity=bool(np.any(v) or np.any(w)), outline=outline, section=section, elements=elements,
-                    order=order, curve=function, axis2=axis2, scene=self)  # fmt: skip
+                    order=order, curve=function, axis2=axis2, scene=self)
         self._check_mesh(body)
         if body.curve is not None:
             mesh = mesh_of(body)
@@ -113,7 +113,7 @@ class BeamStatements(SceneItems):
         elif curve is not None:
             if len(points):
                 head.wrong(f"{shown(curve)} with {counted(len(outline), 'point')}",
-                           "leave the points out, the curve gives them all")  # fmt: skip
+                           "leave the points out, the curve gives them all")
             return self._sampled(head, curve)
         if len(outline) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"beam '{name}': needs at least two points, each different from the one before")
@@ -129,14 +129,14 @@ class BeamStatements(SceneItems):
                 points.append(np.asarray(reading.point(head.part(f"curve({s:g})"), curve(s))))
             except Exception as error:  # a function of the user's own may raise anything
                 head.wrong(f"{shown(curve)} fails at the parameter {s:g} ({type(error).__name__}: {error})",
-                           "give a function of a parameter from 0 to 1 that returns 2 or 3 coordinates, m")  # fmt: skip
+                           "give a function of a parameter from 0 to 1 that returns 2 or 3 coordinates, m")
             if len(self.problems) > before:
                 return HARMLESS, None
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if not np.all(lengths > 0):
             stop = float(np.argmin(lengths)) / SAMPLES
             head.wrong(f"{shown(curve)} returns the same point at the parameters {stop:g} and {stop + 1 / SAMPLES:g}",
-                       "give a function that moves on between them")  # fmt: skip
+                       "give a function that moves on between them")
             return HARMLESS, None
         return np.array(points), curve
 
@@ -169,7 +169,7 @@ def check_attachments(scene: SceneItems, item: Connection) -> None:
                 closest = np.round(nodes[np.argmin(apart)], 12).tolist()
                 scene.problems.append(f"{item.kind} '{item.name}': its place {point.tolist()} m on beam '{beam.name}' is "
                                      f"{apart.min():.3g} m from a node and would leave an element as short as that: attach "
-                                     f"at the node, {closest} m, or move it away from there")  # fmt: skip
+                                     f"at the node, {closest} m, or move it away from there")
 
 
 def mesh_of(beam: Beam, at: tuple[float, ...] = ()) -> LineMesh:
@@ -184,7 +184,7 @@ def mesh_of(beam: Beam, at: tuple[float, ...] = ()) -> LineMesh:
     if len(back):
         corner = beam.outline[back[0] + 1]
         raise OptionError(f"points: the line turns back by 180 deg at ({corner[0]:g}, {corner[1]:g}, {corner[2]:g}) m, about an "
-                          f"unknown axis; make two beams of it, joined by s.weld")  # fmt: skip
+                          f"unknown axis; make two beams of it, joined by s.weld")
     return polyline(beam.outline, beam.elements, beam.order, beam.axis2, at)
 
 
@@ -209,7 +209,7 @@ def _check_turning(beam: Beam) -> None:
     if largest > TURNED:
         raise OptionError(f"elements = {beam.elements}: the curve turns by {np.degrees(largest):.0f} deg between "
                           f"neighbouring nodes, more than the {np.degrees(TURNED):.0f} deg that a beam can follow; give "
-                          f"more elements")  # fmt: skip
+                          f"more elements")
 
 
 def nearest_place(beam: Beam, point: Array) -> float:

@@ -72,7 +72,7 @@ class Body(AsStated, NamesArguments):
                 return super().__getattr__(name)
             path = f"{self.name}.{name}[{'0, 0' if name == 'rotation' else 0}]"
             raise AttributeError(f"'{self.name}' has no {name} before it moves: as drawn it is .drawn.{name}, in a load "
-                                 f"s.sensor('{path}'), in a result r['{self.name}'].{name}")  # fmt: skip
+                                 f"s.sensor('{path}'), in a result r['{self.name}'].{name}")
 
     @property
     def owner(self) -> Body:
@@ -94,14 +94,14 @@ class Body(AsStated, NamesArguments):
                 raise BadValueError(f"{shown(point)} has shape {given.shape}, needs (2,) or (3,)")
         except BadValueError as value_and_reason:
             raise OptionError(f"'{self.name}'.at: point = {value_and_reason}; give a number from 0 to 1 along a link or beam, or "
-                              f"a point of 2 or 3 coordinates, m") from None  # fmt: skip
+                              f"a point of 2 or 3 coordinates, m") from None
         return Place(self, np.append(given, np.zeros(3 - len(given))))
 
     def _along(self, s: float) -> Array:
         points = self.outline
         if len(points) < 2:
             raise OptionError(f"'{self.name}'.at: point = {s:g}: a number is a place along a link or beam, and '{self.name}' is "
-                              f"neither; give a point of 2 or 3 coordinates, m")  # fmt: skip
+                              f"neither; give a point of 2 or 3 coordinates, m")
         lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         return np.array([np.interp(s * lengths[-1], lengths, points[:, i]) for i in range(3)])
 

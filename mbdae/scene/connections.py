@@ -59,7 +59,7 @@ def found_joint(arg: Argument, value: Any) -> tuple[Connection | None, str]:
         if text == c.name or text in [f"{c.name}.{name}" for name in c.coordinates]:
             return c, text[len(c.name) + 1 :]
     arg.wrong(f"{shown(value)} is no joint's coordinate of this scene", f"there are {', '.join(_known(scene)) or 'none'}; "
-              f"state the joints before the coupling")  # fmt: skip
+              f"state the joints before the coupling")
     return None, ""
 
 
@@ -132,7 +132,7 @@ class CouplingStatements(SceneItems):
     def differential(self, name: str, first: Any, second: Any, carrier: Any) -> Connection:
         """angle(first) + angle(second) = 2 angle(carrier) of three joints."""
         return self._couple("differential", name, lambda a, b, c: Differential(name, {"first": a, "second": b, "carrier": c}),
-                            [first, second, carrier])  # fmt: skip
+                            [first, second, carrier])
 
     def _couple(self, kind: str, name: str, make: Callable[..., Coupling], of: list[str]) -> Connection:
         if NOBODY in of or not of:
@@ -154,7 +154,7 @@ class CouplingStatements(SceneItems):
         for joint in joints:
             if joint.loose:
                 self.problems.append(f"{kind} '{law.name}': joint '{joint.name}' has clearance, where whole turns of its "
-                                     f"angle are not counted; give that joint another model")  # fmt: skip
+                                     f"angle are not counted; give that joint another model")
             for part in (*joint.laws, *joint.as_kinematic):
                 if hasattr(part, "kept"):
                     part.kept = True
@@ -179,7 +179,7 @@ def _unit(law: Coupling, coordinate: str) -> str:
     if coordinate not in law.coordinates:
         known = ", ".join(law.coordinates)
         raise LawError(f"{type(law).__name__} '{law.name}': of names the coordinate {coordinate!r}, which it does not have; give "
-                       f"each of {known}")  # fmt: skip
+                       f"each of {known}")
     unit = law.coordinates[coordinate].unit
     return unit if unit in ("rad", "m") else ""
 
@@ -191,7 +191,7 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
     """A copy of a law with checked bodies, places and parameters; a force law without effect where `law` is no law."""
     if not isinstance(law, Joint | Force | Coupling):
         arg.wrong(f"{shown(law)} is no joint, force or coupling", "give an object of a class derived from mb.Joint, mb.Force or "
-                   "mb.Coupling, with its name, bodies and parameters")  # fmt: skip
+                   "mb.Coupling, with its name, bodies and parameters")
         return _nothing(arg)
     kind = type(law).__name__
     needed = ("name", "of") if isinstance(law, Coupling) else NEEDED
@@ -235,7 +235,7 @@ def _refuse_unhashable(arg: Argument, value: Any) -> None:
         hash(value)
     except Exception:  # a hash of the user's own may raise anything
         arg.wrong(f"{shown(value)} is not hashable, which options of laws have to be",
-                  "give a number, text, a tuple of them, a class, or a part, such as mb.Coulomb(mu, v_c)")  # fmt: skip
+                  "give a number, text, a tuple of them, a class, or a part, such as mb.Coulomb(mu, v_c)")
 
 
 def _nothing(arg: Argument) -> Force:
@@ -263,7 +263,7 @@ class ConnectionStatements(CouplingStatements):
             arg = Argument(self, f"{item.kind} '{law.name}'", "model")
             if isinstance(model, Clearance):
                 arg.wrong(f"{shown(model)} cannot be given to s.add, which does not place the contact of pin and race",
-                          "state the joint by s.revolute or s.joint")  # fmt: skip
+                          "state the joint by s.revolute or s.joint")
             elif model is not None:
                 modelled = law_of(arg, type(law), model)[1]
                 item.as_kinematic = [copy(law)] if item.recursive else []
@@ -284,7 +284,7 @@ class ConnectionStatements(CouplingStatements):
         if item.loose and item.k.is_point:
             self.problems.append(f"{item.kind} '{item.name}': mb.Clearance has its race on body k, and the point "
                                  f"mass '{item.k.name}' cannot carry the race: it has no orientation; give the point "
-                                 f"mass as l, or use s.rigid_body")  # fmt: skip
+                                 f"mass as l, or use s.rigid_body")
         if item.k is item.l:
             self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
         self._check_point_masses(item)
@@ -301,15 +301,15 @@ class ConnectionStatements(CouplingStatements):
                 turns = isinstance(law, OnCoordinate) and law.loads and law.unit == "rad"
                 if turns or isinstance(law, AppliedTorque):
                     self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
-                                         f"use s.rigid_body")  # fmt: skip
+                                         f"use s.rigid_body")
                 if law is item.joint and item.rubs and (side == "k" or item.unit(law.rubbed) == "rad"):
                     self.problems.append(f"{item.kind} '{item.name}': friction needs axes of the body on which it acts, and "
-                                         f"the point mass '{body.name}' has none; use s.rigid_body")  # fmt: skip
+                                         f"the point mass '{body.name}' has none; use s.rigid_body")
                 at = law.point_on(side)
                 if np.linalg.norm(at - body.drawn.position) > 1e-9 * (1 + np.linalg.norm(body.drawn.position)):
                     self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "
                                          f"{body.drawn.position.tolist()} m, not at {np.asarray(at).tolist()} m; "
-                                         f"attach to it where it is")  # fmt: skip
+                                         f"attach to it where it is")
                     break
 
 
@@ -319,7 +319,7 @@ def where(scene: Any, item: str, body: Body | Place, at: Any = None) -> Array:
         return np.asarray(at)
     if isinstance(body, Beam):
         scene.problems.append(f"{item}: at which place of the beam '{body.name}' is not stated; give a point, or its beginning "
-                              f"by '{body.name}'.at(0), its end by .at(1)")  # fmt: skip
+                              f"by '{body.name}'.at(0), its end by .at(1)")
     return np.array(body.point if isinstance(body, Place) else body.drawn.position, dtype=float)
 
 

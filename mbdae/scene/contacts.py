@@ -52,15 +52,15 @@ def problems(name: str, J: Array, planar: bool, as_given: bool) -> list[str]:
     """Why an inertia matrix is impossible, one sentence each. as_given: whether one that no body has is taken all the same."""
     if not np.allclose(J, J.T, atol=1e-12 * (1 + np.abs(J).max())):
         return [f"body '{name}': inertia matrix is not symmetric (differs by {np.abs(J - J.T).max():.3g} kg m^2); "
-                f"give equal products of inertia above and below the diagonal"]  # fmt: skip
+                f"give equal products of inertia above and below the diagonal"]
     moments = np.linalg.eigvalsh(J)
     if moments[0] < -1e-12 * max(moments[-1], 1e-300):
         return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2; give that of a "
-                f"body, whose principal moments are 0 or positive"]  # fmt: skip
+                f"body, whose principal moments are 0 or positive"]
     if not (planar or as_given) and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
         return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
                 f"triangle inequality (the two smaller must add up to at least the largest); correct them, or pass as_given=True "
-                f"to have them taken as they are"]  # fmt: skip
+                f"to have them taken as they are"]
     return []
 
 
@@ -147,7 +147,7 @@ class ContactStatements(SceneItems):
     _connect: Callable[[Connection], Connection]
 
     @reads(name=reading.name, k=reading.body, l=reading.body, shape_k=shape, shape_l=shape, normal=normal_law,
-           friction=friction_law)  # fmt: skip
+           friction=friction_law)
     @statement
     def contact(self, name: str, k: Any, l: Any, shape_k: Shape, shape_l: Shape, normal: Any, friction: Any = None) -> Connection:
         """Contact of a shape of body k with one of body l: nothing acts where they are apart, a normal force and friction where
@@ -214,12 +214,12 @@ def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
 
 def _ball_on_cylinder(cylinder: Cylinder, ball: Any) -> Made:
     return [(BallOnCylinder, {"at": cylinder.at, "at_l": ball.at, "axis": cylinder.axis, "radius_k": cylinder.radius,
-                              "radius_l": getattr(ball, "radius", None), "length": cylinder.length})]  # fmt: skip
+                              "radius_l": getattr(ball, "radius", None), "length": cylinder.length})]
 
 
 def _ball_on_ball(one: Any, other: Any) -> Made:
     return [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": getattr(one, "radius", None),
-                          "radius_l": getattr(other, "radius", None)})]  # fmt: skip
+                          "radius_l": getattr(other, "radius", None)})]
 
 
 #: two kinds of shapes -> function that makes the laws of their contact
@@ -227,4 +227,4 @@ PAIRS: dict[tuple[type[Shape], type[Shape]], Callable[[Any, Any], Made]] = {
     (Plane, Sphere): _ball_on_plane, (Plane, Point): _ball_on_plane, (Plane, Box): _box_on_plane,
     (Plane, Cylinder): _cylinder_on_plane, (Cylinder, Sphere): _ball_on_cylinder, (Cylinder, Point): _ball_on_cylinder,
     (Sphere, Sphere): _ball_on_ball, (Sphere, Point): _ball_on_ball, (Point, Sphere): _ball_on_ball,
-}  # fmt: skip
+}

@@ -69,7 +69,7 @@ def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input
     for kind, name, value in stated:
         if paths(value) or (kind in ("signal", "state") and getattr(value, "free_symbols", None)):
             yield from (Input(readable(f"{kind} '{name}': {e}"), e, "1", False)
-                        for e in dict.fromkeys(of_time(se.sympify(value))))  # fmt: skip
+                        for e in dict.fromkeys(of_time(se.sympify(value))))
 
 
 def of_time(e: Expr) -> Iterator[Expr]:
@@ -108,7 +108,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
     if twice is not None:
         return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, which is shorter than any step "
                 f"there: let more time pass between both, count the time from an instant near them, or give their effect as a "
-                f"start value"]  # fmt: skip
+                f"start value"]
     times, sides = _looked_at(edges, found)
     values = [timed.values(part, times, sides) for part in parts]
     poles = np.concatenate([times[~np.isfinite(values[0])], found.poles])
@@ -116,7 +116,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
         first = f"t = {float(np.min(poles)):.6g} s"
         if one.moves:
             return [f"{one.what}: its value, rate or second derivative is not finite near {first}; the bodies cannot follow; "
-                    f"give a motion for which all three stay finite"]  # fmt: skip
+                    f"give a motion for which all three stay finite"]
         return [f"{one.what} is not finite near {first}; give an input that stays finite"]
     before = [2 * t0 - timed.after(t0)] if continued else []
     return _jumps(one, parts, values, edges, before) if one.moves else []
@@ -148,9 +148,9 @@ def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before:
             i = int(found[0])
             if order:
                 return [f"{one.what}: its rate jumps by {by[i]:.4g} {one.unit}/s at t = {at[i]:.6g} s; that takes "
-                        f"an infinite force; {smooth_ramp_or_cubic_table}"]  # fmt: skip
+                        f"an infinite force; {smooth_ramp_or_cubic_table}"]
             return [f"{one.what} jumps by {by[i]:.4g} {one.unit} at t = {at[i]:.6g} s; the bodies cannot follow; "
-                    f"{smooth_ramp_or_cubic_table}"]  # fmt: skip
+                    f"{smooth_ramp_or_cubic_table}"]
     return []
 
 
@@ -171,7 +171,7 @@ def _function(arg: Argument, value: Any) -> AsGiven:
     if callable(given) and not isinstance(given, type):
         return AsGiven(given)
     arg.wrong(f"{shown(given)} is no function",
-              "give a function of the time and of the values of the sensors `reads`: f(t, *values)")  # fmt: skip
+              "give a function of the time and of the values of the sensors `reads`: f(t, *values)")
     return AsGiven(lambda *_: 0.0)
 
 

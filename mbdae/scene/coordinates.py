@@ -90,24 +90,24 @@ def pairs_of(found: Mapping[str, Mapping[str, Any]], law: type[Joint]) -> dict[s
 
 
 def mistakes(found: Mapping[str, Mapping[str, Any]], law: type[Joint], words: Mapping[str, str],
-             model: JointModel | None) -> list[str]:  # fmt: skip
+             model: JointModel | None) -> list[str]:
     """Mistakes in the combination of limits, stops and joint model, one sentence each; single values are checked by `limits` and
     `stop`. found: values by option and coordinate; words: name of an option in the statement, where it differs."""
     limited, stops = found.get("limits", {}), found.get("stop", {})
     wrong = [f"limits = {_written(limited[c], law, c)} have no stop; {GIVE_A_STOP}" for c in limited if c not in stops]
     wrong += [f"stop = {shown(stops[c])} does nothing without limits of its {c}; give limits=(lowest, highest), or omit it"
-              for c in stops if c not in limited]  # fmt: skip
+              for c in stops if c not in limited]
     for c in limited:
         if limited[c] is None:
             continue
         if c in found.get("prescribed", {}):
             wrong.append(f"limits = {_written(limited[c], law, c)}: its {c} is prescribed, so that no stop can hold it; omit "
-                         f"limits and stop")  # fmt: skip
+                         f"limits and stop")
             continue
         start = found.get("start", {}).get(c)
         if start is not None and not _inside(start, limited[c]):
             wrong.append(f"{words.get('start', 'start')} = {start:g} {law.coordinates[c].unit} is outside limits = "
-                         f"{_written(limited[c], law, c)}; start between them")  # fmt: skip
+                         f"{_written(limited[c], law, c)}; start between them")
     if limited and isinstance(model, Clearance):
         wrong.append("limits of a joint with clearance are not modelled; omit them, or use model=mb.Kinematic()")
     return wrong
@@ -191,18 +191,18 @@ class OnCoordinates:
 
 
 def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, str], given: Mapping[str, Any],
-                   model: JointModel | None) -> OnCoordinates:  # fmt: skip
+                   model: JointModel | None) -> OnCoordinates:
     """The options of a joint by coordinate; mistakes are added to the scene's problems. words: option -> its name in the
     statement, where that differs, such as "angle0" for "start"."""
     given = dict(given) | {option: _where_friction_acts(law, option, given) for option in ("radius", "normal_force")}
     given["stop"] = for_each_limit(law, given.get("stop"), given.get("limits"))
     values = {option: by_coordinate(Argument(scene, item, words.get(option, option)), law, given.get(option), readers)
-              for option, readers in READERS.items()}  # fmt: skip
+              for option, readers in READERS.items()}
     found = OnCoordinates(law, values)
     for option in ("start", "start_rate"):
         for c in sorted(found.of(option).keys() & found.of("prescribed").keys()):
             scene.problems.append(f"{item}: its {c} is prescribed, which fixes the start already; omit "
-                                  f"{words.get(option, option)} = {found.of(option)[c]:g}")  # fmt: skip
+                                  f"{words.get(option, option)} = {found.of(option)[c]:g}")
     scene.problems += [f"{item}: {text}" for text in mistakes(values, law, words, model)]
     wrong = _friction_mistakes(found, words, model)
     scene.problems += [f"{item}: {text}" for text in wrong]
@@ -259,12 +259,12 @@ def _friction_mistakes(found: OnCoordinates, words: Mapping[str, str], model: Jo
     if friction and isinstance(model, Clearance):
         friction_options = " and ".join(f"{o}=" for o in ("friction", "radius", "normal_force") if found.of(o))
         wrong.append(f"friction of a joint with clearance belongs to its model: omit {friction_options}, say "
-                     f"model=mb.Clearance(outer, inner, normal, friction=...)")  # fmt: skip
+                     f"model=mb.Clearance(outer, inner, normal, friction=...)")
     own = [c for c in friction if c not in normal]
     if own and isinstance(model, Recursive):
         wrong.append("its friction follows from its reaction, and a recursive joint has none among its unknowns; use "
-                     "model=mb.Kinematic() or a given normal_force")  # fmt: skip
+                     "model=mb.Kinematic() or a given normal_force")
     if len(own) > 1:
         wrong.append(f"friction on {' and '.join(own)}: without a normal_force, friction follows from the joint's reaction, "
-                     f"which is modelled for one coordinate alone; give a normal_force in N for all but one")  # fmt: skip
+                     f"which is modelled for one coordinate alone; give a normal_force in N for all but one")
     return wrong

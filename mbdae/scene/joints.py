@@ -39,7 +39,7 @@ class JointStatements(ConnectionStatements):
     def joint(self, joint: type[Joint], name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), axis_x: Any = None,
               model: Any = None, prescribed: Any = None, start: Any = None, start_rate: Any = None, spring: Any = None,
               damper: Any = None, load: Any = None, limits: Any = None, stop: Any = None, friction: Any = None,
-              **further: Any) -> Connection:  # fmt: skip
+              **further: Any) -> Connection:
         """A joint of a class derived from mb.Joint between k and l at a point (m, as drawn), with its parameters by name.
 
         `model`: mb.Kinematic(), mb.Classical(), mb.Recursive() or, for joints with a pin, mb.Clearance(...). The other options
@@ -49,7 +49,7 @@ class JointStatements(ConnectionStatements):
         `friction` (mb.Coulomb, mb.LuGre or one's own) with `radius` (m) for angles, and `normal_force` (N), by default the
         joint's reaction normal to the axis. `axis_x`: direction of the joint's x axis, by default any normal to `axis`."""
         options = {"prescribed": prescribed, "start": start, "start_rate": start_rate, "spring": spring, "damper": damper,
-                   "load": load, "limits": limits, "stop": stop, "friction": friction}  # fmt: skip
+                   "load": load, "limits": limits, "stop": stop, "friction": friction}
         point = where(self, f"joint '{name}'", l, at)
         return self._joint("joint", joint, name, k, l, point, axis, axis_x, model, options, further)
 
@@ -57,12 +57,12 @@ class JointStatements(ConnectionStatements):
            rate0=reading.quantity("rad/s"), spring=reading.quantity("N m/rad"),
            damper=reading.quantity("N m s/rad", "not negative", FEEDS), torque=reading.driven("N m", True, named=True),
            friction=friction_law, radius=reading.quantity("m", "positive"), limits=reading.as_given, stop=reading.as_given,
-           normal_force=reading.quantity("N", "not negative"))  # fmt: skip
+           normal_force=reading.quantity("N", "not negative"))
     @statement
     def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
                  angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
                  damper: float | None = None, torque: Any = None, friction: Any = None, radius: float | None = None,
-                 limits: Any = None, stop: Any = None, normal_force: float | None = None) -> Connection:  # fmt: skip
+                 limits: Any = None, stop: Any = None, normal_force: float | None = None) -> Connection:
         """l turns relative to k about `axis` through `at` (m, as drawn); the angle is 0 as drawn, positive about the axis.
 
         `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
@@ -72,25 +72,25 @@ class JointStatements(ConnectionStatements):
         words = {"prescribed": "angle", "start": "angle0", "start_rate": "rate0", "load": "torque"}
         options = {"prescribed": angle, "start": angle0, "start_rate": rate0, "spring": spring, "damper": damper, "load": torque,
                    "friction": friction, "radius": radius, "normal_force": normal_force, "limits": limits,
-                   "stop": stop}  # fmt: skip
+                   "stop": stop}
         return self._joint("revolute", Revolute, name, k, l, at, axis, None, model, options, {}, words)
 
     @reads(**PLACED, position=reading.driven("m"), position0=reading.quantity("m"), rate0=reading.quantity("m/s"),
            spring=reading.quantity("N/m"), damper=reading.quantity("N s/m", "not negative", FEEDS),
            force=reading.driven("N", True, named=True), model=joint_model, friction=friction_law,
-           normal_force=reading.quantity("N", "not negative"), limits=reading.as_given, stop=reading.as_given)  # fmt: skip
+           normal_force=reading.quantity("N", "not negative"), limits=reading.as_given, stop=reading.as_given)
     @statement
     def prismatic(self, name: str, k: Any, l: Any, at: Any, axis: Any, position: Any = None, position0: float | None = None,
                   rate0: float | None = None, spring: float | None = None, damper: float | None = None,
                   force: Any = None, model: Any = None, friction: Any = None, normal_force: float | None = None,
-                  limits: Any = None, stop: Any = None) -> Connection:  # fmt: skip
+                  limits: Any = None, stop: Any = None) -> Connection:
         """l slides relative to k along `axis` through `at` (m) without turning; 0 as drawn. `position` m prescribes the
         displacement; `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's
         own) is pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count).
         `limits` (lowest, highest) m with `stop=mb.Stop(stiffness, damping)`."""
         words = {"prescribed": "position", "start": "position0", "start_rate": "rate0", "load": "force"}
         options = {"prescribed": position, "start": position0, "start_rate": rate0, "spring": spring, "damper": damper,
-                   "load": force, "friction": friction, "normal_force": normal_force, "limits": limits, "stop": stop}  # fmt: skip
+                   "load": force, "friction": friction, "normal_force": normal_force, "limits": limits, "stop": stop}
         return self._joint("prismatic", Prismatic, name, k, l, at, axis, None, model, options, {}, words)
 
     @reads(**PLACED, further=reading.as_given)
@@ -109,7 +109,7 @@ class JointStatements(ConnectionStatements):
     @reads(**PLACED, axis_l=reading.direction, pin=reading.direction, further=reading.as_given)
     @statement
     def universal(self, name: str, k: Any, l: Any, at: Any, axis: Any, axis_l: Any = None, pin: Any = None,
-                  **further: Any) -> Connection:  # fmt: skip
+                  **further: Any) -> Connection:
         """Hooke's joint: `axis` and `axis_l` are the shafts of k and l (by default in line), `pin` the pin of k, by default
         normal to both shafts; that of l is normal to its shaft and to the pin of k. Coordinates `angle_k` of the cross about the
         pin of k, `angle_l` of l about its own, 0 as drawn. Further arguments as in `joint`."""
@@ -117,7 +117,7 @@ class JointStatements(ConnectionStatements):
         other = shaft if axis_l is None else reading.unit(axis_l)
         first = pins(Argument(self, f"universal '{name}'", "pin"), shaft, other, pin)
         return self._library("universal", Universal, name, k, l, at, np.cross(first, reading.unit(np.cross(other, first))), first,
-                             further)  # fmt: skip
+                             further)
 
     @reads(**PLACED, axis_x=reading.direction, further=reading.as_given)
     @statement
@@ -171,7 +171,7 @@ class JointStatements(ConnectionStatements):
         return self._library("fixed_orientation", FixedOrientation, name, k, l, point, (0, 0, 1), None, further)
 
     def _library(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any,
-                 further: dict[str, Any]) -> Connection:  # fmt: skip
+                 further: dict[str, Any]) -> Connection:
         """A joint of the library whose options are given as for `joint`."""
         model = further.get("model")
         model = model if model is None else joint_model(Argument(self, f"{kind} '{name}'", "model"), model)
@@ -181,7 +181,7 @@ class JointStatements(ConnectionStatements):
 
     def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any, model: Any,
                options: dict[str, Any], further: dict[str, Any],
-               words: Mapping[str, str] | None = None) -> Connection:  # fmt: skip
+               words: Mapping[str, str] | None = None) -> Connection:
         item = f"{kind} '{name}'"
         ours = [key for key in ("radius", "normal_force") if key in further and key not in law.params]
         options = options | {key: further.pop(key) for key in ours}
@@ -189,7 +189,7 @@ class JointStatements(ConnectionStatements):
         modelled, extra = law_of(Argument(self, item, "model"), law, model)
         numbers = self._numbers(kind, item, law, further)
         place: dict[str, Any] = {"k": k, "l": l, "at": at, "axis": reading.unit(axis),
-                                 "axis_x": across(Argument(self, item, "axis_x"), reading.unit(axis), axis_x)}  # fmt: skip
+                                 "axis_x": across(Argument(self, item, "axis_x"), reading.unit(axis), axis_x)}
         forces = given.forces()
 
         def laws(cls: type[Joint], extra: dict[str, Any]) -> list[TwoBodyLaw]:
@@ -201,11 +201,11 @@ class JointStatements(ConnectionStatements):
             return [joint, *(f(name, **{**values, **on}, **place) for f, values in forces)]
 
         found = Connection(name, kind, k, l, laws(modelled, extra), True, given.of("start"), given.of("start_rate"),
-                           given.of("prescribed"), model or Kinematic(), left_open=model is None)  # fmt: skip
+                           given.of("prescribed"), model or Kinematic(), left_open=model is None)
         found.as_kinematic = laws(law, {}) if found.recursive or found.loose else []
         if isinstance(model, Clearance) and modelled is law.loose:
             found.laws.append(JournalContact(name, outer=model.outer, inner=model.inner, normal=model.normal,
-                                             friction=model.friction, length=model.length, **place))  # fmt: skip
+                                             friction=model.friction, length=model.length, **place))
         return self._connect(found)
 
     def _numbers(self, kind: str, item: str, law: type[Joint], further: dict[str, Any]) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def _no_argument(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
     if coordinate != key:
         return f"it has no argument '{key}'; to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"
     return (f"it has no argument '{key}'; to prescribe its coordinate give prescribed={{'{key}': ...}}, to start there "
-            f"start={{'{key}': ...}}")  # fmt: skip
+            f"start={{'{key}': ...}}")
 
 
 def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:
@@ -249,7 +249,7 @@ def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:
     found = reading.unit(pin)
     if abs(found @ shaft) > 1e-9:
         arg.wrong(f"{np.asarray(pin).tolist()} is not normal to axis = {shaft.tolist()}",
-                  "give a direction normal to axis, the shaft of k")  # fmt: skip
+                  "give a direction normal to axis, the shaft of k")
         return pins(arg, shaft, other, None)
     if np.linalg.norm(np.cross(found, other)) < 1e-9:
         arg.wrong(f"{np.asarray(pin).tolist()} is along axis_l, the shaft of l", "give a direction at an angle to it")

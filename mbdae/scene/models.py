@@ -94,7 +94,7 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
 
 
 def _grow(root: Body, joined: dict[Body, list[tuple[Connection, Body]]], seen: set[Body],
-          edges: list[tuple[Body, Connection, Body]]) -> None:  # fmt: skip
+          edges: list[tuple[Body, Connection, Body]]) -> None:
     front = [root]
     for parent in front:
         for joint, child in joined.get(parent, ()):
@@ -140,7 +140,7 @@ def friction_law(arg: Argument, value: Any) -> Any:
         return Coulomb(0.0, 1.0)
     if feeds is not None:
         arg.wrong(f"{shown(value)} does not brake at the sliding velocity v = {feeds:g} m/s: its coefficient there drives the "
-                  f"bodies, or is not finite", "give one whose coefficient has the sign of v, or is 0")  # fmt: skip
+                  f"bodies, or is not finite", "give one whose coefficient has the sign of v, or is 0")
         return Coulomb(0.0, 1.0)
     return found
 
@@ -167,7 +167,7 @@ def _read_clearance(arg: Argument, model: Clearance) -> None:
     if len(arg.scene.problems) == before and model.inner > model.outer:
         arg.part("model.inner").wrong(f"{model.inner:g} m is larger than model.outer = {model.outer:g} m: the pin does not fit "
                                        f"into the race",
-                                       "give inner <= outer: inner of the pin on l, outer of the race on k")  # fmt: skip
+                                       "give inner <= outer: inner of the pin on l, outer of the race on k")
     normal_law(arg.part("model.normal"), model.normal)
     if model.friction is not None:
         friction_law(arg.part("model.friction"), model.friction)
@@ -183,14 +183,14 @@ def refusal(law: type[Joint], model: JointModel) -> tuple[str, str] | None:
     name = law.__name__
     if isinstance(model, Clearance) and law.loose is None:
         return f"{shown(model)} exists for joints with a pin in a race, not for a {name}", \
-            "use mb.Kinematic() or another joint model"  # fmt: skip
+            "use mb.Kinematic() or another joint model"
     if _augments(model) and "scaling" not in law.params:
         return shown(model), f"a {name} has no scaling and penalty; omit them"
     if isinstance(model, Classical | Recursive) and not law.coordinates:
         return f"{shown(model)}, but a {name} has no coordinates", "use mb.Kinematic()"
     if isinstance(model, Classical) and law.scalars().keys() != law.coordinates.keys():
         return f"{shown(model)}, but a {name} has a free rotation, which no three angles describe everywhere", \
-            f"use mb.Kinematic(){' or mb.Recursive()' * law.states_motion()}"  # fmt: skip
+            f"use mb.Kinematic(){' or mb.Recursive()' * law.states_motion()}"
     if isinstance(model, Recursive) and not law.states_motion():
         return f"{shown(model)}, but {name} does not state its motion", "state `motion(self, from_k)`, or use mb.Kinematic()"
     return None
@@ -239,11 +239,11 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
     if wrong:
         raise SceneError([f"replace: names = {shown(n)} is no joint with coordinates of scene '{scene.name}'; there are "
                           f"{', '.join(map(repr, known)) or 'none'}"
-                          for n in wrong])  # fmt: skip
+                          for n in wrong])
     refused = {n: why for n in names if (why := refusal(type(_ideal(scene[n])), model)) is not None}
     if refused:
         raise SceneError([f"replace: {scene[n].kind} '{n}': model = {model_and_reason}; {what_to_do}"
-                          for n, (model_and_reason, what_to_do) in refused.items()])  # fmt: skip
+                          for n, (model_and_reason, what_to_do) in refused.items()])
     few = [n for n in known if len(scene[n].coordinates) <= FEW]
     chosen = set(names or (n for n in few if refusal(type(_ideal(scene[n])), model) is None))
     if not chosen:

@@ -113,7 +113,7 @@ def quantity(unit: str, bound: str = "", why: str = "") -> Reader:
             return 1.0 if bound == "positive" else 0.0
         if (bound and found < 0) or (bound == "positive" and found == 0):
             arg.wrong(f"{_with_unit(found, unit)} is {'negative' if found < 0 else 'not positive'}{why and f': {why}'}",
-                       f"give {number_in_unit}")  # fmt: skip
+                       f"give {number_in_unit}")
             return 1.0 if bound == "positive" else 0.0
         return found
 
@@ -175,7 +175,7 @@ def _orthogonal(value: Any) -> Array:
     off = float(np.max(np.abs(R @ R.T - np.eye(3))))
     if not off < ORTHOGONAL or np.linalg.det(R) < 0:
         raise BadValueError(f"{shown(value)} is not a rotation matrix (R R^T differs from 1 by {off:.2g}, det "
-                            f"{np.linalg.det(R):.3g})")  # fmt: skip
+                            f"{np.linalg.det(R):.3g})")
     return R
 
 
@@ -257,7 +257,7 @@ def counts(arg: Argument, value: Any) -> Any:
     except BadValueError as reason:
         names_value = str(reason).startswith(shown(value))
         arg.wrong(reason if names_value else f"{shown(value)}: {reason}",
-                   f"give a whole number from 1 to {MOST_ELEMENTS}, or one for every segment")  # fmt: skip
+                   f"give a whole number from 1 to {MOST_ELEMENTS}, or one for every segment")
         return None
 
 

@@ -167,7 +167,7 @@ def without_module(name: str) -> str:
 
 
 READ: dict[str, Reader] = {"name": reading.name, "space": reading.one_of("auto", "planar", "spatial"),
-        "gravity": lambda arg, value: fixed(reading.vector("m/s^2")(arg, value))}  # fmt: skip
+        "gravity": lambda arg, value: fixed(reading.vector("m/s^2")(arg, value))}
 
 KEPT = {"recording", "_known", "_sent"}  #: attributes by which a scene keeps what it found
 
@@ -206,7 +206,7 @@ class SceneItems(NamesAttributes):
                 raise SceneError([self.problems.pop()])
         elif made and self.recording and name not in KEPT and (name in own or type(self).__module__.startswith("mbdae.")):
             raise AttributeError(f"scene '{self.name}': {meant(name, READ)}{name} = {shown(value)} would have no effect: of a "
-                                 f"scene only {', '.join(READ)} are set, all else is stated (s.link, ...)")  # fmt: skip
+                                 f"scene only {', '.join(READ)} are set, all else is stated (s.link, ...)")
         super().__setattr__(name, value)
 
     @property

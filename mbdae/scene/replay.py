@@ -36,7 +36,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "shape": (Shape, list), "color": (str, list), "normal": (Normal,),
     "curve": (str, FunctionType), "f": (AsGiven,), "memory": (AsGiven,), "reads": (list, str), "sets": (list, str),
     **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
-}  # fmt: skip
+}
 
 
 # ---- classes by name ---------------------------------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ class Known:
         is_class = bool(classes) and isinstance(one, type) and issubclass(one, classes)
         if not (is_class or (FunctionType in kinds and isinstance(one, FunctionType))):
             raise SceneError([f"{shown(name)} stands where {_in_words(kinds)} is expected: correct the stored scene, or pass "
-                              f"laws=[...] with the right class or function"])  # fmt: skip
+                              f"laws=[...] with the right class or function"])
         return one
 
 
@@ -101,7 +101,7 @@ _KINDS_IN_WORDS: dict[type, str] = {
     str: "text", list: "a list", dict: "a dictionary", type: "a class", FunctionType: "a function", AsGiven: "a kept object",
     Part: "a friction law or another part of a law", JointModel: "a joint model", Section: "a cross-section",
     Normal: "a normal law", Law: "a joint, force or coupling",
-}  # fmt: skip
+}
 
 
 def _in_words(kinds: Iterable[type]) -> str:
@@ -141,9 +141,9 @@ def _decode(value: Any, scene: Any, known: Known) -> Any:
     if reader is None:
         if "unreadable" in value:
             raise SceneError([f"the argument {shown(value['unreadable'])} cannot be stored, nor the statement repeated: give "
-                              f"numbers, texts, expressions of mb.t, laws or their parts"])  # fmt: skip
+                              f"numbers, texts, expressions of mb.t, laws or their parts"])
         raise SceneError([f"the stored argument {shown(value)} is of no kind that this version of mbdae writes: "
-                          f"store the scene again"])  # fmt: skip
+                          f"store the scene again"])
     return reader(value, scene, known)
 
 
@@ -180,7 +180,7 @@ def _options(value: Any, scene: Any, known: Known) -> dict[str, Any]:
 
     if not isinstance(value, dict):
         raise SceneError([f"{shown(value)} stands where values by their names are expected, such as {{'radius': 0.1}}: "
-                          f"correct the stored scene"])  # fmt: skip
+                          f"correct the stored scene"])
     return {key: fixed(_decode(v, scene, known)) for key, v in value.items()}
 
 
@@ -208,7 +208,7 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
     sides = {key: one for key, one in (("at_l", at_l), ("axis_x", axis_x)) if one is not None}
     sides |= _decode(value["others"], scene, known) if "others" in value else {}
     law: Law = _rebuilt(cls, TwoBodyLaw, {"name": value["name"], **places, **sides, **stated},
-                        lambda law: all(getattr(law, key, None) == v for key, v in stated.items()))  # fmt: skip
+                        lambda law: all(getattr(law, key, None) == v for key, v in stated.items()))
     return law
 
 
@@ -216,7 +216,7 @@ def _coupling(value: Any, scene: Any, known: Known) -> Coupling:
     cls, of = known.find(value["coupling"], Coupling), value["of"]
     if not (isinstance(of, dict) and all(isinstance(at, str) for at in of.values()) and isinstance(value["name"], str)):
         raise SceneError([f"of = {shown(of)}, where names of joints' coordinates are expected, such as "
-                          f"{{'driving': 'A.angle', ...}}: correct the stored scene"])  # fmt: skip
+                          f"{{'driving': 'A.angle', ...}}: correct the stored scene"])
     return _made(cls, {"name": value["name"], "of": of, **_options(value["values"], scene, known)})  # type: ignore[no-any-return]
 
 
@@ -234,7 +234,7 @@ def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
     except Exception as error:  # a constructor of a user's own may raise anything
         kind = getattr(cls, "__name__", "the law")
         raise SceneError([f"{kind} refuses its stored values with {shown(error)}: correct them, or let its __init__ take "
-                          f"them"]) from error  # fmt: skip
+                          f"them"]) from error
 
 
 def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[Any], bool]) -> Any:
@@ -270,7 +270,7 @@ _READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
     frozenset({"by"}): lambda value, scene, known: {str(k): _decode(v, scene, known) for k, v in value["by"].items()},
     **{frozenset({"law", "name", "k", "l", "at", "axis", "at_l", "values", *more}): _law
        for more in ((), ("axis_x",), ("axis_x", "others"))},
-}  # fmt: skip
+}
 
 
 # ---- statements ----------------------------------------------------------------------------------------------------------
@@ -289,7 +289,7 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
             raise SceneError([f"statement {i + 1}, {_described(entry)}: {mistake}"]) from mistake
         except Exception as error:  # a stored value that no check foresaw may make a statement raise anything
             raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be repeated with its stored values, which raise "
-                              f"{shown(error)}: correct them"]) from error  # fmt: skip
+                              f"{shown(error)}: correct them"]) from error
     return scene
 
 
@@ -312,7 +312,7 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
         word = name in options and isinstance(value, str | bool)
         if not (isinstance(value, _KINDS[name]) if name in _KINDS else word or _is_number(value)):
             raise SceneError([f"{name} = {shown(value)} cannot be stored or repeated, {_expected(name)} is expected: "
-                              f"change it in the statement or in the stored scene"])  # fmt: skip
+                              f"change it in the statement or in the stored scene"])
     getattr(type(scene), method)(scene, *arguments[0], **arguments[1])
 
 
@@ -342,4 +342,4 @@ def refuse_losses(scene: Any, copy: Any) -> None:
             for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l", "axis_x"}):
                 if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):
                     raise SceneError([f"'{old.name}': the attribute {name} of {type(law).__name__} would be lost in a copy of "
-                                      f"the scene: declare it in the class, in `params` (numbers) or `options`"])  # fmt: skip
+                                      f"the scene: declare it in the class, in `params` (numbers) or `options`"])

@@ -45,7 +45,7 @@ def stated_laws(scene: SceneData) -> dict[str, str]:
     """What the laws of a scene state now that are not mbdae's, as texts by item: equal in all processes where they state the
     same."""
     return {f"{c.name}.{i}" if i else c.name: digest_of(law)
-            for c in scene.connections for i, law in enumerate(c.laws) if own(law)}  # fmt: skip
+            for c in scene.connections for i, law in enumerate(c.laws) if own(law)}
 
 
 def refuse_other_laws(scene: SceneData) -> None:
@@ -56,7 +56,7 @@ def refuse_other_laws(scene: SceneData) -> None:
     if other := next((item for item, sent in scene._sent.items() if stated.get(item) != sent), None):
         raise LawError(f"'{other}' states something else in this process than where the scene comes from: a process reads its "
                        f"class from the file, without what was changed elsewhere after the import; give what varies as a "
-                       f"parameter (params = mb.params(...)), or pass executor=ThreadPoolExecutor()")  # fmt: skip
+                       f"parameter (params = mb.params(...)), or pass executor=ThreadPoolExecutor()")
     scene._sent = None
 
 
@@ -84,11 +84,11 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     # -- bodies
 
     @reads(name=reading.name, mass=MASS, inertia=reading.inertia, at=reading.point, rotation=reading.rotation,
-           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color, as_given=reading.switch)  # fmt: skip
+           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color, as_given=reading.switch)
     @statement
     def rigid_body(self, name: str, mass: float, inertia: Any, at: Any = (0, 0, 0), rotation: Any = None,
                    velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0), shape: Any = None,
-                   color: Any = None, as_given: bool = False) -> Body:  # fmt: skip
+                   color: Any = None, as_given: bool = False) -> Body:
         """A rigid body: `mass` kg; `inertia` about its centre of mass in body axes, kg m^2 (one number: about z; 3
         principal values; or 3x3); `at` centre of mass, m; `rotation` 3x3 (body to inertial); `velocity` m/s and
         `angular_velocity` rad/s in the inertial frame. In pictures: `shape`, one of mb.Box, mb.Sphere, mb.Cylinder, mb.Plane,
@@ -99,24 +99,24 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         matrix, planar = mass_properties.matrix(np.asarray(inertia)), np.ndim(inertia) == 0
         self.problems += mass_properties.problems(name, matrix, planar, as_given)
         body = Body(name, mass, matrix, where, R, v, w, given_velocity=bool(np.any(v) or np.any(w)), outline=where[None],
-                    principal_plane=planar)  # fmt: skip
+                    principal_plane=planar)
         return self._add_body(looking(body, shape, color))
 
     @reads(name=reading.name, mass=MASS, at=reading.point, velocity=SPEED, shape=shapes, color=color)
     @statement
     def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0), shape: Any = None,
-                   color: Any = None) -> Body:  # fmt: skip
+                   color: Any = None) -> Body:
         """A point mass without orientation, so that joints on it constrain no rotation. `shape`, `color` as in `rigid_body`."""
         speed = np.array(velocity, dtype=float)
         body = Body(name, mass, None, at, np.eye(3), speed, np.zeros(3), given_velocity=bool(np.any(speed)), outline=at[None],
-                    is_point=True)  # fmt: skip
+                    is_point=True)
         return self._add_body(looking(body, shape, color))
 
     @reads(name=reading.name, points=reading.point, mass=MASS, mass_per_length=reading.quantity("kg/m", "not negative"),
-           shape=shapes, color=color)  # fmt: skip
+           shape=shapes, color=color)
     @statement
     def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None, shape: Any = None,
-             color: Any = None) -> Body:  # fmt: skip
+             color: Any = None) -> Body:
         """A rigid polyline of slender rods through `points` (m); `mass` kg in all, or `mass_per_length` kg/m. `shape` and `color`
         as in `rigid_body`."""
         outline = np.array(points)
@@ -136,22 +136,22 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at_k=reading.point, at_l=reading.point,
            stiffness=reading.quantity("N/m"), damping=reading.quantity("N s/m", "not negative", FEEDS),
-           length=reading.quantity("m", "not negative"))  # fmt: skip
+           length=reading.quantity("m", "not negative"))
     @statement
     def spring(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: float, damping: float = 0.0,
-               length: float | None = None) -> Connection:  # fmt: skip
+               length: float | None = None) -> Connection:
         """Spring (N/m) and damper (N s/m) between two points (m, as drawn); natural `length` m (default: as drawn)."""
         natural = float(np.linalg.norm(at_l - at_k)) if length is None else length
         if damping and natural == 0:
             self.problems.append(f"spring '{name}': its natural length is 0 m, so its damper has no direction where the points "
-                                 f"meet; use s.bushing, or give a length")  # fmt: skip
+                                 f"meet; use s.bushing, or give a length")
             damping = 0.0
         law = PointSpring(name, k, l, at_k, at_l=at_l, stiffness=stiffness, damping=damping or None, length=natural or None)
         return self._connect(Connection(name, "spring", k, l, [law]))
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point,
            stiffness=reading.values("give 3 numbers (translation, N/m), or 6 (then rotation, N m/rad)", 3, 6),
-           damping=reading.values("give 3 numbers (translation, N s/m), or 6 (then rotation, N m s/rad)", 3, 6))  # fmt: skip
+           damping=reading.values("give 3 numbers (translation, N s/m), or 6 (then rotation, N m s/rad)", 3, 6))
     @statement
     def bushing(self, name: str, k: Any, l: Any, at: Any, stiffness: Any, damping: Any = (0, 0, 0)) -> Connection:
         """Elastic connection: 3 translational values (N/m, N s/m), or 6 with rotations (N m/rad, N m s/rad), along k's axes."""
@@ -160,7 +160,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
             numbers = np.asarray(entries, dtype=float)
             if what == "damping" and np.any(numbers < 0):
                 self.problems.append(f"bushing '{name}': damping = {numbers.tolist()} has a negative value: it would feed "
-                                     f"energy; give 0 or more")  # fmt: skip
+                                     f"energy; give 0 or more")
             for letter, part in zip(names, (numbers[:3], numbers[3:]), strict=True):
                 if np.any(part):
                     values |= {letter + axis: float(v) for axis, v in zip("xyz", part, strict=True)}
@@ -182,7 +182,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         return self._load("torque", AppliedTorque, ("mx", "my", "mz"), name, body, value, None, frame)
 
     def _load(self, kind: str, law: type[Force], names: tuple[str, ...], name: str, body: Any, value: Any, at: Any,
-              frame: str) -> Connection:  # fmt: skip
+              frame: str) -> Connection:
         components = {n: v or None for n, v in zip(names, value, strict=True)}
         point = where(self, f"{kind} '{name}'", body, at)
         load = law(name, self.ground, body, point, following=frame == "body", **components)

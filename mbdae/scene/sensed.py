@@ -65,7 +65,7 @@ def spelled(scene: Any, text: str) -> tuple[str, dict[str, str]]:
         parts = re.findall(r"\w+", name)
         if len(parts) > 1 and re.search(r"[-+*/]", name) and all(part in scene._by_name for part in parts):
             raise BadValueError(f"'{name}' is the name of an item, and also an expression of the items {', '.join(parts)}: give "
-                                f"it another name")  # fmt: skip
+                                f"it another name")
         return plain[name]
 
     names = "|".join(re.escape(name) for name in odd)
@@ -93,7 +93,7 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
         where = []
     if not isinstance(item, Body) or len(where) not in (1, 2, 3):
         raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1 or a point of 2 or 3 coordinates, "
-                          f"as in 'rod.at(0.5)' or 'rod.at(1, 0)'"])  # fmt: skip
+                          f"as in 'rod.at(0.5)' or 'rod.at(1, 0)'"])
     return item, where[0] if len(where) == 1 else where
 
 
@@ -118,7 +118,7 @@ def loads_of(item: Connection) -> list[Any]:
 def has_length(item: Connection) -> bool:
     """Whether it is a force between two points, one named on each body, whose distance is a length."""
     return not item.is_joint and all(isinstance(law, Force) and not isinstance(law, Contact) and law.at_l is not None
-                                     for law in item.laws)  # fmt: skip
+                                     for law in item.laws)
 
 
 def measured(scene: Any, sensor: str) -> tuple[str, str]:
@@ -191,7 +191,7 @@ def _refuse_loop(path: str, quantity: str) -> None:
     if quantity in LOOPS:
         raise BadValueError(f"'{path}' follows from accelerations and reactions, which depend on the loads themselves (an "
                             f"algebraic loop); read positions, velocities or states, such as a filtered one: "
-                            f"s.state(name, rate=...)")  # fmt: skip
+                            f"s.state(name, rate=...)")
     if quantity in UNITS:
         raise BadValueError(f"'{path}' cannot be read by loads; read the positions and velocities of its bodies instead")
 
@@ -213,7 +213,7 @@ def refuse_sampled(scene: Any, analysis: str) -> None:
     """Raise OptionError where a scene has a sampled controller: the analysis of this name would leave it out."""
     for one in scene.controllers:
         raise OptionError(f"{analysis}: controller '{one.name}' is a function called every {one.every:g} s, which is possible in "
-                          f"s.simulate alone; state its law by expressions of s.sensor and s.state")  # fmt: skip
+                          f"s.simulate alone; state its law by expressions of s.sensor and s.state")
 
 
 def read_by(item: Any) -> list[str]:
@@ -226,7 +226,7 @@ def read_by(item: Any) -> list[str]:
 def fed(scene: Any) -> list[tuple[str, list[str]]]:
     """Items that depend on sensors: each in words, with the paths of its sensors."""
     out = [(f"controller '{one.name}'" if isinstance(one, Controller) else f"{one.kind} '{one.name}'", read_by(one))
-           for one in (*scene.connections, *scene.signals, *scene.controllers)]  # fmt: skip
+           for one in (*scene.connections, *scene.signals, *scene.controllers)]
     return [(item, read) for item, read in out if read]
 
 
@@ -245,7 +245,7 @@ def problems(scene: Any) -> list[str]:
 def _circles(scene: Any) -> list[str]:
     """Message about a signal that depends on itself, directly or through others; empty where there is none."""
     needs = {one.name: [p for p in one.reads() if p != one.name or one.kind == "signal"]
-             for one in scene.signals if one.kind == "signal"}  # fmt: skip
+             for one in scene.signals if one.kind == "signal"}
 
     known = set[str]()  # signals found to depend on no circle of signals, which are not followed again
 

@@ -118,7 +118,7 @@ class Section:
             A, I2, I3 = {"tube": _of_tube, "rectangle": _of_rectangle}[kind](a, b)
         except (BadValueError, ValueError, TypeError, KeyError):
             raise OptionError(f"section: shape = {shown(self.shape)}, E = {shown(self.E)}: a section made by hand has neither; "
-                              f"leave both out, or use mb.Section.circular, tube or rectangular") from None  # fmt: skip
+                              f"leave both out, or use mb.Section.circular, tube or rectangular") from None
         stated = (self.EA, self.EI2, self.EI3)
         if not all(math.isclose(x, E * y, rel_tol=1e-9) for x, y in zip(stated, (A, I2, I3), strict=True)):
             object.__setattr__(self, "E", None)
@@ -150,7 +150,7 @@ class Section:
         """The section with axes 2 and 3 exchanged: what a planar scene sees where axis 2 is the normal."""
         J1, J2, J3 = self.rotary_inertia
         return replace(self, GA2=self.GA3, GA3=self.GA2, EI2=self.EI3, EI3=self.EI2, rotary_inertia=(J1, J3, J2),
-                       shape=(self.shape[0], *self.shape[:0:-1]) if self.shape[:1] == ("rectangle",) else self.shape)  # fmt: skip
+                       shape=(self.shape[0], *self.shape[:0:-1]) if self.shape[:1] == ("rectangle",) else self.shape)
 
     @classmethod
     def circular(cls, radius: float, E: float, nu: float, rho: float, damping: float = 0.0) -> Section:
@@ -177,11 +177,11 @@ class Section:
         A, I2, I3 = _of_rectangle(width, height)
         k = 10 * (1 + nu) / (12 + 11 * nu)
         return cls._of_shape(A, (I2 + I3, I2, I3), k, _torsion_of_rectangle(width, height), E, nu, rho, damping,
-                             ("rectangle", width, height))  # fmt: skip
+                             ("rectangle", width, height))
 
     @classmethod
     def _of_shape(cls, A: float, I: tuple[float, float, float], k: float, J: float, E: float, nu: float, rho: float,
-                  damping: float, shape: tuple[Any, ...]) -> Section:  # fmt: skip
+                  damping: float, shape: tuple[Any, ...]) -> Section:
         """From area A, m^2, second moments I about axes 1, 2, 3, m^4, shear correction factor k and torsion constant J, m^4."""
         E, rho = _positive(E=(E, "Pa"), rho=(rho, "kg/m^3"))
         G = E / (2 * (1 + nu))

@@ -36,7 +36,7 @@ class Animation:
 
 
 def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any,
-            hide: Any = ()) -> Animation:  # fmt: skip
+            hide: Any = ()) -> Animation:
     """Make an animation, and write it as .gif or .html where a path is given; see `Result.animate`."""
     file = None if path is None else checked(path, (".gif", ".html"), "animate")
     given = [sensors] if isinstance(sensors, str) else sensors

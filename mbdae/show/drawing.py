@@ -61,7 +61,7 @@ LOOKS: dict[str, Look] = {
     "mass": Look(1.6, 6, marker="o", size=13, face="own"),
     "centre": Look(1.4, 6, marker="+", size=8),
     "trail": Look(1.1, 2),
-}  # fmt: skip
+}
 
 
 class Picture:
@@ -72,7 +72,7 @@ class Picture:
         lines = [shape for shape in seen.shapes if not shape.faces]
         self._lines = [(self._line(shape), seen.polyline(shape)) for shape in lines]
         self._fills = [(self._patch(shape, line), line) for shape, (_, line) in zip(lines, self._lines, strict=True)
-                       if LOOKS[shape.kind].fill and (seen.planar or shape.kind == "disc")]  # fmt: skip
+                       if LOOKS[shape.kind].fill and (seen.planar or shape.kind == "disc")]
         solids = [shape for shape in seen.shapes if shape.faces]
         self._solids = Solids(axes, seen, solids) if solids else None
         self._trails: list[Any] = []
@@ -106,7 +106,7 @@ class Picture:
         look = LOOKS[shape.kind]
         empty: Any = ([], []) if self.seen.planar else ([], [], [])
         (line,) = self.axes.plot(*empty, color=shape.colour, zorder=look.layer, clip_on=False, solid_capstyle="round",
-                                 solid_joinstyle="round")  # fmt: skip
+                                 solid_joinstyle="round")
         if look.marker:
             face = {"ink": INK, "own": shape.colour, "": "none"}.get(look.face, look.face)
             line.set(marker=look.marker, markersize=look.size, markerfacecolor=face, markeredgewidth=look.width, linestyle="")

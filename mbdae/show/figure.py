@@ -152,7 +152,7 @@ class Namer:
         if min(costs) >= LAPPED:
             middles = product(*(np.arange(n / 2, whole, n / 2) for n, whole in zip(size, (self.width, self.height), strict=True)))
             free = [(self._inside((x - size[0] / 2, y - size[1] / 2, x + size[0] / 2, y + size[1] / 2)),
-                     float(np.hypot(x - anchor[0], y - anchor[1])) / self.point) for x, y in middles]  # fmt: skip
+                     float(np.hypot(x - anchor[0], y - anchor[1])) / self.point) for x, y in middles]
             tries, costs = [*tries, *free], [*costs, *(self._cost(box, reach) for box, reach in free)]
         return tries[int(np.argmin(costs))][0]
 

@@ -105,9 +105,9 @@ class Collected:
         self.hidden = _hidden(result, hide)
         self.result, self.scene, self.planar = result, result.prepared.model.scene, result.prepared.model.planar
         self.poses = {name: Pose(result.read(f"{name}.position"), result.read(f"{name}.rotation"))
-                      for name in (body.name for body in self.scene.bodies)}  # fmt: skip
+                      for name in (body.name for body in self.scene.bodies)}
         self.lines: dict[Body, Array] = {line.beam: polylines(result, line, _pieces(line))
-                                         for line in result.prepared.model.lines}  # fmt: skip
+                                         for line in result.prepared.model.lines}
         self.attached = {b.name: self._attached(b) for b in self.scene.bodies}
         self.looks = looks_of(self.scene, self.lines)
         self.extents = {body.name: self._spanned(body) for body in self.shown(self.scene.bodies)}
@@ -141,7 +141,7 @@ class Collected:
         and as the size for symbols; for a scene that is a single point no limit, and the length of the model."""
         fixed = [p for c in self.shown(self.scene.connections) if c.kind not in ("force", "torque")
                  for i, side in enumerate((c.k, c.l)) if side.is_ground
-                 for p in (symbols.outline(c.shapes[i]) if c.shapes else [ends(c)[i]])]  # fmt: skip
+                 for p in (symbols.outline(c.shapes[i]) if c.shapes else [ends(c)[i]])]
         parts = [*(e.reshape(-1, 3) for e in self.extents.values()), *(p.reshape(-1, 3) for p in fixed), np.zeros((0, 3))]
         points = np.vstack(parts)
         extent = float(np.max(np.ptp(points, axis=0))) if len(points) else 0.0
@@ -172,7 +172,7 @@ class Collected:
             if body in self.lines:
                 place = self.result[Place(body, item.places.get(side, at))]
                 sides[side] = Body(f"{body.name} at {side} of {item.name}", 0.0, None, place.drawn_position, place.drawn_rotation,
-                                   np.zeros(3), np.zeros(3))  # fmt: skip
+                                   np.zeros(3), np.zeros(3))
                 self.poses[sides[side].name] = Pose(place.position, place.rotation)
                 arm = np.stack([place.on_axis, self._over_time(sides[side], at)], axis=1)
                 if np.linalg.norm(arm[0, 1] - arm[0, 0]) > 0.3 * self.mark:
@@ -213,7 +213,7 @@ class Collected:
             where = tuple(np.round(self.place_of(label) / (0.5 * self.mark)).astype(int))
             groups.setdefault((label.of_body, *where), []).append(label)
         merged = ([Label(", ".join(dict.fromkeys(x.text for x in group)), group[0].points, group[0].body, group[0].of_body)]
-                  for group in groups.values())  # fmt: skip
+                  for group in groups.values())
         self.labels = list(chain.from_iterable(merged))
 
     def place_of(self, label: Label) -> Array:
@@ -226,7 +226,7 @@ def looks_of(scene: Any, lines: Container[Body]) -> dict[str, list[Any]]:
     lines: the beams, which are drawn otherwise."""
     found: dict[str, list[Any]] = {b.name: list(b.shapes or ()) for b in scene.bodies}
     touching = [(body, one) for item in scene.connections if item.shapes
-                for body, one in zip((item.k, item.l), item.shapes, strict=True)]  # fmt: skip
+                for body, one in zip((item.k, item.l), item.shapes, strict=True)]
     for body, one in touching:
         drawn_otherwise = body.is_ground or body in lines or body.shapes is not None or isinstance(one, Plane)
         if not drawn_otherwise and not any(symbols.same(one, other) for other in found[body.name]):

@@ -79,7 +79,7 @@ class BodyShapes(Collected):
             x, y = axes[0] * np.eye(3)[:2]
             return [("disc", symbols.circle(np.zeros(3), x, y)), ("line", np.array([np.zeros(3), x]))]
         rings = [symbols.circle(np.zeros(3), e[i], e[j]) for i, j in ((0, 1), (1, 2), (2, 0))
-                 if min(axes[i], axes[j]) > TINY * max(axes)]  # fmt: skip
+                 if min(axes[i], axes[j]) > TINY * max(axes)]
         kind = "disc" if len(rings) == 1 else "ring"
         return [(kind, ring) for ring in rings] + [("line", np.array([-v, v])) for v in e]
 
@@ -93,7 +93,7 @@ class BodyShapes(Collected):
         for part in symbols.drawn(one, self.planar, self.size):
             points = part.points if body.is_ground else self._local(body, part.points)
             self.shapes.append(Shape(item, part.kind, colour, points[None], "" if body.is_ground else body.name, part.faces,
-                                     part.shades))  # fmt: skip
+                                     part.shades))
         return one
 
     def _contact(self, item: Connection) -> None:
@@ -122,7 +122,7 @@ class BodyShapes(Collected):
         fixed = [np.asarray(one.at) for _, one, body, _ in self.planes if body.is_ground]
         for item, one, body, others in self.planes:
             reach = [self.extents[name] for name in others if name in self.extents] or \
-                    [e for name, e in self.extents.items() if name != body.name]  # fmt: skip
+                    [e for name, e in self.extents.items() if name != body.name]
             reach = [*self._seen_from(body, reach), *(fixed if body.is_ground else ())]
             points = [np.zeros((0, 3)), *(e.reshape(-1, 3) for e in reach)]
             part = symbols.plane(one, np.concatenate(points), self.size, self.planar)
@@ -134,7 +134,7 @@ class BodyShapes(Collected):
             return reach
         pose = self.poses[body.name]
         return [body.drawn.position + np.einsum("tij,tnj->tni", body.drawn.rotation @ pose.rotation.transpose(0, 2, 1),
-                                          e - pose.position[:, None]) for e in reach]  # fmt: skip
+                                          e - pose.position[:, None]) for e in reach]
 
 
 def half_axes(body: Body, planar: bool) -> list[float]:

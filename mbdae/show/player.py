@@ -255,7 +255,7 @@ def page(film: Film) -> str:
     data = json.dumps(film_data(film), separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
     name = html.escape(film.seen.name)
     options = "".join(f'<option value="{s:g}"{" selected" if s == film.speed else ""}>&times; {s:g}</option>'
-                      for s in sorted({*SPEEDS, film.speed}))  # fmt: skip
+                      for s in sorted({*SPEEDS, film.speed}))
     fields = {"@SCRIPT@": VIEW + CONTROLS, "@NAME@": name, "@SPEEDS@": options, "@DATA@": data}
     text = PAGE
     for field, value in fields.items():
@@ -282,7 +282,7 @@ def film_data(film: Film) -> dict[str, Any]:
                    for x in seen.labels],
         "trails": [{"name": x.name, "colour": x.colour, "points": _whole(x.points, unit)} for x in film.trails],
         "curves": [{"label": x.label, "parts": x.components, "values": _short(x.values.T)} for x in film.curves],
-    }  # fmt: skip
+    }
 
 
 def _whole(points: Array, unit: float) -> Any:

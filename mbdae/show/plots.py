@@ -23,7 +23,7 @@ STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)
 #: of their quantity, unit
 SECTION = {"strain": ["Γ1", "Γ2", "Γ3", "K1", "K2", "K3"], "stress_resultants": ["N1", "N2", "N3", "M1", "M2", "M3"]}
 PANELS = {"strain": (("Γ", "strain", "-"), ("K", "curvature", "1/m")),
-          "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}  # fmt: skip
+          "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}
 WIDTH = 100  #: largest number of letters in one line of a legend
 PLACE = "name a body, a joint, a position sensor or a place such as body.at(point)"
 PICTURES = (".png", ".svg", ".pdf")
@@ -78,7 +78,7 @@ def hexadecimal(colour: Any) -> str:
 def names_of(what: str, given: Any) -> list[str]:
     """Names of items from one item or a list of them."""
     names: list[str] = option(what, [given] if isinstance(given, str | Body | Connection) else given, sequence,
-                              "give the name of an item, or a list of them", each=_name)  # fmt: skip
+                              "give the name of an item, or a list of them", each=_name)
     return names
 
 
@@ -102,7 +102,7 @@ def numbers(result: Any, sensor: str) -> Array:
     values = result.read(sensor)
     if values.dtype.kind not in "fi" or values.shape[:1] != result.t.shape:
         raise OptionError(f"'{sensor}' is not a quantity over time; plot a sensor with numbers at every time, such as the "
-                          f"position of a body or the angle of a joint")  # fmt: skip
+                          f"position of a body or the angle of a joint")
     return np.asarray(values.reshape(len(values), -1), dtype=float)
 
 
@@ -172,7 +172,7 @@ def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tu
     texts = option("labels", labels, sequence, one_each, each=text)
     if len(texts) != len(results):
         raise OptionError(f"labels = {shown(labels)} has {counted(len(texts), 'entry')} for "
-                          f"{counted(len(results), 'result')}: {one_each}")  # fmt: skip
+                          f"{counted(len(results), 'result')}: {one_each}")
     return list(zip(texts, results, strict=True))
 
 
@@ -237,7 +237,7 @@ def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[st
         across, up = components(result, x), components(result, y)
         if len(across) != len(up) and 1 not in (len(across), len(up)):
             raise OptionError(f"phase: '{x}' has {counted(len(across), 'component')} and '{y}' has {len(up)}; give "
-                              f"two sensors of equal number of components, or one with a single component")  # fmt: skip
+                              f"two sensors of equal number of components, or one with a single component")
         n = max(len(across), len(up))
         for (cx, a), (cy, b) in zip(across * (n // len(across)), up * (n // len(up)), strict=True):
             part = "" if n == 1 else cx if cx == cy else f"{cx}{cy}"
@@ -276,7 +276,7 @@ def _frame(axis: Any, x: str, y: str) -> None:
 
     handles = [line for line in axis.lines if not line.get_label().startswith("_")]
     handles += [Line2D([], [], color="0.3", marker=m, markerfacecolor=f, linestyle="", label=text)
-                for m, f, text in (("o", "white", "start"), ("s", "0.3", "end"))]  # fmt: skip
+                for m, f, text in (("o", "white", "start"), ("s", "0.3", "end"))]
     axis.set_xlabel(x)
     axis.set_ylabel(y)
     axis.legend(handles=handles, frameon=False, fontsize="small", ncols=4, loc="lower left", bbox_to_anchor=(0, 1))

@@ -50,7 +50,7 @@ class _Builder(JointShapes, BodyShapes):
         self._gather()
         if not self.shapes:
             raise OptionError(f"hide = {shown(sorted(self.hidden))} leaves nothing of scene '{self.scene.name}': name fewer "
-                              f"items")  # fmt: skip
+                              f"items")
         found = (tuple(self.shapes), tuple(self.labels))
         return Geometry(self.scene.name, self.result.t, self.planar, self.size, self.scene.gravity, self.poses, *found)
 
@@ -74,7 +74,7 @@ class _Builder(JointShapes, BodyShapes):
         if item.kind not in UNMARKED:
             self._marked(item, "dot" if item.kind == "bushing" else "pin", item.k)
         draw = {"spring": self._spring, "pointspring": self._spring, "bushing": self._bushing, "force": self._load,
-                "torque": self._load}  # fmt: skip
+                "torque": self._load}
         if item.kind in draw:
             draw[item.kind](item, law)
         if item.k.is_ground and item.kind not in ("force", "torque", "bushing"):
@@ -201,7 +201,7 @@ def frame_times(start: float, duration: float, step: float, least: int = 2) -> A
 
 
 def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any], speed: float,
-           hide: Sequence[str] = ()) -> Film:  # fmt: skip
+           hide: Sequence[str] = ()) -> Film:
     """The data of an animation with frames at times t (nt,), s."""
     fine = max(1, -(-SMOOTH // len(t))) if len(t) > 1 else 1
     times = np.interp(np.arange((len(t) - 1) * fine + 1) / fine, np.arange(len(t)), t)
@@ -209,7 +209,7 @@ def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any],
     tracks = [track(dense, place) for place in places]
     trails = tuple(Trail(name, COLOURS[(i + 1) % len(COLOURS)], points) for i, (name, points) in enumerate(tracks))
     curves = [Curve(label, tuple(c for c, _ in parts), np.stack([v for _, v in parts], axis=1))
-              for sensor in sensors for label, parts in strips(dense, sensor)]  # fmt: skip
+              for sensor in sensors for label, parts in strips(dense, sensor)]
     return Film(geometry(result(t), hide), fine, times, trails, tuple(curves), speed)
 
 

@@ -281,4 +281,4 @@ def same(one: Shape, other: Shape) -> bool:
         return bool(np.allclose(one.normal, other.normal) and abs((one.at - other.at) @ one.normal) < 1e-12)
     mine, others = vars(one).values(), vars(other).values()
     return all((a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
-               for a, b in zip(mine, others, strict=True))  # fmt: skip
+               for a, b in zip(mine, others, strict=True))

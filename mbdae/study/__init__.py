@@ -60,7 +60,7 @@ def document(title: str, style: str, parts: Sequence[str], script: str = "") -> 
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
             f"<title>{escape(title)}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n<main>\n"
-            f"<h1>{escape(title)}</h1>\n{''.join(parts)}</main>\n{scripts}</body>\n</html>\n")  # fmt: skip
+            f"<h1>{escape(title)}</h1>\n{''.join(parts)}</main>\n{scripts}</body>\n</html>\n")
 
 
 def section(name: str, title: str, content: str) -> str:
@@ -78,7 +78,7 @@ def html_table(labelled_by: str, head: str, rows: Sequence[str], caption: str = 
     the table rows; attributes: of the <table> element."""
     captions = f"<caption>{escape(caption)}</caption>" if caption else ""
     return (f'<div class="scroll" role="region" aria-labelledby="{labelled_by}" tabindex="0"><table{attributes}>'
-            f"{captions}<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody></table></div>\n")  # fmt: skip
+            f"{captions}<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody></table></div>\n")
 
 
 def html_row(label: str, cells: Sequence[str], attributes: str = "") -> str:
@@ -94,7 +94,7 @@ def headings(texts: Sequence[str]) -> str:
 def made_with(cpu: str, environment: Mapping[str, str | int]) -> str:
     """The section on the CPU time that was used, versions and machine; cpu: a sentence on the CPU time."""
     entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(str(value))}</dd>"
-                      for name, value in {"CPU time": cpu, **environment}.items())  # fmt: skip
+                      for name, value in {"CPU time": cpu, **environment}.items())
     return section("made", "Made with", f"<dl>{entries}</dl>\n")
 
 
@@ -158,4 +158,4 @@ def grid(rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> list[str]:
     right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(n) if j == 0 or cell in left else cell.rjust(n)
-                      for j, (cell, n) in enumerate(zip(row, widths, strict=True))).rstrip() for row in rows]  # fmt: skip
+                      for j, (cell, n) in enumerate(zip(row, widths, strict=True))).rstrip() for row in rows]

@@ -70,7 +70,7 @@ class ResumeFile:
                 computed_again(self.path, f"{self.row_name(row)} (row {i + 1})")
         last = sound.index(False) if self.in_order and False in sound else len(rows)
         return [{name: value for name, value in row.items() if name != "digest"}
-                for row, good in zip(rows[:last], sound[:last], strict=True) if good]  # fmt: skip
+                for row, good in zip(rows[:last], sound[:last], strict=True) if good]
 
     def row_name(self, row: Any) -> str:
         """What a row is of, in words, for messages; the row may be damaged."""

@@ -120,7 +120,7 @@ def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: 
     found = pulse_of(inputs, t_end)
     if found is None or not (found.width or number != "width"):
         raise OptionError(f"vary: '{name}': only a pulse has this number, and what is stated there is none: between the start "
-                          f"and t = {t_end:g} s it has to be constant, change for some time, and be constant again")  # fmt: skip
+                          f"and t = {t_end:g} s it has to be constant, change for some time, and be constant again")
     return Varying(tuple(path), found, number)
 
 
@@ -238,7 +238,7 @@ def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str)
     fields = (call.get(key) or {}).get("fields", {}) if isinstance(call.get(key), dict | None) else {}
     if not all(isinstance(fields.get(w), float | int | dict) for w in wanted):
         raise OptionError(f"'{name}' cannot be varied: this item states no {name.rpartition('.')[2]}, nor {' and '.join(wanted)} "
-                          f"in its argument {key}; state it, or vary one of {_listed(call)}")  # fmt: skip
+                          f"in its argument {key}; state it, or vary one of {_listed(call)}")
     return dict.__getitem__(call[key], "fields") if isinstance(call[key], dict) else fields
 
 
@@ -281,7 +281,7 @@ def _set_speed(call: dict[str, Any], method: str, value: float, name: str, coord
             call[key] = (np.asarray(call[key], dtype=float) * factor).tolist()
             return 1 / abs(factor)
     raise OptionError(f"vary: '{name}': the item has no speed at the start: give it a prescribed angle or position, a "
-                      f"rate0 or start_rate, a velocity or an angular_velocity; it has {_listed(call)}")  # fmt: skip
+                      f"rate0 or start_rate, a velocity or an angular_velocity; it has {_listed(call)}")
 
 
 def _ratio(value: float, before: float, name: str, quantity: str) -> float:

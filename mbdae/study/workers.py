@@ -59,7 +59,7 @@ class Sent:
                 raise OptionError(f"job: {counted(len(other), 'thing')} that it reads differ in this process from where the "
                                   f"sweep was called ({', '.join(other[:3])}): a process reads them from the file, without what "
                                   "was changed after the import; give what varies as an argument of the job, or pass "
-                                  "executor=ThreadPoolExecutor()")  # fmt: skip
+                                  "executor=ThreadPoolExecutor()")
             self.same = True
         return self.job(**point)
 

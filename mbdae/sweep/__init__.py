@@ -77,7 +77,7 @@ class Sweep(ListsAttributes):
                     known[i] = np.asarray(row.values[key], dtype=float)
                 except (TypeError, ValueError, OverflowError):  # text, a dict, rows of different lengths, too large a number
                     raise OptionError(f"key = '{key}' is {shown(row.values[key])} at point {i}, which is no number or array of "
-                                      f"numbers; read it from `rows`") from None  # fmt: skip
+                                      f"numbers; read it from `rows`") from None
         if not known:
             names = sorted({name for row in self.rows for name in row.values or ()})
             if names:
@@ -121,21 +121,21 @@ class Sweep(ListsAttributes):
 @overload
 def sweep(job: SceneData, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False, progress: Progress | None = None, t_end: float,
-          accuracy: float = 1e-6, outputs: Any = None) -> SceneSweep:  # fmt: skip
+          accuracy: float = 1e-6, outputs: Any = None) -> SceneSweep:
     """Signature where `job` is a scene."""
 
 
 @overload
 def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False,
-          progress: Progress | None = None) -> Sweep:  # fmt: skip
+          progress: Progress | None = None) -> Sweep:
     """Signature where `job` is a function of the user's own."""
 
 
 @naming_arguments
 def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int | None = None, resume: Any = None,
           again: bool = False, progress: Progress | None = None, t_end: float | None = None, accuracy: float = 1e-6,
-          outputs: Any = None) -> Sweep | SceneSweep:  # fmt: skip
+          outputs: Any = None) -> Sweep | SceneSweep:
     """Call job(**point), which returns a dict, at every point of a grid; where `job` is a scene, run it to t_end (s) at every
     point.
 
@@ -153,7 +153,7 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
     possible; else its `why` has the reason.
     """
     workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
-                       least=1, most=MOST_WORKERS)  # fmt: skip
+                       least=1, most=MOST_WORKERS)
     again = option("again", again, flag, "give True to do points that failed once more, or False")
     tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
     if isinstance(job, SceneData):
@@ -161,7 +161,7 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
     for name, value, default in (("t_end", t_end, None), ("accuracy", accuracy, 1e-6), ("outputs", outputs, None)):
         if value is not default and not (isinstance(value, float) and value == default):
             raise OptionError(f"{name} = {shown(value)} is for sweeps of a scene; leave it out: a function takes what it needs "
-                              f"itself")  # fmt: skip
+                              f"itself")
     points, axes = _points(grid)
     if not callable(job):
         raise OptionError(f"job = {shown(job)}: give a mb.Scene, or a function that takes a point and returns a dict")
@@ -190,11 +190,11 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
 def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | None]:
     if isinstance(grid, Mapping):
         axes = {name: option(f"grid: {shown(name)}", _listed(values), sequence, GRID, each=_scalar)
-                for name, values in grid.items()}  # fmt: skip
+                for name, values in grid.items()}
         points = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
         if not (axes and points):
             raise OptionError(f"grid has {counted(len(axes), 'name')} and {counted(len(points), 'point')}: give one name or more,"
-                              f" each with one value or more")  # fmt: skip
+                              f" each with one value or more")
         return [_scalars(point) for point in points], axes
     points = option("grid", _listed(grid), sequence, GRID, each=_point)
     if not points:
@@ -230,7 +230,7 @@ def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
     inner = job.func if isinstance(job, functools.partial) else job
     if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
         raise OptionError(f"job {_name(job)} was defined at the prompt or in a notebook: worker processes cannot import it; "
-                          f"move it to the top level of a file, or pass {THREADS}")  # fmt: skip
+                          f"move it to the top level of a file, or pass {THREADS}")
     try:
         pickle.dumps((job, points))
     except Exception as error:
@@ -257,7 +257,7 @@ def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
         return SweepRow(point, json.loads(as_line(found.values)), warnings=found.warnings)
     except (TypeError, ValueError) as error:
         return SweepRow(point, None, f"TypeError: the job returned what cannot be kept: {error}; "
-                                     f"return numbers, texts, lists and arrays")  # fmt: skip
+                                     f"return numbers, texts, lists and arrays")
 
 
 def _finite(value: Any) -> Any:

@@ -83,7 +83,7 @@ class Points:
         listed = list(grid) if several(grid) else []
         if not listed or not all(isinstance(p, Mapping) and p.keys() == listed[0].keys() for p in listed):
             raise OptionError(f"grid = {shown(grid)}: give a mapping of names such as 'crank.mass' to lists of numbers, or a "
-                              f"list of such points, all with the same names")  # fmt: skip
+                              f"list of such points, all with the same names")
         names = _names(listed[0])
         return cls(names, None, np.array([[option(f"grid: '{n}'", p[n], number, GRID) for n in names] for p in listed]))
 
@@ -135,7 +135,7 @@ class SceneSweep(ListsAttributes):
         name = option("name", name, text, "give the name of an unknown")
         if self.names and name not in self.names:
             raise OptionError(f"name = '{name}' is no unknown of these runs (sensors are not stored): there are "
-                              f"{', '.join(self.names)}")  # fmt: skip
+                              f"{', '.join(self.names)}")
         return self.names.index(name) if self.names else 0
 
     @property
@@ -211,7 +211,7 @@ class SceneSweep(ListsAttributes):
                 continue
             if part.get("sweep") != self._key:
                 raise OptionError(f"resume = '{self._folder}' holds another sweep: {path.name} is not of this one; "
-                                  f"delete the folder, or name another one")  # fmt: skip
+                                  f"delete the folder, or name another one")
             if not (again and any(part["errors"])):
                 self._parts[int(named[1]), int(named[2])] = path
                 self.names = self.names or tuple(part["names"])
@@ -231,7 +231,7 @@ def _part(path: Path) -> Any:
 
 
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
-                t_end: Any, accuracy: Any, outputs: Any) -> SceneSweep:  # fmt: skip
+                t_end: Any, accuracy: Any, outputs: Any) -> SceneSweep:
     """`mb.sweep` of a scene; arguments as there, tell: its `progress`."""
     points, end = Points.of(grid), end_after(0.0, t_end)
     times = np.array([end]) if outputs is None else output_times(0.0, end, outputs)
@@ -264,7 +264,7 @@ def _check_sent(job: SceneJob) -> None:
 
 
 def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[int, int]], executor: Executor | None,
-             workers: int | None, tell: Any) -> None:  # fmt: skip
+             workers: int | None, tell: Any) -> None:
     """Compute the parts `left` and add them to `made`. A part whose worker failed is divided and computed again, until the point
     that causes the failure is in a part of its own."""
     while left:
@@ -299,7 +299,7 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
     stated = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
     said = {"format": FORMAT, "scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "accuracy": job.accuracy,
             "t_end": job.t_end, "outputs": job.outputs.tolist(), "grid": dict(zip(points.names, values, strict=True)),
-            "listed": points.axes is None, "own": own_of(scene), "versions": versions()}  # fmt: skip
+            "listed": points.axes is None, "own": own_of(scene), "versions": versions()}
     place, statement = folder / STATEMENT, json.dumps(said)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -83,14 +83,14 @@ class SceneJob:
             scene, factor = changed(scene, name, float(value), self.t_end)
             if factor != 1:
                 raise OptionError(f"grid: '{name}' is a speed, with which t_end would change from point to point; sweep a "
-                                  f"function of your own, mb.sweep(job, grid)")  # fmt: skip
+                                  f"function of your own, mb.sweep(job, grid)")
         return scene
 
     def numbers(self, values: Array) -> dict[str, Array]:
         """Values (k,) of the numbers of laws at points (k, names)."""
         assert self.lines is not None
         return {number: begin + slope * values[:, i] for i, name in enumerate(self.names)
-                for number, (begin, slope) in self.lines[name].items()}  # fmt: skip
+                for number, (begin, slope) in self.lines[name].items()}
 
 
 def planned(job: SceneJob, values: Array) -> SceneJob:
@@ -104,7 +104,7 @@ def planned(job: SceneJob, values: Array) -> SceneJob:
         for name, number in ((name, number) for name, found in lines.items() for number in found):
             if number in setting:
                 raise _run_one_by_one(f"a batch varies each number of a law once; '{setting[number]}' and '{name}' of the grid "
-                                      "set the same one")  # fmt: skip
+                                      "set the same one")
             setting[number] = name
         _check_together(job, values)
         made = replace(job, middle=middle, lines=lines)
@@ -180,7 +180,7 @@ def _compare(job: SceneJob, values: Array) -> None:
         same = own.names == batch.system.names and own.label == batch.system.label
         if not same or not np.allclose(own.y0, batch.system.y0, rtol=SAME, atol=SAME * float(np.max(own.scale))):
             raise _run_one_by_one(f"a batch needs the same unknowns and the same start at all points; at {_in_words(job, point)} "
-                                  f"they differ")  # fmt: skip
+                                  f"they differ")
         apart = batch.rates_apart(own, {n: float(v[0]) for n, v in job.numbers(point[None]).items()})
         if not apart <= SAME:
             raise _run_one_by_one(f"at {_in_words(job, point)} the rates y' of a batch differ by {apart:.1e} (relative) from "
@@ -217,7 +217,7 @@ def solved(job: SceneJob, values: Array) -> dict[str, Any]:
     runs = batches.run(numbers=batches.read(job.numbers(values)))
     warned = {str(i): text for i, text in runs.warnings.items() if runs.batch.errors[i] is None}
     return {"names": list(runs.names), "y": runs.batch.y, "estimate": runs.estimate, "errors": list(runs.batch.errors),
-            "warnings": warned}  # fmt: skip
+            "warnings": warned}
 
 
 def _each(job: SceneJob, values: Array) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def _each(job: SceneJob, values: Array) -> dict[str, Any]:
         names = names or tuple(r.solution.names[:first])
         same = tuple(r.solution.names[:first]) == names
         found.append((r.solution(job.outputs)[:, :first], r.accuracy.estimated, "; ".join(r.warnings)) if same else
-                     "OptionError: this point has other unknowns than the first")  # fmt: skip
+                     "OptionError: this point has other unknowns than the first")
     y, estimate = np.full((len(values), len(job.outputs), len(names)), np.nan), np.full(len(values), np.nan)
     errors, warned = [one if isinstance(one, str) else None for one in found], dict[str, str]()
     for i, one in enumerate(found):

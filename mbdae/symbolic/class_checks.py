@@ -158,7 +158,7 @@ RETURNS: dict[str, tuple[Check, str]] = {
     "undefined_at": (lambda found: tuple(_several(_word)(found)), "a tuple of texts"),
     "penetration": (_size, "a number, m"), "contact_duration": (_size, "a number, s"),
     "impact": (_pair(_size), "(penetration m, duration s)"), "smallest_velocity": (_or_none(_size), "a number, m/s, or None"),
-}  # fmt: skip
+}
 
 
 # ---- classes ----------------------------------------------------------------------------------------------------------------
@@ -180,11 +180,11 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
     for attribute, table in tables.items():
         if not isinstance(table, Mapping) or not all(hasattr(entry, "unit") for entry in table.values()):
             raise LawError(f"{cls.__name__}: {attribute} = {shown(table)}: write {attribute} = mb.params(name=('unit', "
-                           "'meaning'))")  # fmt: skip
+                           "'meaning'))")
     known = dict.fromkeys(instance, "an attribute that every object of this kind has")
     for base in cls.__mro__[:-1]:
         known |= {name: f"{base.__name__}.{name} of the class" for name in vars(base)
-                  if not name.startswith("__") and (cls.states or name not in OF_STATES)}  # fmt: skip
+                  if not name.startswith("__") and (cls.states or name not in OF_STATES)}
     for attribute, names in (*tables.items(), ("options", cls.options)):
         for name in names:
             if name in known:
@@ -216,7 +216,7 @@ def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
             raise
         except Exception as error:
             raise LawError(f"{class_and_method} fails: {type(error).__name__}: {error}{_hint(self, error)}"
-                           f"{_line(error)}") from error  # fmt: skip
+                           f"{_line(error)}") from error
         try:
             return read(found)
         except _ReturnError as what_and_fault:
@@ -242,12 +242,12 @@ def _hint(law: Any, error: Exception) -> str:
         names = (*getattr(law, "coordinates", ()), *law.params, *law.options, *law.states)
         known = ", ".join(name for name in names if name not in by_itself) or "none"
         return f"; its coordinates, parameters, options and states: {known}; declare others in params = mb.params(name=" \
-               f"('unit', 'meaning'))"  # fmt: skip
+               f"('unit', 'meaning'))"
     absent = [key for key in law.params if getattr(law, key, None) is None]
     if "NoneType" in text and absent:
         return f"; {', '.join(absent)} {'is' if len(absent) == 1 else 'are'} left out (None) here: give a value, or say what " \
-               f"the law is without it"  # fmt: skip
+               f"the law is without it"
     if "ufunc" in text or "loat" in text or "truth value" in text or "oolean" in text or "Cannot convert" in text:
         return "; values are symbols here: use the functions of symengine (import symengine as se; se.sin(x), " \
-               "se.Piecewise((a, x > 0), (b, True)))"  # fmt: skip
+               "se.Piecewise((a, x > 0), (b, True)))"
     return ""

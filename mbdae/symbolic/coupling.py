@@ -37,12 +37,12 @@ class Coupling(TwoBodyLaw):
         self.of = dict(of)
         if set(self.of) != set(self.own_coordinates):
             raise LawError(f"{kind}: of = {shown(of)} must have the keys {names} and no others: say which joint's coordinate "
-                           f"each is, {example}")  # fmt: skip
+                           f"each is, {example}")
 
     def constraints(self) -> dict[str, Expr]:
         """Expressions of the coordinates that vanish, by name of the row."""
         raise LawError(f"coupling {type(self).__name__} does not state `constraints(self)`: return its rows, "
-                       f"{{'name': expression that vanishes}}")  # fmt: skip
+                       f"{{'name': expression that vanishes}}")
 
     def rows(self) -> dict[str, Expr]:  # type: ignore[override]
         return self.constraints()

@@ -47,7 +47,7 @@ def digest_of(law: Law) -> str:
     turns = [name in named and named[name].unit == "rotation" for name in law.own_coordinates]
     own = [(NodeKind.ROTATION if turn else NodeKind.COORDINATE, Axes.GENERAL) for turn in turns]
     found = [Stated(type(law), structure, (*[side] * len(law.frames), *own), _Derivation)
-             for side in ((NodeKind.SPATIAL, Axes.GENERAL), (NodeKind.PLANAR, Axes.NORMAL))]  # fmt: skip
+             for side in ((NodeKind.SPATIAL, Axes.GENERAL), (NodeKind.PLANAR, Axes.NORMAL))]
     return " ".join(stated.digest() for stated in found)
 
 
@@ -80,7 +80,7 @@ class _Stated(NamedTuple):
         """The parts by their names in messages."""
         along, push = self.thrust or (_ZERO, _ZERO)
         return {"the energy": self.energy, "the dissipation": self.rayleigh, "the force": self.force, "the torque": self.torque,
-                "the coordinate of its thrust": along, "the thrust": push}  # fmt: skip
+                "the coordinate of its thrust": along, "the thrust": push}
 
 
 class _Derivation(Statement):
@@ -144,7 +144,7 @@ class _Derivation(Statement):
             self.refuse_unusable("the kinetic energy", law.kinetic_energy(*sides))
         if isinstance(law, Force):
             stated = [("the gaps", law.gaps(*sides)), ("the approach", law.approach(*sides)), ("the losses", law.losses(*sides)),
-                      ("what is observed", law.observed(*sides))]  # fmt: skip
+                      ("what is observed", law.observed(*sides))]
             for term, answer in stated:
                 for e in _leaves(answer):
                     self.refuse_unusable(term, e)
@@ -160,7 +160,7 @@ class _Derivation(Statement):
             e = without_overflow(one_sided(statement))
             for frame, quantity in self.undefined(e):
                 raise LawError(f"an expression given to a {type(self.law).__name__} reads a sensor that a {frame.kind.value} "
-                               f"body does not have ({quantity} of its frame); use s.rigid_body for that body")  # fmt: skip
+                               f"body does not have ({quantity} of its frame); use s.rigid_body for that body")
             self.variation.define(se.Symbol(name), e)
 
     def _coordinates(self) -> dict[str, Expr]:
@@ -220,11 +220,11 @@ class _Derivation(Statement):
         if isinstance(law, Force):
             if all(getattr(type(law), name) is getattr(Force, name) for name in FORCES):
                 raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; state one of these "
-                               f"methods, see mb.Force")  # fmt: skip
+                               f"methods, see mb.Force")
             wrench = law.wrench(*sides) or (ZERO, ZERO)
             if len(sides) > 2 and type(law).wrench is not Force.wrench:
                 raise LawError(f"{type(law).__name__} acts on {len(sides)} bodies, but its wrench is force and torque between "
-                               f"two, k and l; state energy, dissipation or thrust instead")  # fmt: skip
+                               f"two, k and l; state energy, dissipation or thrust instead")
             return _Stated(law.energy(*sides), law.dissipation(*sides), *wrench, law.thrust(*sides))
         if not isinstance(law, Joint):
             return None
@@ -249,7 +249,7 @@ class _Derivation(Statement):
         dissipated, loads = _ZERO, _ZERO
         clocked = sum((v.diff(energy, p) * dp for p, dp in v.clock.items()), _ZERO)
         symbols = set().union(*(se.sympify(c).free_symbols for part in stated.parts().values()
-                                for c in (part if isinstance(part, Vec) else (part,))))  # fmt: skip
+                                for c in (part if isinstance(part, Vec) else (part,))))
         for f in self.frames:
             load = self._wrench_on(f, wrench)  # type: ignore[arg-type]
             # symengine gives no 0 for the derivative of a Piecewise by a symbol that it does not contain
@@ -292,7 +292,7 @@ class _Derivation(Statement):
                                    f"return {{'{n}': expression}} from {'rates' if table is rates else 'initial'}(self, k, l)")
                 self.refuse(f"{rate_or_start} of state '{n}'", table[n])
         ready = [tuple(self.variation.resolve(self.variation.name(without_overflow(one_sided(table[n])))) for n in names)
-                 for table in (rates, starts)]  # fmt: skip
+                 for table in (rates, starts)]
         return names, ready[0], ready[1]
 
 

@@ -107,7 +107,7 @@ class Derived:
             raise
         except Exception as error:
             raise LawError(f"{type(self.law).__name__} cannot be derived: {type(error).__name__}: {error}; state it by functions "
-                           f"that symengine differentiates") from error  # fmt: skip
+                           f"that symengine differentiates") from error
 
     def noted(self, what: str, find: Callable[[], Any]) -> Any:
         """A plain value that follows from the terms: from the cache on disk, or computed by `find` and cached. what: its name
@@ -155,7 +155,7 @@ class Derived:
         """The frames whose symbols the terms of the law contain: a force on a joint coordinate that is an unknown depends on the
         frame of this coordinate, and not on those of the bodies."""
         stated = [*self.g, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(), *self.state_rates,
-                  *self.state_starts, *self.variation.values.values()]  # fmt: skip
+                  *self.state_starts, *self.variation.values.values()]
         stated += [c for pair in self.force.values() for part in pair for c in part]
         stated += [c for row in self.G for pair in row.values() for part in pair for c in part]
         symbols = symbols_of(stated)

@@ -26,7 +26,7 @@ from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec, rotation_columns, rota
 
 #: kind of node -> numbers of its position and of its velocity unknowns
 SIZES = {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2), "ground": (0, 0), "planar ground": (0, 0),
-         "joint coordinate": (1, 1), "joint rotation": (4, 3)}  # fmt: skip
+         "joint coordinate": (1, 1), "joint rotation": (4, 3)}
 
 
 class NodeKind(Enum):
@@ -195,7 +195,7 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
     own = [] if kind is NodeKind.ROTATION else [s, x, y, z]  # a free rotation has no point and no axes of a joint
     attached = [*own, w, *body] if kind.turns else []
     return Frame(side, kind, axes, r + s, v + w.cross(s), x, y, z, w, r, v, s, body, heading, spin, q, u,
-                 parameters, structure, meaning, attached, undefined)  # fmt: skip
+                 parameters, structure, meaning, attached, undefined)
 
 
 def _combine(columns: tuple[Vec, Vec, Vec], c: list[Expr]) -> Vec:
@@ -212,7 +212,7 @@ def _bind(symbols: tuple[Vec, ...], values: tuple[Vec, ...], structure: dict[Exp
 
 
 def _axes_columns(axes: Axes, Q: list[list[Expr]], body: tuple[Vec, Vec, Vec], xyz: tuple[Vec, Vec, Vec],
-                  structure: dict[Expr, Expr], meaning: dict[Expr, Expr]) -> list[Expr]:  # fmt: skip
+                  structure: dict[Expr, Expr], meaning: dict[Expr, Expr]) -> list[Expr]:
     """Enter the joint axes `xyz` as the columns of R Q, R being `body`; returns the entries of Q that stay parameters."""
     columns, used = axes_pattern(axes, Q)
     _bind(xyz, tuple(_combine(body, column) for column in columns), structure, meaning)
@@ -254,6 +254,6 @@ def angle(k: Frame, l: Frame) -> Expr:
         reference = k if k.kind.turns else l
         if reference.axes not in (Axes.NORMAL, Axes.REVERSED):
             raise LawError(f"the angle between {k.side} and {l.side} is about an axis that does not point along z, the only "
-                           f"direction about which bodies turn in the plane: give axis=(0, 0, 1)")  # fmt: skip
+                           f"direction about which bodies turn in the plane: give axis=(0, 0, 1)")
         return (1 if reference.axes is Axes.NORMAL else -1) * (l.heading - k.heading)
     return se.atan2(k.y @ l.x - k.x @ l.y, k.x @ l.x + k.y @ l.y)

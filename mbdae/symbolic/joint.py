@@ -64,10 +64,10 @@ class Joint(TwoBodyLaw):
                                f"'_rate' as their rates do; choose another name")
             if entry.unit not in UNITS:
                 raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or "
-                               f"'rotation'")  # fmt: skip
+                               f"'rotation'")
         if hasattr(cls, "coordinate_unit"):
             raise LawError(f"{cls.__name__}: say coordinates = mb.params(angle=('rad', ...)) or (displacement=('m', ...)) in "
-                           f"place of coordinate_unit")  # fmt: skip
+                           f"place of coordinate_unit")
 
     def compose(self) -> None:
         for option in OPTIONS:
@@ -77,7 +77,7 @@ class Joint(TwoBodyLaw):
             self._checked("rubs", partial(word, words=self.scalars()), "give the name of a coordinate")
         if self.friction is not None and not callable(getattr(self.friction, "coefficient", None)):
             raise LawError(f"{type(self).__name__} {shown(self.name)}: friction = {shown(self.friction)} is no friction law; "
-                           f"give one such as mb.Coulomb(mu, v_c)")  # fmt: skip
+                           f"give one such as mb.Coulomb(mu, v_c)")
         super().compose()
 
     def _checked(self, option: str, read: Callable[[Any], Any], remedy: str) -> Any:
@@ -95,9 +95,9 @@ class Joint(TwoBodyLaw):
         if self.states_motion():
             raise LawError(f"joint law {type(self).__name__} states a motion without coordinates: where l moves with k use "
                            f"mb.Weld, otherwise declare coordinates = mb.params(name=('rad', 'meaning')) and move by "
-                           f"self.name")  # fmt: skip
+                           f"self.name")
         raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`: "
-                       f"state one of these methods")  # fmt: skip
+                       f"state one of these methods")
 
     def coordinate(self, *frames: Any, **_: Any) -> Any:
         """{coordinate: expression of the frames}, or the expression alone where there is one coordinate; None: the coordinates
@@ -126,7 +126,7 @@ class Joint(TwoBodyLaw):
         if all(c == 0 for c in pressing):
             raise LawError(f"friction on '{self.rubbed}' of a {type(self).__name__}: no part of the joint's force presses the "
                            f"rubbing surfaces together; give normal_force=... (N), or state normal_force(self, k, l, force, "
-                           f"coefficient) in its class")  # fmt: skip
+                           f"coefficient) in its class")
         return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
 
     def remarks(self) -> list[str]:
@@ -203,7 +203,7 @@ class Joint(TwoBodyLaw):
             for c, name in self.prescribed.items():
                 if c not in ties:
                     raise LawError(f"{type(self).__name__} states no row (`ties`) by which its {c} could be prescribed without "
-                                   f"being an unknown; use model=mb.Classical(), which makes it one")  # fmt: skip
+                                   f"being an unknown; use model=mb.Classical(), which makes it one")
                 rows[name] = ties[c][0]
             return rows
         rows = self._rows_with_coordinates(*frames)
@@ -225,7 +225,7 @@ class Joint(TwoBodyLaw):
         """Raise LawError where coordinates would be unknowns that no row contains."""
         if self.coordinates and type(self).coordinate is not Joint.coordinate:
             raise LawError(f"{type(self).__name__} states neither its motion nor rows that tie {', '.join(self.coordinates)} to "
-                           f"the bodies (`ties`), one of which this joint model needs: use mb.Kinematic()")  # fmt: skip
+                           f"the bodies (`ties`), one of which this joint model needs: use mb.Kinematic()")
 
     def positives(self, *frames: Frame) -> dict[str, Expr]:
         stated = dict(self.branches(*frames)) if self.states_rows() else {}

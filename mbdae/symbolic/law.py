@@ -94,7 +94,7 @@ class Law:
             name_and_closest = unknown_name(unknown[0], {*known, *signature(type(self)).parameters})
             own = sorted(known - self.derived())
             raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {name_and_closest} it has "
-                           f"{', '.join(own) or 'none'}")  # fmt: skip
+                           f"{', '.join(own) or 'none'}")
         for key in known:
             setattr(self, key, values.get(key))
         self.compose()
@@ -206,11 +206,11 @@ class TwoBodyLaw(Law):
     frames: ClassVar[tuple[str, ...]] = ("k", "l")
 
     def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None, axis_x: Any = None,
-                 **values: Any) -> None:  # fmt: skip
+                 **values: Any) -> None:
         for side in self.frames[2:]:
             if side not in values:
                 raise LawError(f"{type(self).__name__} {shown(name)}: the body of its frame '{side}' is missing; add {side}= "
-                               f"with a body or a place")  # fmt: skip
+                               f"with a body or a place")
             setattr(self, side, values.pop(side))
         self.points = {side: values.pop(f"at_{side}") for side in self.frames[2:] if values.get(f"at_{side}") is not None}
         super().__init__(name, **values)

@@ -170,7 +170,7 @@ def _derived(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed: bo
         kind, tuple(f for f in x.fields if f.symbol in read or f.rate in read), s.damping is not None,
         tuple(s.strains) if mixed else (), tuple(n for n in stated if n not in s.strains), tuple(duals), tuple(rows),
         tuple(s.solved.items()), s.energy(), s.dissipated(), _mass(law, x),
-    )  # fmt: skip
+    )
 
 
 class _Strains:

@@ -46,7 +46,7 @@ def motion_names(kind: NodeKind, quaternion: bool = False) -> tuple[str, ...]:
         return ()
     n = ONE_TWO_THREE[: kind.translations]
     turned = {NodeKind.PLANAR: ("theta", "cos", "sin", "w3"),
-              NodeKind.SPATIAL: (*(f"{a}{i}" for a in "xyzw" for i in ONE_TWO_THREE),)}.get(kind, ())  # fmt: skip
+              NodeKind.SPATIAL: (*(f"{a}{i}" for a in "xyzw" for i in ONE_TWO_THREE),)}.get(kind, ())
     more = tuple(f"P{i}" for i in range(4)) if quaternion and kind is NodeKind.SPATIAL else ()
     return (*(f"r{i}" for i in n), *(f"v{i}" for i in n), *turned, *more)
 
@@ -63,7 +63,7 @@ def state_of(kind: NodeKind, number: Callable[[str], Expr]) -> State:
     moves = "12" if kind.flat else "123"
     turns = {NodeKind.PLANAR: "3", NodeKind.SPATIAL: "123"}.get(kind, "")
     made = State(kind, vector("r", moves), UNIT, se.Integer(0), vector("v", moves), vector("w", turns), vector("a", moves),
-                 vector("al", turns))  # fmt: skip
+                 vector("al", turns))
     if kind is NodeKind.PLANAR:
         bx = Vec(number("cos"), number("sin"), 0)
         made.R, made.heading = (bx, UNIT[2].cross(bx), UNIT[2]), number("theta")
@@ -148,7 +148,7 @@ def inward(shape: Shape) -> Pass:
     U = [[let(_dot(A[i], [S[j][k] for j in range(n)])) for k in range(f)] for i in range(n)]
     own = {(k, l): made.number("C", k, l) for k in range(f) for l in range(k + 1)} if shape.heavy else {}
     D = {(k, l): let(_dot([row[k] for row in S], [row[l] for row in U]) + own.get((k, l), 0))
-         for k in range(f) for l in range(k + 1)}  # fmt: skip
+         for k in range(f) for l in range(k + 1)}
     left = [let(made.number("tau", k) - _dot([S[i][k] for i in range(n)], p)) for k in range(f)]
     K0, pivots = made.program.solved(D, left) if f else ([], [])
     columns = [made.program.solved(D, U[i])[0] if f else [] for i in range(n)]  # of K = D^-1 U^T, one for each row of U
@@ -157,9 +157,9 @@ def inward(shape: Shape) -> Pass:
     if shape.parent:
         X = made.matrix("X", n, shape.parent)
         Y = [[let(_dot([I[max(i, k), min(i, k)] for k in range(n)], [X[k][j] for k in range(n)])) for j in range(shape.parent)]
-             for i in range(n)]  # fmt: skip
+             for i in range(n)]
         made.outputs += [(("M0", i, j), _dot([X[k][i] for k in range(n)], [Y[k][j] for k in range(n)]))
-                         for i in range(shape.parent) for j in range(i + 1)]  # fmt: skip
+                         for i in range(shape.parent) for j in range(i + 1)]
         made.outputs += [(("p0", i), _dot([X[k][i] for k in range(n)], rest)) for i in range(shape.parent)]
     made.outputs += [(("K", k, i), columns[i][k]) for k in range(f) for i in range(n)]
     made.outputs += [*((("K0", k), e) for k, e in enumerate(K0)), *((("pivot", k), e) for k, e in enumerate(pivots))]
@@ -252,7 +252,7 @@ class LinkProgram(PieceProgram):
         laws."""
         child = self.nodes[1]
         found: Entries = [(("x", name), e) for name, e in zip(motion_names(child.kind, quaternion), numbers_of(child, quaternion),
-                                                     strict=True)]  # fmt: skip
+                                                     strict=True)]
         found += self.slopes("X", self.reached, self._accelerations(0)) + self.slopes("S", self.reached, self.freedoms)
         found += [(("c", i), e) for i, e in enumerate(self.reached)]
         return found + self._inertia(child)
@@ -283,7 +283,7 @@ class RootProgram(PieceProgram):
         root = self.nodes[0]
         reached = along(root.kind, root.a, root.al)
         found: Entries = [(("x", name), e) for name, e in zip(motion_names(root.kind, quaternion), numbers_of(root, quaternion),
-                                                     strict=True)]  # fmt: skip
+                                                     strict=True)]
         found += self.slopes("S", reached, self._symbols("up")) + [(("c", i), e) for i, e in enumerate(reached)]
         n, zero = len(reached), se.Integer(0)
         return [*found, *((("M", i, j), zero) for i in range(n) for j in range(i + 1)), *((("p", i), zero) for i in range(n))]

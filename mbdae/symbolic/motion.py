@@ -98,7 +98,7 @@ class Motion:
     def inverse(self) -> Motion:
         """The motion that takes l back to k."""
         return Motion([Step(s.turns, s.axis, -s.amount, s.rotation and replace(s.rotation, inverse=not s.rotation.inverse))
-                       for s in reversed(self.steps)])  # fmt: skip
+                       for s in reversed(self.steps)])
 
     def substituted(self, table: Any) -> Motion:
         """The motion with symbols in its amounts replaced."""
@@ -163,7 +163,7 @@ def _amount(amount: Any) -> Expr:
         raise
     except Exception as error:
         raise LawError(f"motion: amount = {shown(amount)} is no expression of coordinates and parameters, such as "
-                       f"self.angle") from error  # fmt: skip
+                       f"self.angle") from error
 
 
 def motion_of(law: Any, values: Mapping[str, Any]) -> Motion | None:
@@ -202,13 +202,13 @@ def refuse_amounts(law: Any) -> None:
         for symbol in sorted(step.amount.free_symbols - declared, key=str):
             if symbol == _TIME:
                 raise LawError(f"{where} contains mb.t: state a parameter (params = mb.params(...)) and give that an expression "
-                               f"of mb.t")  # fmt: skip
+                               f"of mb.t")
             raise LawError(f"{where} contains the symbol {symbol}, which the class does not declare; write "
-                           f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")  # fmt: skip
+                           f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")
         unknown = _without_derivatives(step.amount)
         if unknown is not None:
             raise LawError(f"{where} contains {unknown}, whose derivatives are not known: state it by other functions, one with "
-                           f"cases by se.Piecewise((a, x > 0), (b, True)) whose cases meet without a kink")  # fmt: skip
+                           f"cases by se.Piecewise((a, x > 0), (b, True)) whose cases meet without a kink")
 
 
 def _without_derivatives(amount: Expr) -> Expr | None:
@@ -266,7 +266,7 @@ def free_axes(law: Any, k: Frame, l: Frame, coordinate: str) -> list[Vec]:
         raise LawError(f"friction on '{coordinate}' of a {type(law).__name__}: {counted(len(own), 'step')} of its motion "
                        f"{'contains' if len(own) == 1 else 'contain'} this coordinate, where one is needed to tell which part of "
                        f"the joint's force presses the surfaces together: state `pressing(self, k, l, force)` in its class, or "
-                       f"give normal_force=... (N)")  # fmt: skip
+                       f"give normal_force=... (N)")
     slides = [i for i, step in enumerate(motion.steps) if not step.turns and step.amount.free_symbols & _names(law)]
     found: list[Vec] = []
     for i in (own[0], *slides):
@@ -295,7 +295,7 @@ def _axis_of(law: Any, k: Frame, l: Frame, steps: Sequence[Step], i: int) -> Vec
     if not law.kept:
         raise LawError(f"{type(law).__name__}: friction needs the force that presses the joint together, across each of its "
                        f"axes of motion; one of them lies between two rotations whose angles are no unknowns of this joint "
-                       f"model: use model=mb.Classical(), or give normal_force=... (N)")  # fmt: skip
+                       f"model: use model=mb.Classical(), or give normal_force=... (N)")
     own: tuple[Step, ...] = law.motion(Motion()).steps
     return own[i].direction(_axes_after(own[:i], k))
 

@@ -154,7 +154,7 @@ def second_rate(d: Derived) -> list[Expr]:
     """d2g/dt2 = G u' + gamma of every row."""
     gamma = [e for _, e in acceleration(d)]
     return [c + sum((e * _accelerations(f)[t[2]] for f in d.frames for t, e in scatter_pair(f, row[f.side])), se.Integer(0))
-            for c, row in zip(gamma, d.G, strict=True)]  # fmt: skip
+            for c, row in zip(gamma, d.G, strict=True)]
 
 
 def jacobian_G(d: Derived) -> list[tuple[Target, Expr]]:

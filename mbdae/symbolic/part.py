@@ -39,7 +39,7 @@ def _parameter(name: str, spec: Any) -> Parameter:
     words = (spec,) if isinstance(spec, str) else spec
     if not (isinstance(words, tuple | list) and len(words) in (1, 2) and all(isinstance(w, str) for w in words)):
         raise LawError(f"params: {name} = {shown(spec)} is neither a unit nor a pair (unit, meaning); write "
-                       f"{name}=('m', 'what it is')")  # fmt: skip
+                       f"{name}=('m', 'what it is')")
     if not words[0].strip():
         raise LawError(f"params: {name} = {shown(spec)} has no unit; give one, '1' for a pure number")
     if not name.isidentifier() or keyword.iskeyword(name):

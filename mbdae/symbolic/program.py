@@ -201,7 +201,7 @@ def written(e: Expr, names: Mapping[Expr, str], language: Language) -> str:
         return language.power(args[0], texts[0], args[1], texts[1])
     if kind not in language.functions:
         raise LawError(f"the function {kind} in {e} can be simulated, but not written as text or audited; use one of "
-                       f"{', '.join(language.functions)}")  # fmt: skip
+                       f"{', '.join(language.functions)}")
     return language.functions[kind](*texts)
 
 
@@ -217,7 +217,7 @@ def python_power(base: Expr, text: str, exponent: Expr, written: str) -> str:
 def python(functions: Sequence[str]) -> Language:
     """Python with functions of these names, and `_sqrt` and `_exp`."""
     return Language(lambda e: f"({e})" if isinstance(e, se.Integer) else repr(float(e)), python_power,
-                    {name: called(name) for name in functions})  # fmt: skip
+                    {name: called(name) for name in functions})
 
 
 def python_function(symbols: Sequence[Expr], expressions: Sequence[Expr], space: Mapping[str, object]) -> Callable[..., list]:  # type: ignore[type-arg]

@@ -22,7 +22,7 @@ from mbdae.values import shown
 LOGIC = ("And", "Or", "Not", "Xor")  #: connectives of conditions
 #: name of a relation or connective -> function that makes it
 CONDITIONS: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
-                               **{name: getattr(se, name) for name in LOGIC}}  # fmt: skip
+                               **{name: getattr(se, name) for name in LOGIC}}
 ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling", "UnevaluatedExpr")  #: functions that are rewritten with Piecewise and floor
 STEPPED = ("floor", "ceiling", "sign", "Piecewise")  #: functions that jump where their derivatives do not show it
 LARGEST = 300.0  #: bound of exponents in denominators: exp(-300) = 5e-131 is as good as 0, and exp(300)^2 does not overflow
@@ -151,12 +151,12 @@ KINDS = {
     "atan": "arc", "acot": "arc", "asinh": "arc", "asin": "periodic", "acos": "periodic", "atanh": "periodic", "acosh": "arc",
     "sin": "periodic", "cos": "periodic", "tan": "periodic", "cot": "periodic", "sec": "periodic", "csc": "periodic",
     "sinh": "growing", "cosh": "growing", "log": "power", "abs": "kink", "Abs": "kink", "sign": "kink",
-}  # fmt: skip
+}
 
 
 #: kinds of expressions that symengine differentiates and compiles; others are tried, see `unusable`
 USABLE = {*KINDS, "Symbol", "Add", "Mul", "Pow", "atan2", "floor", "ceiling", "Max", "Min", "Piecewise", "asec", "acsc", "asech",
-          "acsch", "acoth", "UnevaluatedExpr"}  # fmt: skip
+          "acsch", "acoth", "UnevaluatedExpr"}
 #: functions of mbdae's own: names of intermediate results, time derivatives, tables
 OWN = ("let", "rate", "table_")
 OTHER_FUNCTIONS = "state it by other functions, such as se.sin, se.exp, se.sqrt, or by cases: se.Piecewise((a, x > 0), (b, True))"
@@ -169,7 +169,7 @@ def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
         kind = type(node).__name__
         if not is_condition(node) and kind != "Piecewise" and any(is_condition(part) for part in node.args):
             return f"the condition {next(filter(is_condition, node.args))} where a number is needed; state cases by " \
-                   f"se.Piecewise((a, x > 0), (b, True))"  # fmt: skip
+                   f"se.Piecewise((a, x > 0), (b, True))"
         if kind == "Piecewise" and node.args[-1] != se.true:
             return f"{shown(node)}, which has no value where none of its conditions holds; end it with (value, True)"
         if kind == "Pow" and node.args[1].free_symbols and _without_powers(node.args[0]):
@@ -228,7 +228,7 @@ def limited(low: float, high: float) -> Scale:
 def scales(saturated: float, steep: float) -> dict[str, Scale]:
     """PHI by kind; saturated, steep: largest |u| at which a saturating or a growing function is followed."""
     return {"saturating": limited(-saturated, saturated), "growing": limited(-steep, steep), "arc": np.arcsinh,
-            "periodic": lambda u: u}  # fmt: skip
+            "periodic": lambda u: u}
 
 
 def complex_atan2(y: Any, x: Any) -> Any:

@@ -91,7 +91,7 @@ class Stated:
         self.frames = frames = tuple(make_frame(s, *side) for s, side in zip(names, sides, strict=True))
         if structure.timed and cls.timeless:
             raise LawError(f"{cls.__name__}: {min(structure.timed)} is a parameter that cannot depend on time, sensors or "
-                           "controllers; give a number")  # fmt: skip
+                           "controllers; give a number")
         for name, f in zip(law.own_coordinates, frames[len(law.frames) :], strict=False):
             setattr(law, name, f.q[0] if f.kind is NodeKind.COORDINATE else Rotation(tuple(f.q), f.body, f.spin))
         self.key: tuple[Any, ...] | None = None

@@ -24,7 +24,7 @@ from mbdae.symbolic.vectors import Expr, Vec
 _TIME = se.Symbol("t")
 #: methods of a law that derivations call with its frames; of joints also `resistance`, `rubbing` and `pressing`
 QUESTIONS = ("rows", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach", "observed", "losses",
-             "rates", "initial", "kinetic_energy")  # fmt: skip
+             "rates", "initial", "kinetic_energy")
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Statement:
         found = se.sympify(e).free_symbols & (speeds - places)
         if found:
             raise LawError(f"{term} of {type(self.law).__name__} contains a velocity ({min(map(str, found))}): it may contain "
-                           f"the points r and the axes x, y, z of its frames, not v and w")  # fmt: skip
+                           f"the points r and the axes x, y, z of its frames, not v and w")
 
     def refuse(self, term: str, e: Any) -> None:
         """Raise LawError where an expression contains the time, an undeclared symbol, a quantity its nodes do not have, or what
@@ -140,19 +140,19 @@ class Statement:
         symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
         if _TIME in symbols and str(_TIME) not in self.law.params:
             raise LawError(f"{term} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
-                           f"give that an expression of mb.t")  # fmt: skip
+                           f"give that an expression of mb.t")
         unknown = symbols - self._known
         for symbol in sorted(map(str, unknown - _letters(e) if unknown else ())):
             raise LawError(f"{term} of {type(self.law).__name__} contains the symbol {symbol}, which it does not declare; write "
-                           f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")  # fmt: skip
+                           f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")
         for frame, quantity in self.undefined(e):
             law = type(self.law).__name__
             if frame.kind.oriented:
                 raise LawError(f"{term} of {law} needs the {quantity} of {frame.side}, which exists in the plane only; state it "
                                f"with self.relative_angle(k, l), the angle about the axis, or the axes x, y, z, or use "
-                               f"space='planar'")  # fmt: skip
+                               f"space='planar'")
             raise LawError(f"{law} needs axes on both sides; a point mass has none: {term} reads the {quantity} of {frame.side}; "
-                           f"use s.rigid_body for that body")  # fmt: skip
+                           f"use s.rigid_body for that body")
 
     def refuse_unusable(self, term: str, e: Any) -> None:
         """Raise LawError where an expression (or vector) contains what cannot be differentiated or compiled."""
@@ -166,7 +166,7 @@ class Statement:
         forces that follow from a joint's own reactions."""
         law, cls = self.law, type(self.law)
         parameters = [{name: entry.unit for name, entry in table.items()}
-                      for table in (law.params, law.states, getattr(law, "coordinates", {}))]  # fmt: skip
+                      for table in (law.params, law.states, getattr(law, "coordinates", {}))]
         return {
             "of the class": {name: value for name in dir(cls) if name[0] != "_" and _is_plain(value := getattr(cls, name))},
             "declared": [list(map(list, table.items())) for table in parameters],

@@ -69,7 +69,7 @@ class Switches:
         set_option(self, "names", _words, "give one text per argument", each=text)
         if np.ndim(self.weights) != 1:
             raise OptionError(f"weights = {shown(self.weights)} has {np.ndim(self.weights)} dimensions: give a list of numbers, "
-                              "one for each value that `arguments` returns")  # fmt: skip
+                              "one for each value that `arguments` returns")
         if not len(self.kinds) == len(self.names) == len(self.weights):
             raise OptionError(f"kinds = {shown(self.kinds)}, weights = {shown(self.weights)}, names = {shown(self.names)}: their "
                               "lengths differ; give three lists of equal length, one entry for each value that `arguments` "
@@ -282,7 +282,7 @@ class System:
         """The numbers of laws with these names, such as "elbow.mass", that a batch of runs may vary; OptionError where one cannot
         be varied."""
         raise OptionError(f"numbers = {shown(list(names))}: the equations of this system are functions (mb.DAE), in which "
-                          "numbers of laws are not known; give starts alone, or solve the systems one by one")  # fmt: skip
+                          "numbers of laws are not known; give starts alone, or solve the systems one by one")
 
     def accept(self, t: float, y: Array) -> None:
         """Called by the step loop after every accepted step at t, y (n,): the only function in which a System may store something

@@ -221,7 +221,7 @@ def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Arra
     are violated."""
     whole, pull = isinstance(W, np.ndarray), pull * units
     A, W = (as_full(A) * units, units[:, None] * W * units) if whole else (
-        sp.csr_matrix(A) @ sp.diags(units), sp.diags(units) @ W @ sp.diags(units))  # fmt: skip
+        sp.csr_matrix(A) @ sp.diags(units), sp.diags(units) @ W @ sp.diags(units))
     size = largest_entries(A)
     size[size == 0] = 1.0
     stiff = float(np.max(W.diagonal()))
@@ -229,7 +229,7 @@ def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Arra
     A, right = share[:, None] * A if whole else sp.diags(share) @ A, share * right
     corner = -stiff * (np.full(A.shape[0], GIVEN) if give is None else give)
     solve = partial(np.linalg.solve, np.block([[W, A.T], [A, np.diag(corner)]])) if whole else (
-        splu(sp.bmat([[W, A.T], [A, sp.diags(corner)]], format="csc")).solve)  # fmt: skip
+        splu(sp.bmat([[W, A.T], [A, sp.diags(corner)]], format="csc")).solve)
     x, forces = np.zeros(len(units)), np.zeros(A.shape[0])
     for _ in range(CORRECTIONS):
         step = solve(np.r_[pull - W @ x - A.T @ forces, right - A @ x])
@@ -238,7 +238,7 @@ def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Arra
 
 
 def sparse_least_change(A: Any, right: Array, weight: Any, units: Array, stated: Any, off: Array,
-                        pull: Array | None = None) -> Array:  # fmt: skip
+                        pull: Array | None = None) -> Array:
     """As `least_change.least_change`, for many bodies: x (n,) with A x = right, then with stated @ x nearest to `off`, then with
     the smallest x^T W x / 2 - pull^T x, where W is `weight` (n, n) and pull (n,) by default 0. units (n,): unit displacements."""
     give = np.r_[np.full(A.shape[0], GIVEN), np.full(stated.shape[0], STATED)]

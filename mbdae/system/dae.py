@@ -79,7 +79,7 @@ class DAE(System):
         self.sparsity = None if sparsity is None else csc_pattern(sparsity, self.n)
         self._function = option("residual", residual, function, "give a function F(t, y, y', out)", takes="t, y, yp, out")
         self._jacobian = optional("jacobian", jacobian, function, "give a function J(t, y, y', cj, out), or None",
-                                  takes="t, y, yp, cj, out")  # fmt: skip
+                                  takes="t, y, yp, cj, out")
         self._own_differences = Differences(self.residual, self.scale, self.sparsity)
         self.by_differences = jacobian is None
         self.differences = self.by_differences and self.sparsity is None
@@ -96,7 +96,7 @@ class DAE(System):
             if not np.isfinite(rates).all():
                 row = int(np.flatnonzero(~np.isfinite(rates))[0])
                 raise OptionError(f"rhs: y'[{row}] = {rates[row]} at the start t = {self.t0:g} s: fill every entry of out, and "
-                                  "check its formula")  # fmt: skip
+                                  "check its formula")
             if jacobian is None:
                 self.rate_jacobian = partial(self._own_differences.of_rates, self.rhs)
             self._check_start(rates, *parts[0], "rhs contradicts the residual", "correct one of the two functions")
@@ -119,7 +119,7 @@ class DAE(System):
 
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Any = None,
                  outputs: int | Sequence[float] | Array = 201, *, max_wall: float | None = None,
-                 progress: Callable[..., None] | bool | None = None) -> Any:  # fmt: skip
+                 progress: Callable[..., None] | bool | None = None) -> Any:
         """Integrate to t_end (s), so that the error over the run is within `accuracy`: that of every unknown, multipliers too,
         over its largest value in the run or, where that is more, over 1e-3 of its `scale`. Returns the unknowns over time:
         `r["x"]` by name, `.t`, `.accuracy`, `.warnings`, `.reliable`, `r(t)` at other times.
@@ -184,7 +184,7 @@ class DAE(System):
         if values.shape != (2, count) or values.dtype.kind not in "fiu":
             raise OptionError(f"switches: `arguments` returns {shown(values)} of shape {values.shape} and type "
                               f"{values.dtype} for 2 times: return real numbers of shape (2, {count}), one column for each of "
-                              "its kinds")  # fmt: skip
+                              "its kinds")
         return switches
 
     def _checked_guards(self, names: Sequence[str] | None) -> tuple[str, ...]:
@@ -197,11 +197,11 @@ class DAE(System):
         parts = [np.asarray(part) for part in given] if isinstance(given, tuple | list | np.ndarray) else []
         if len(parts) != 3 or any(part.dtype.kind not in "fiu" for part in parts):
             raise OptionError(f"guards returns {shown(given)}: return (gap, gap rate, duration), three arrays with one real "
-                              "number per contact")  # fmt: skip
+                              "number per contact")
         gap, rate, duration = parts
         if gap.ndim != 1 or not gap.shape == rate.shape == duration.shape:
             raise OptionError(f"guards returns shapes {gap.shape}, {rate.shape}, {duration.shape}: return three arrays of one "
-                              "dimension and equal length, one number per contact")  # fmt: skip
+                              "dimension and equal length, one number per contact")
         default = tuple(f"contact[{i}]" for i in range(len(gap)))
         chosen = default if names is None else _different("guard_names", names, len(gap), "contact")
         for name, g, r, d in zip(chosen, gap, rate, duration, strict=True):
@@ -297,7 +297,7 @@ def _fill(name: str, value: Any, out: Array, t: float) -> None:
     found = np.asarray(value)
     if found.shape != out.shape or found.dtype.kind not in "fiu":
         raise OptionError(f"{name} returns {shown(value)} of shape {found.shape} and type {found.dtype} at t = {t:g} s: return "
-                          f"real numbers of shape {out.shape}, or fill out and return None")  # fmt: skip
+                          f"real numbers of shape {out.shape}, or fill out and return None")
     out[...] = found
 
 

@@ -88,7 +88,7 @@ def _smallest_sparse(B: Any, rank: int, count: int) -> list[tuple[float, Array, 
         squares, motions = eigsh(operator, k=min(count, rank, n - 1), which="LA", v0=random.normal(size=n), tol=1e-4)
         combined = [_unit(solve(B @ v)) for v in motions.T]
         return sorted(((float(1 / np.sqrt(square)), w, v) for square, w, v in zip(squares, combined, motions.T, strict=True)),
-                      key=lambda found: found[0])  # fmt: skip
+                      key=lambda found: found[0])
     try:
         solve = _solve(gram, 0.0)
     except RuntimeError:  # a pivot is 0

@@ -53,7 +53,7 @@ def order_of(pattern: Any, first: Sequence[int], label: Any) -> Whole:
     joined = member @ abs(pattern) @ member.T
     joined.data[:] = 1.0
     place = splu((joined + sp.identity(count) * (2.0 * count)).tocsc(), permc_spec="MMD_AT_PLUS_A",
-                 options={"SymmetricMode": True}).perm_c  # fmt: skip
+                 options={"SymmetricMode": True}).perm_c
     later = np.ones(len(label), dtype=bool)
     later[list(first)] = False
     return np.lexsort((np.arange(len(label)), place[label], later))
@@ -127,7 +127,7 @@ class SparseRows:
         order = np.argsort(place[rows])
         some = rows[order]
         factors = splu(self._gram[some][:, some].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0,
-                       options={"SymmetricMode": True})  # fmt: skip
+                       options={"SymmetricMode": True})
 
         def solve(b: Array) -> Array:
             x = np.empty_like(b)
@@ -199,7 +199,7 @@ def too_many(m: int) -> SceneError:
     """The error for m rows whose rank neither sparse nor dense matrices can determine."""
     return SceneError([f"which of the {m} constraint rows of the scene are redundant cannot be told, since they depend on each "
                        f"other nearly but not exactly, and more than {DENSE} are too many for full matrices: align the joints of "
-                       "its loops exactly, or leave out joints that other joints make superfluous"])  # fmt: skip
+                       "its loops exactly, or leave out joints that other joints make superfluous"])
 
 
 SAMPLES = 3
@@ -272,7 +272,7 @@ def chosen_beside(here: SparseRows, beside: Any, rank: int) -> tuple[Whole, Whol
 
 
 def nearly_redundant(here: SparseRows, kept: Whole, singular: Whole, others: list[SparseRows],
-                     limits: tuple[float, float]) -> list[tuple[int, float]]:  # fmt: skip
+                     limits: tuple[float, float]) -> list[tuple[int, float]]:
     """As `redundancy._nearly_redundant`, for sparse rows: numbers of nearly redundant rows with the independent part of each.
     limits: CERTAIN and DOUBTFUL."""
     certain, doubtful = limits

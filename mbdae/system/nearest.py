@@ -301,7 +301,7 @@ class NearestPositions(ConsistentPositions):
         if not any("start bent" in change for change in self.changes[bent:]):
             self.changes.append("the loops cannot follow the stated values from the drawing: of the ways to close them one is "
                                 "found joint by joint, in the order of their names; draw the bodies nearer to the one that is "
-                                "meant, or state where another joint starts")  # fmt: skip
+                                "meant, or state where another joint starts")
         return q
 
     def taken_over(self, own: ConsistentPositions, q: Array) -> Array:
@@ -334,12 +334,12 @@ class NearestPositions(ConsistentPositions):
         self.changes.append(f"to close the loops {by_joint}body '{most}' by {moved:.3g} m")
         if branching:
             self.changes.append("on their way from the drawing the loops pass a position from which they can go on in two ways: "
-                                "the one that ends nearer to the drawing is taken")  # fmt: skip
+                                "the one that ends nearer to the drawing is taken")
 
     def _two_ways(self, q: Array, other: Array) -> str:
         return ("the loops can close in two ways that are equally near to the drawing, and differ most in the place of "
                 f"'{self._apart(q, other)[1]}': draw the bodies nearer to the way that is meant, or state where another joint "
-                "starts")  # fmt: skip
+                "starts")
 
 
 def _decomposed(B: Array) -> tuple[Array, Any]:

@@ -58,7 +58,7 @@ class ConsistentPositions:
     on what was changed are appended."""
 
     def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True,
-                 changes: list[str] | None = None) -> None:  # fmt: skip
+                 changes: list[str] | None = None) -> None:
         self.holding = holding
         self.mechanics, self.model, self.t = mechanics, mechanics.model, np.array([t0])
         self.scene, self.tree = self.model.scene, spanning_tree(self.model.scene)
@@ -162,14 +162,14 @@ class ConsistentPositions:
                 raise
         energy = sum(float(line.energy(found[None], np.zeros((1, self.model.nu)))[0][0]) for line in self.model.lines)
         self.changes.append(f"the beams start bent, with an elastic energy of {energy:.3g} J, because no rigid motion of "
-                            f"them closes the loops")  # fmt: skip
+                            f"them closes the loops")
         return found
 
     def _cannot_close(self, worst: int, g: Array, A: Any) -> str:
         if worst >= self.mechanics.m:
             joint, c, value = self._held(self.held_values)[worst - self.mechanics.m]
             return (f"the held value {value:.6g} of '{joint.name}' cannot be reached: the loop stays off by "
-                    f"{abs(g[worst]):.3g} {joint.unit(c)}; change it, or the lengths of the loop")  # fmt: skip
+                    f"{abs(g[worst]):.3g} {joint.unit(c)}; change it, or the lengths of the loop")
         name = self.mechanics.rows[worst].name
         joint_name = name.rsplit(".", 1)[0]
         row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
@@ -177,7 +177,7 @@ class ConsistentPositions:
         stated = self._stated_in_loop(joint_name)
         values_stated = f"{stated}: the loop may not reach that, state another value; or " if stated else ""
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
-                f"{unit}; {values_stated}check the points of the bodies it connects")  # fmt: skip
+                f"{unit}; {values_stated}check the points of the bodies it connects")
 
     def _stated_in_loop(self, name: str) -> str:
         """The values at which coordinates in the loops through a joint are held or prescribed at the start, where they are not as
@@ -185,14 +185,14 @@ class ConsistentPositions:
         loops = [loop for loop in map(self.tree.loop, self.tree.closing) if any(joint.name == name for joint in loop)]
         joints = dict.fromkeys(joint for loop in loops for joint in loop)
         told = [f"{c} of '{joint.name}' starts at {value:.6g} {joint.unit(c)}"
-                for joint in joints for c, value in self.held_values(joint).items() if value]  # fmt: skip
+                for joint in joints for c, value in self.held_values(joint).items() if value]
         return " and ".join(told)
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
         """Coordinates that the user holds, each with what values(joint) gives for it; none without `holding`. Prescribed ones are
         left out: their constraint rows hold them already."""
         return [(joint, c, value) for joint in self.scene.joints if self.holding
-                for c, value in values(joint).items() if c not in joint.prescribed]  # fmt: skip
+                for c, value in values(joint).items() if c not in joint.prescribed]
 
     def _coordinates(self, q: Array, u: Array, held: list[Held]) -> tuple[Array, Array, Any]:
         """Values (j,), rates (j,) and derivatives (j, nu) by displacements of the joint coordinates in `held`."""
@@ -216,7 +216,7 @@ class ConsistentPositions:
         value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), held)
         off: Array = value - np.array([wanted for _, _, wanted in held], dtype=float)
         turns = np.array([2 * np.pi if joint.unit(c) == "rad" and self.model.coordinate_node(joint.name, c) is None else 0.0
-                          for joint, c, _ in held])  # fmt: skip
+                          for joint, c, _ in held])
         off -= turns * np.round(off / (2 * np.pi))
         return np.concatenate([self.mechanics.position_residual(self.t, q[None])[0], off])
 
@@ -290,6 +290,6 @@ class ConsistentPositions:
                     if values[0, i, o] <= 0:
                         problems.append(f"joint '{instance.item}' starts on the wrong branch, another solution of its equations "
                                         f"than it stands for ({target[1]}: {values[0, i, o]:.3g}, must be positive); draw the "
-                                        "bodies nearer to the start that is meant")  # fmt: skip
+                                        "bodies nearer to the start that is meant")
         if problems:
             raise StartError(problems)

@@ -106,7 +106,7 @@ class Prepared:
 
 
 def _made_again(scene: SceneData, stay: Mapping[str, str], end: float, rank: RankReport, start: Start, time: float,
-                contacts: list[ExpectedContact]) -> Prepared:  # fmt: skip
+                contacts: list[ExpectedContact]) -> Prepared:
     model, moved = modelled(scene, stay)
     model.conditions.end = end
     all_bodies = bodies_of(model, moved)
@@ -131,13 +131,13 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     model, moved = modelled(scene)
     if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
         raise SceneError([f"start: the run given has {len(start.q)} positions and {len(start.u)} velocities, but this scene has "
-                          f"{model.nq} and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
+                          f"{model.nq} and {model.nu}; continue it with the same bodies and joint models"])
     model.conditions.time = after(begin_time)  # at the start, conditions of inputs such as t < 1 are evaluated just after it
     model.conditions.end = t_end if t_end is not None else inf
     all_bodies = bodies_of(model, moved)
     if not all_bodies.numbering.free:
         raise SceneError([f"scene '{scene.name}': recursive joints hold or prescribe all bodies, so nothing is left to solve "
-                          f"for; use model=mb.Kinematic() for one of them"])  # fmt: skip
+                          f"for; use model=mb.Kinematic() for one of them"])
     rows = constraint_rows(model)
     all_rows = mechanics_of(model, rows, all_bodies) if moved.alone else Mechanics(model, rows)
     loose = start is None and any(c.loose for c in scene.joints)
@@ -151,14 +151,14 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         q = start_positions(starter)
     always = {row for row in all_rows.rows if not moved.keeps(row)}
     rank = (RankReport(list(all_rows.rows), degrees_of_freedom=all_rows.nu - all_rows.m) if moved.alone else
-            analyse(all_rows, starter, q, always))  # fmt: skip
+            analyse(all_rows, starter, q, always))
     problems = _massless(all_rows, all_bodies, rank, starter, q) + undecided(all_rows, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
     mechanics = all_rows if moved.alone else mechanics_of(model, rank.kept, all_bodies)
     try:
         begin = (_continued(mechanics, start) if start is not None else
-                 Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
+                 Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))
     except StartError as error:
         raise StartError([*error.problems, *rank.locking]) from None
     problems = _contradictions(all_rows, rank, begin)
@@ -186,7 +186,7 @@ def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
     wrong |= ~np.isfinite(g)
     return [f"row {row.name} has no finite value or derivative where the scene is drawn ({value:g}): check the numbers of that "
             f"joint, and what its law divides by"
-            for row, value, off in zip(all_rows.rows, g, wrong, strict=True) if off]  # fmt: skip
+            for row, value, off in zip(all_rows.rows, g, wrong, strict=True) if off]
 
 
 def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, starter: Starter, q: Array) -> list[str]:
@@ -240,7 +240,7 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
         if row.name in dropped and max(abs(v), abs(a)) > 1e-7 * size:
             v, a = (value if abs(value) > 1e-7 * size else 0.0 for value in (v, a))
             found.append(f"{_prescribed(all_rows, start.t, start.q)}: row {row.name} depends on the other rows, but they leave "
-                         f"it a rate of {v:.4g} and an acceleration of {a:.4g} (m or rad, s) at the start{singular}")  # fmt: skip
+                         f"it a rate of {v:.4g} and an acceleration of {a:.4g} (m or rad, s) at the start{singular}")
     return found
 
 
@@ -248,7 +248,7 @@ def _prescribed(all_rows: Mechanics, time: float, q: Array) -> str:
     """That what is prescribed is not possible, by the names of the items that prescribe it, and what to do."""
     rates = all_rows.velocity_residual(np.array([time]), q[None], np.zeros((1, all_rows.nu)))[0]
     names = dict.fromkeys(row.name.rsplit(".", 1)[0] for row, rate in zip(all_rows.rows, rates, strict=True)
-                          if row.prescribes or rate)  # fmt: skip
+                          if row.prescribes or rate)
     listed = ", ".join(f"'{name}'" for name in list(names)[:4]) + ", ..." * (len(names) > 4)
     if len(names) == 1:
         return f"the joints do not allow the motion prescribed for {listed} (prescribe another one, or release a joint)"
@@ -284,7 +284,7 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
         for row, g in zip(all_rows.rows, off, strict=True):
             if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, B.shape[0]) > SOUND:
                 return [f"{_prescribed(all_rows, t, q)}: row {row.name} depends on the other rows, but at t = {t:.4g} s they "
-                        f"leave it off by {g:.4g} (m or rad)"]  # fmt: skip
+                        f"leave it off by {g:.4g} (m or rad)"]
     return []
 
 
@@ -300,7 +300,7 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
     u, changes = _joined_suddenly(mechanics, start)
     a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
     return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates,
-                 controllers=start.controllers)  # fmt: skip
+                 controllers=start.controllers)
 
 
 def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:
@@ -311,7 +311,7 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
         off = int(np.argmax(np.abs(g)))
         raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where the run given ended: "
-                          f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])  # fmt: skip
+                          f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])
     G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
     if np.all(np.abs(rate) <= FITS * mechanics.speed(start.u) / mechanics.model.length * row_sizes(mechanics, start.t, start.q)):
         return start.u, []
@@ -324,5 +324,5 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
     lost = float(-(change @ (M @ (start.u + change / 2))))
     told = ChangedVelocity(f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
-                           f"rebound that dissipates {lost:.4g} J")  # fmt: skip
+                           f"rebound that dissipates {lost:.4g} J")
     return start.u + change, [told]

@@ -84,7 +84,7 @@ class RankReport:
                 "others) and was kept: it takes a freedom because the joints of its loop are misaligned by about that part of "
                 "the scene's length, or rad, or because the start is near a singular position; if the loop is meant to move, "
                 "draw its points and axes exactly (calculated, not rounded), or leave out a joint that others make superfluous"
-                for row, size in self.doubtful if row not in dropped]  # fmt: skip
+                for row, size in self.doubtful if row not in dropped]
 
 
 def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row] = ()) -> RankReport:
@@ -102,7 +102,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
                 raise too_many(mechanics.m) from None
     closing = {row.name.rsplit(".", 1)[0] for row in mechanics.rows} - {joint.name for _, joint, _ in starter.tree.edges}
     order = sorted(range(mechanics.m), key=lambda i: (mechanics.rows[i] not in always,
-                                                      mechanics.rows[i].name.rsplit(".", 1)[0] in closing))  # fmt: skip
+                                                      mechanics.rows[i].name.rsplit(".", 1)[0] in closing))
     rows, first = [mechanics.rows[i] for i in order], range(sum(row in always for row in mechanics.rows))
     here = _rows_at(mechanics, starter.t, q)[order]
     new = independent_parts(here)
@@ -111,7 +111,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
     places = [here, *(_rows_at(mechanics, starter.t, p)[order] for p in elsewhere)]
     freed = _other_positions(mechanics, starter, q, dependent) if dependent and closing else []
     nearby = [_rows_at(mechanics, starter.t, p)[order] for p in freed
-              if np.max(np.abs(mechanics.position_residual(starter.t, p[None]))) < NEARBY * mechanics.model.length]  # fmt: skip
+              if np.max(np.abs(mechanics.position_residual(starter.t, p[None]))) < NEARBY * mechanics.model.length]
     ranks = [int(np.sum(independent_parts(B) > DEPENDENT)) for B in places]
     at_start = ranks[0]
     lost, beside = _rank_lost_here(mechanics, starter.t, q, at_start) if dependent else (0, here)
@@ -126,7 +126,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
     doubtful = _nearly_redundant(rows, chosen, singular, [*places, *nearby])
     not_unique = [rows[i] for i in _dependent_on_others(here)] if dropped else []
     return RankReport([row for row in mechanics.rows if row in kept], dropped, doubtful, [rows[i] for i in sorted(singular)],
-                      not_unique, mechanics.nu - rank, smallest(here, rank))  # fmt: skip
+                      not_unique, mechanics.nu - rank, smallest(here, rank))
 
 
 def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row]) -> RankReport:
@@ -151,7 +151,7 @@ def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: C
     dropped = [row for i, row in enumerate(rows) if i not in kept]
     return RankReport([row for i, row in enumerate(rows) if i in kept], dropped, [(rows[i], part) for i, part in doubtful],
                       [rows[i] for i in singular], [rows[i] for i in here.dependent] if dropped else [], mechanics.nu - rank,
-                      smallest(here.B, rank) if here.rank == rank else 0.0)  # fmt: skip
+                      smallest(here.B, rank) if here.rank == rank else 0.0)
 
 
 def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:
@@ -207,7 +207,7 @@ def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tupl
             break
         step = ASIDE * v / np.max(np.abs(v)) * units
         there, back = (mechanics.constraint_jacobian(t, mechanics.integrate_positions(q, s * step)[None])[0] * units / lengths
-                       for s in (1.0, -1.0))  # fmt: skip
+                       for s in (1.0, -1.0))
         change = W.T @ (there - back) @ N / (2 * ASIDE)
         found = int(np.sum(np.linalg.svd(change, compute_uv=False) > CHANGING))
         if found > most:

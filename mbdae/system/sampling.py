@@ -141,7 +141,7 @@ class _Called:
                 raise self._error(t, values, f"is not pure: called twice with the same values it returned {kind}{returned[0]} "
                                              f"and then {returned[1]}; a run is repeated to measure its error, so its function "
                                              "may remember things in `memory` only, and use no random numbers or "
-                                             "clock")  # fmt: skip
+                                             "clock")
         return found
 
     def check_held(self, t: float, values: Sequence[float], there: Array) -> None:
@@ -152,7 +152,7 @@ class _Called:
             raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there.tolist())} "
                                          f"when the steps were made: a stored run continues only with the function it began "
                                          f"with and the numbers this uses; name another folder by checkpoint= for a new "
-                                         f"run")  # fmt: skip
+                                         f"run")
 
     def _outputs(self, t: float, values: Sequence[float], memory: Any) -> tuple[list[float], Any]:
         names, function, remembers = self.controller.sets, self.controller.function, self.controller.memory is not None
@@ -172,7 +172,7 @@ class _Called:
             raise self._error(t, values, f"returned {shown(found)}, which is not {self._wanted()}") from None
         if len(outputs) != len(names):
             raise self._error(t, values, f"returned {counted(len(outputs), 'output')}, {shown(found)}, but has to return "
-                              f"{self._wanted()}")  # fmt: skip
+                              f"{self._wanted()}")
         not_finite = [f"{name} = {value}" for name, value in zip(names, outputs, strict=True) if not math.isfinite(value)]
         if not_finite:
             raise self._error(t, values, f"returned {', '.join(not_finite)}, but has to return finite numbers")

@@ -42,7 +42,7 @@ class SceneSystem(System):
 
     @single_threaded
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
-                 others: dict[Rows, SceneSystem] | None = None, assembly: Assembly | None = None) -> None:  # fmt: skip
+                 others: dict[Rows, SceneSystem] | None = None, assembly: Assembly | None = None) -> None:
         self.kept = Kept()
         self._prepared, self._asked, self._others = prepared, (spec, sparse), others if others is not None else {}
         mechanics, start, all_bodies = prepared.mechanics, prepared.start, prepared.all_bodies
@@ -181,7 +181,7 @@ class SceneSystem(System):
     def _own_memory(self) -> dict[str, Any]:
         """Memory of these equations alone, without that of the equations with other rows in force."""
         return {"seen": None if self._choice is None else self._choice.seen,
-                "masses": None if self.guards is None else self.guards.memory()}  # fmt: skip
+                "masses": None if self.guards is None else self.guards.memory()}
 
     def _remember_own(self, memory: dict[str, Any]) -> None:
         if self._choice is not None:
@@ -217,7 +217,7 @@ def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tup
     blocks = {
         "q": (state.q[q], mechanics.rates(state.q, state.u)[q]), "v": (state.u[u], state.acceleration[u]),
         "s": (state.s, rate), "z": (z, np.zeros_like(z)),
-    }  # fmt: skip
+    }
     if "lambda" in spec.blocks:
         zero, multipliers = np.zeros(nb.m), state.multipliers[nb.rows_among(mechanics.rows)] / nb.scaling()
         blocks["lambda"] = (zero, multipliers) if spec.derivatives else (multipliers, zero)
@@ -233,7 +233,7 @@ def _scales(prepared: Prepared, system: Assembly) -> Array:
     blocks = {
         "q": mechanics.position_units[q], "v": mechanics.velocity_units[u] / T, "s": state_scale(mechanics),
         "z": np.full(len(nb.stresses), stress_scale(mechanics, T)),
-    }  # fmt: skip
+    }
     if "lambda" in spec.blocks:
         kept = nb.rows_among(mechanics.rows)
         force, reach = (scale[kept] for scale in multiplier_scales(mechanics, prepared.start, T))

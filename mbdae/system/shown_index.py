@@ -55,7 +55,7 @@ def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tu
             return (M, f, g, G), kinds
     raise OptionError(f"partition: no division of the {system.n} unknowns into y = (q, u, lambda) or (q, u, lambda, mu) fits; "
                       "with nu numbers in q and in u, and m in lambda and in mu, the functions have to return M (nu, nu), "
-                      "f (nu,), g (m,) and G (m, nu): correct what they return, or y0") from failure  # fmt: skip
+                      "f (nu,), g (m,) and G (m, nu): correct what they return, or y0") from failure
 
 
 def _function(value: Any) -> Callable[..., Any]:
@@ -73,7 +73,7 @@ def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m
     left, size = inertia + rows.T @ multipliers - force, np.max(np.abs(inertia)) + np.max(np.abs(force)) + 1e-300
     if np.max(np.abs(left)) > TOLERANCE * size:
         raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start instead of 0: M, f or G state other equations "
-                          "than the residual, or lambda has the other sign there; correct them")  # fmt: skip
+                          "than the residual, or lambda has the other sign there; correct them")
     if np.max(np.abs(g(t, q)), initial=0.0) > TOLERANCE * (1 + np.max(np.abs(q))):
         raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish; correct g or y0")
 

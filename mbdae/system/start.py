@@ -97,7 +97,7 @@ class Starter(ConsistentPositions):
         for parent, joint, child in self.tree.edges:
             by_itself = joint.loose and child.given_velocity
             twist[child] = (child.drawn.velocity, child.drawn.angular_velocity) if by_itself else (
-                self._twist_of(twist[parent], parent, joint, child, place))  # fmt: skip
+                self._twist_of(twist[parent], parent, joint, child, place))
         return self._velocities(q, twist, place)
 
     def _velocities(self, q: Array, twist: dict[Body, tuple[Array, Array]], place: dict[Body, tuple[Array, Array]]) -> Array:
@@ -120,7 +120,7 @@ class Starter(ConsistentPositions):
         return u
 
     def _twist_of(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
-               place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
+               place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:
         """Velocity of the centre of mass and angular velocity of `child`, which a joint connects to `parent` with the velocities
         `twist`: by the held rates of the joint, or those that the user states of the child."""
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
@@ -162,7 +162,7 @@ class Starter(ConsistentPositions):
         fastest = max(self.mechanics.speed(v) for v in (u, projected))
         slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
         wrong = [item for item in given if any(np.linalg.norm(rows @ change) > size
-                                               for rows, size in zip(_stated(item), slight, strict=True))]  # fmt: skip
+                                               for rows, size in zip(_stated(item), slight, strict=True))]
         # stated velocities that contradict the joints are dropped in scenes without loops. In scenes with loops they are still
         # met as well as possible, because the least relative motion of all joints would not depend on them at all
         if wrong and self.joints is None:
@@ -170,7 +170,7 @@ class Starter(ConsistentPositions):
         for body, moves, turns in wrong:
             v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
             self.changes.append(ChangedVelocity(f"the given velocity of '{body.name}' contradicts the joints and was changed by "
-                                                f"{v:.4g} m/s and {w:.4g} rad/s to fit them"))  # fmt: skip
+                                                f"{v:.4g} m/s and {w:.4g} rad/s to fit them"))
         return projected
 
     def fits(self, q: Array, u: Array) -> bool:
@@ -209,12 +209,12 @@ class Starter(ConsistentPositions):
             slow = bending.least(A, -off(np.zeros_like(u)), bending.inertia @ u)
             if not self._far(off(slow), slow):
                 self.changes.append("the beams start bending, because no rigid motion of them has the rates given: they begin "
-                                    "with velocities of least elastic power")  # fmt: skip
+                                    "with velocities of least elastic power")
                 return slow, np.zeros(self.rigid.size)
         worst, m = int(np.argmax(np.abs(left))), self.mechanics.m
         name = self.mechanics.rows[worst].name if worst < m else f"rate of {held[worst - m][0].name}"
         raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g} (m/s or rad/s); "
-                          f"release one of the prescribed or held rates"])  # fmt: skip
+                          f"release one of the prescribed or held rates"])
 
     def _change(self, A: Any, right: Array, q: Array, stated: Any, off: Array, u: Array, change: Array) -> Array:
         """A further step of the change of velocities, u after the part `change` so far, in the coordinates of `RigidMotions`;

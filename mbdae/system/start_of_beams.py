@@ -159,7 +159,7 @@ def stiffness(mechanics: Mechanics, q: Array) -> sp.csc_matrix:
 
 
 def closed_by_bending(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], jacobian: Callable[[Array], Array],
-           within: float) -> Array | None:  # fmt: skip
+           within: float) -> Array | None:
     """Positions (nq,) of least elastic energy that satisfy closure(q) = 0 (m,), found by Newton's method from q; None where it
     fails. jacobian(q) (m, nu): derivative of closure by displacements; within: largest violation, over the scene's length or
     rad."""

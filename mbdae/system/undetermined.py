@@ -72,7 +72,7 @@ def _no_inertia(rate: str, joints: dict[str, list[str]], still: bool) -> str:
         return _undetermined(name, (named or joints[name])[0])
     if name in joints:
         return (f"joint '{name}': what it moves has no inertia about or along its axis; give the bodies "
-                f"behind it mass or inertia, or prescribe its coordinate")  # fmt: skip
+                f"behind it mass or inertia, or prescribe its coordinate")
     return f"body '{name}' can move without any inertia: give it mass or inertia, or a joint that stops this motion"
 
 
@@ -107,7 +107,7 @@ def _massless_sparse(mechanics: Mechanics, t: Array, q: Array) -> list[str]:
     B = sp.diags(1 / row_lengths(B)[:, 0]) @ B
     K = sp.csc_matrix(sp.diags(scale) @ mechanics.mass @ sp.diags(scale) + B.T @ B)
     shifted = splu(K + NOTHING * sp.identity(len(units), format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-                   options={"SymmetricMode": True})  # fmt: skip
+                   options={"SymmetricMode": True})
     inverse = LinearOperator(K.shape, matvec=shifted.solve, dtype=float)
     start = np.random.default_rng(5).normal(size=len(units))
     values, motions = eigsh(inverse, k=min(6, len(units) - 1), which="LA", v0=start, tol=1e-3)
@@ -141,7 +141,7 @@ def _name_motion(mechanics: Mechanics, G: Array, motion: Array) -> str:
             stated = not mechanics.model.planar and any(b.principal_plane for n, b in mechanics.model.bodies if n is node)
             flat = "; inertia that is one number counts about z alone, in space give three" if stated else ""
             return (f"body '{node.name}' can {how} without any inertia: "
-                    f"give it mass or inertia, or a joint that stops this motion{flat}")  # fmt: skip
+                    f"give it mass or inertia, or a joint that stops this motion{flat}")
     raise SceneError(["a motion of the bodies has no inertia (the mass matrix is singular): give every body mass and inertia"])
 
 
@@ -150,7 +150,7 @@ def _undetermined_coordinate(mechanics: Mechanics, G: Array, node: Node) -> str:
     instances = [i for group in mechanics.model.groups for i in group.instances if i.item == node.joint]
     if any(n is not None and not n.kind.oriented for i in instances for n in i.nodes):
         return (f"joint '{node.joint}': its {node.coordinate} is an unknown that nothing determines: a point mass has no "
-                f"orientation; use model=mb.Kinematic(), or s.rigid_body")  # fmt: skip
+                f"orientation; use model=mb.Kinematic(), or s.rigid_body")
     coordinates = [n.u for n in mechanics.model.joint_coordinates]
     for row, entries in zip(mechanics.rows, G, strict=True):
         sizes = np.abs(entries[entries != 0])
@@ -158,14 +158,14 @@ def _undetermined_coordinate(mechanics: Mechanics, G: Array, node: Node) -> str:
         if coupled and np.max(sizes) > UNLIKE * min(1.0, np.min(sizes)):
             return (f"coupling '{row.name.rpartition('.')[0]}': its factors are from {np.min(sizes):.3g} to {np.max(sizes):.3g}: "
                     f"beside the largest a factor of 1 is lost by rounding, so that nothing determines the {node.coordinate} of "
-                    f"joint '{node.joint}'; give factors near 1")  # fmt: skip
+                    f"joint '{node.joint}'; give factors near 1")
     return _undetermined(node.joint, node.coordinate)
 
 
 def _undetermined(joint: str, coordinate: str) -> str:
     return (f"joint '{joint}': its {coordinate} is an unknown that nothing determines where the scene is drawn: its motion does "
             f"not change with {coordinate} there (a derivative of 0, or two coordinates that do the same); start from another "
-            f"value, or state the motion otherwise")  # fmt: skip
+            f"value, or state the motion otherwise")
 
 
 def _motion_in_words(motion: Array, worst: int, n: int) -> str:
@@ -202,10 +202,10 @@ def undecided(mechanics: Mechanics, rank: RankReport, t: Array, q: Array) -> lis
     for g, p, values in mechanics.evaluate(normal_force_outputs, *state, groups=mechanics.reactive):
         for i, instance in enumerate(mechanics.model.groups[g].instances):
             rows = [shared[g, i, target[1]] for o, target in enumerate(p.targets)
-                    if values[0, i, o] > 1e-9 and (g, i, target[1]) in shared]  # fmt: skip
+                    if values[0, i, o] > 1e-9 and (g, i, target[1]) in shared]
             if rows:
                 found.append(f"joint '{instance.item}': its friction follows from its reaction, but redundant constraints share "
                              f"that reaction ({', '.join(rows)}), which leaves it undetermined; state a scene that is "
                              "planar in the plane z = 0, replace joints of the loop by spherical ones, or for a prismatic "
-                             "joint give normal_force")  # fmt: skip
+                             "joint give normal_force")
     return found

@@ -72,7 +72,7 @@ class WithoutMultipliers(SceneSystem):
     has_pattern = False
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
-                 others: dict[Rows, SceneSystem] | None = None) -> None:  # fmt: skip
+                 others: dict[Rows, SceneSystem] | None = None) -> None:
         model, moved, bare = prepared.model, prepared.all_bodies.moved, replace(spec, eliminated=False)
         kind = assembly_of(moved)
         self.full = kind(model, prepared.mechanics.rows, bare, sparse, moved)
@@ -104,7 +104,7 @@ class WithoutMultipliers(SceneSystem):
         kernel = self._rates.kernel
         if kernel is None:
             raise OptionError(f"numbers = {shown(list(names))}: they cannot vary in a batch of this scene, whose accelerations "
-                              f"and joint forces are solved for without a compiled function of them: {REMEDY}")  # fmt: skip
+                              f"and joint forces are solved for without a compiled function of them: {REMEDY}")
         return numbers_of(kernel, self.full, names)
 
     @property
@@ -150,7 +150,7 @@ class WithoutMultipliers(SceneSystem):
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: constraint {name} depends on the others there; "
                     f"form {self.label} may continue on another branch of the motion unnoticed; compare with a run by "
-                    "form=mb.GGL() and mb.RadauIIA(3)")  # fmt: skip
+                    "form=mb.GGL() and mb.RadauIIA(3)")
             warnings.warn(text, AccuracyWarning, stacklevel=4)
 
     def _own_memory(self) -> dict[str, Any]:

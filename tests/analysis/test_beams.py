@@ -82,7 +82,7 @@ def arch(force: float) -> mb.Scene:
     """A shallow arch between two clamps under a force at its crown."""
     s = mb.Scene("arch")
     beam = s.beam("arch", section=mb.Section(1e4, 1e4, 1e4, 1.0, 1.0, 1.0, 1.0, 1e-4), elements=6,
-                  curve=lambda x: (x, 0.1 * np.sin(np.pi * x), 0))  # fmt: skip
+                  curve=lambda x: (x, 0.1 * np.sin(np.pi * x), 0))
     for i in (0, 1):
         s.weld(f"clamp{i}", s.ground, beam.at((i, 0, 0)))
     s.force("load", beam.at((0.5, 0.1, 0)), (0, -force, 0))

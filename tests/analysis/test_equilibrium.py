@@ -86,7 +86,7 @@ def test_four_bar_rests_where_its_potential_energy_is_least() -> None:
         for method, args, kwargs in four_bar(5.0).statements:
             extra = {"angle0": a} if args[0] == "A" else {}
             getattr(s, method)(*(v["body"] if isinstance(v, dict) else v for v in args),
-                               **{k: v["body"] if isinstance(v, dict) else v for k, v in kwargs.items()}, **extra)  # fmt: skip
+                               **{k: v["body"] if isinstance(v, dict) else v for k, v in kwargs.items()}, **extra)
         return float(s.simulate(1e-6, solver=mb.RadauIIA(2, rtol=1e-3), outputs=2).energy.potential[0])
 
     found = minimize_scalar(potential, bounds=(angle - 0.1, angle + 0.1), method="bounded", options={"xatol": 1e-9})

@@ -250,7 +250,7 @@ def test_units_alone_can_be_wrong() -> None:
     ("states: welded", "an audit knows no joint 'welded' with coordinates"),
     ("forces: upwards", "say left or applied or open"),
     ("what is this", "is neither"),
-])  # fmt: skip
+])
 def test_a_bad_line_spoils_itself_alone(line: str, told: str) -> None:
     """It becomes a row that says why; an equation before it and one after it in a section of its own keep their verdicts."""
     after = "section: next\n9: c = b3k'*b1l\n" if line[0] not in "x1lw" else "9: c = b3k'*b1l\n"
@@ -294,7 +294,7 @@ def test_claimed_numbers_are_counted_by_whoever_asks() -> None:
     ({"links of the wing": 7.5}, "counts\\['links of the wing'\\] = 7.5 is not"),
     ({3: 7}, "counts: the key 3 is no text; give"),
     ({"links of the wing": lambda: "seven"}, "counts\\['links of the wing'\\] = 'seven'.*give a whole number"),
-])  # fmt: skip
+])
 def test_counts_that_are_none_are_refused(counts: dict, told: str) -> None:
     with pytest.raises(MbdaeError, match=told):
         mb.audit(CLAIMS, counts=counts)
@@ -329,7 +329,7 @@ def test_example_of_the_documentation(tmp_path, monkeypatch) -> None:
     for begin in ('printed = """\n', "import mbdae as mb\n\nclass Universal"):
         exec(re.search(rf"```python\n({re.escape(begin)}.*?)```", page, re.S)[1], names)
     assert [(r.verdict, r.repair) for r in names["found"].equations] == [
-        ("RIGHT", ""), ("MISPRINT", "sign of ~b1k*b2l*(s*mu + 2*p*c)")]  # fmt: skip
+        ("RIGHT", ""), ("MISPRINT", "sign of ~b1k*b2l*(s*mu + 2*p*c)")]
     assert (tmp_path / "universal.html").is_file()
 
 

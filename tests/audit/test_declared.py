@@ -22,7 +22,7 @@ let W [J] = 2*V
 """
 REST = "t0 [rad]: parameter rest of JointSpring\n"
 ANGLES = ["th [rad]: relative angle\n", "states: revolute\nth [rad]: relative angle\n",
-          "states: revolute\nth [rad]: coordinate angle of the joint\n"]  # fmt: skip
+          "states: revolute\nth [rad]: coordinate angle of the joint\n"]
 POINTS = """
 forces: applied
 rk [m]: position of k
@@ -38,7 +38,7 @@ let f [N] = (c*(L - l0) + d*rate(L))*(rl - rk)/L
 
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("formula", [
-    "V = 1/2*c*(th - t0)^2", "W = c*(th - t0)^2", "F = [-c*(th - t0)*b3; c*(th - t0)*b3]"])  # fmt: skip
+    "V = 1/2*c*(th - t0)^2", "W = c*(th - t0)^2", "F = [-c*(th - t0)*b3; c*(th - t0)*b3]"])
 def test_a_declared_parameter_is_that_of_the_judge(angle: str, formula: str) -> None:
     """Also where a `let` reads the energy before the text declares the parameter."""
     head = "forces: left\n" + angle + SPRING
@@ -70,7 +70,7 @@ def test_a_parameter_of_a_friction_law_has_one_value() -> None:
 
 @pytest.mark.parametrize(("formula", "verdict"), [
     ("F = -f", "INCOMPLETE"), ("F = f", "MISPRINT"), ("F = -(c*(L - l0) - d*rate(L))*(rl - rk)/L", "MISPRINT"),
-    ("F = -c*(L - l0)*(rl - rk)", "MISPRINT"), ("F = [f; f]", "MISPRINT"), ("F = 3*[f; -f]", "MISPRINT")])  # fmt: skip
+    ("F = -c*(L - l0)*(rl - rk)", "MISPRINT"), ("F = [f; f]", "MISPRINT"), ("F = 3*[f; -f]", "MISPRINT")])
 def test_a_force_on_one_body_is_compared_as_printed(formula: str, verdict: str) -> None:
     row = mb.audit(f"{POINTS}1: {formula}\n")["1"]
     assert row.verdict == verdict
@@ -79,7 +79,7 @@ def test_a_force_on_one_body_is_compared_as_printed(formula: str, verdict: str) 
 
 
 @pytest.mark.parametrize(("joint", "name"), [("prismatic", "displacement"), ("cylindrical", "displacement"),
-                                             ("revolute", "angle")])  # fmt: skip
+                                             ("revolute", "angle")])
 def test_the_coordinates_of_the_joint_of_a_section_have_values(joint: str, name: str) -> None:
     """Between free bodies too, where a formula is compared first."""
     text = f"states: {joint}\nq [1]: coordinate {name} of the joint\n1: q + q = 2*q\n2: q + q = 3*q\n"

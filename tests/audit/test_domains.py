@@ -39,7 +39,7 @@ def row(*lines: str):
     ("rate(norm(d)) = d'*(vl - vk)/norm(d)", "d != 0"),
     ("sqrt(l^2 + r^2 + 2*l*r*cos(q)) = sqrt((l + r*cos(q))^2 + r^2*sin(q)^2)", ""),  # never negative: nothing to say
     ("diff(diff(log(1 + x^2), x), x) = 2*(1 - x^2)/(1 + x^2)^2", ""),
-])  # fmt: skip
+])
 def test_right_where_it_is_real(formula: str, where: str) -> None:
     found = row(f"1: {formula}")
     assert (found.verdict, found.where) == ("RIGHT", where)
@@ -52,7 +52,7 @@ def test_right_where_it_is_real(formula: str, where: str) -> None:
      "rate(sqrt(l^2 - r^2*sin(q)^2)) = -r^2*sin(q)*cos(q)*rate(q)/sqrt(l^2 - r^2*sin(q)^2)"),
     ("sin(acos(x)) = sqrt(x^2 - 1)", "sin(acos(x)) = sqrt(1 - x^2)"),  # the sides are real together nowhere
     ("rate(sqrt(z)) = rate(z)/(3*sqrt(z))", "rate(sqrt(z)) = rate(z)/(2*sqrt(z))"),
-])  # fmt: skip
+])
 def test_misprints_are_mended_in_their_domain(formula: str, mended: str) -> None:
     found = row(f"1: {formula}")
     assert found.verdict == "MISPRINT"
@@ -65,7 +65,7 @@ def test_misprints_are_mended_in_their_domain(formula: str, mended: str) -> None
     ("1: sin(q) = sqrt(1 - cos(q)^2) for q in (0, pi)",), ("q [rad]: angle in (0, pi)", "1: sin(q) = sqrt(1 - cos(q)^2)"),
     ("q [rad]: positive number < 3", "1: sin(q) = sqrt(1 - cos(q)^2)"), ("1: l - 8*r = sqrt((l - 8*r)^2) if l > 8*r",),
     ("y [m]: number in (7, 9)", "1: abs(y) = y"), ("u != 0, d != 0", "1: norm(u)/norm(u) = norm(d)/norm(d)"),
-])  # fmt: skip
+])
 def test_what_a_text_assumes_holds_in_all_states(lines: tuple[str, ...]) -> None:
     found = row(*lines)
     assert found.verdict == "RIGHT", found.said
@@ -80,7 +80,7 @@ def test_an_assumption_goes_with_its_symbols() -> None:
 
 @pytest.mark.parametrize(("formula", "part"), [
     ("sin(q) = sqrt(1 - cos(q)^2)", "sin(q) > 0"), ("asin(sin(q)) = q", "cos(q) > 0"), ("sqrt(x^2) = x", "x > 0"),
-])  # fmt: skip
+])
 def test_a_branch_holds_on_a_part(formula: str, part: str) -> None:
     found = row(f"1: {formula}")
     assert (found.verdict, found.repair) == ("INCOMPLETE", f"say that it holds for {part}")
@@ -90,7 +90,7 @@ def test_a_branch_holds_on_a_part(formula: str, part: str) -> None:
     (("1: sqrt(-1 - x^2) = x",), "a side is real for -1 - x^2 > 0 alone"), (("l > r, r > l", "1: l = l*r/r"), "l > r and r > l"),
     (("l > y", "1: l = r"), "the symbol 'y' has no meaning"), (("x in (0 1)", "1: x = x*l/l"), "follows a complete formula"),
     (("u > 0", "1: norm(u) = sqrt(u'*u)"), "compares numbers"),
-])  # fmt: skip
+])
 def test_what_cannot_be_judged_says_why(lines: tuple[str, ...], told: str) -> None:
     rows = mb.audit(SYMBOLS + "\n".join(lines) + "\n").equations
     assert any(r.verdict == "CANNOT JUDGE" and told in r.remark for r in rows), rows
@@ -113,5 +113,5 @@ def test_edges_near_second_derivatives_are_no_misprints() -> None:
     """States in which the differences of a second derivative would reach beyond the edge of a root are left out."""
     for formula in ("rate(rate(sqrt(z))) = rate(rate(z))/(2*sqrt(z)) - rate(z)^2/(4*z^1.5)",
                     "rate(rate(abs(x))) = sign(x)*rate(rate(x))",
-                    "rate(rate(asin(x))) = rate(rate(x))/sqrt(1 - x^2) + x*rate(x)^2/(1 - x^2)^1.5"):  # fmt: skip
+                    "rate(rate(asin(x))) = rate(rate(x))/sqrt(1 - x^2) + x*rate(x)^2/(1 - x^2)^1.5"):
         assert row(f"1: {formula}").verdict == "RIGHT"

@@ -58,7 +58,7 @@ def row(text: str, formula: str) -> tuple[str, str]:
     (SPRING, "F = [k*(norm(d)-L)*n; -k*(norm(d)-L)*n]", "right with the opposite sign"),
     (ROW, "T = [~a3*b1*mu; -~a3*b1*mu]", "parameter scaling of Revolute is 1"),
     (HERTZ, "F = k*d^1.5", "parameter damping of Hertz is 0"),
-])  # fmt: skip
+])
 def test_a_term_of_a_parameter_that_is_not_declared_is_missing(text: str, formula: str, named: str) -> None:
     verdict, said = row(text, formula)
     assert verdict == "INCOMPLETE"
@@ -70,7 +70,7 @@ def test_a_term_of_a_parameter_that_is_not_declared_is_missing(text: str, formul
     (SPRING + "c [N s/m]: parameter damping of PointSpring\n", "F = [-k*(norm(d)-L)*n; k*(norm(d)-L)*n]"),
     (ROW, "T = [~a3*b1*mu; ~a3*b1*mu]"),
     (HERTZ, "F = k*d^1.5*(1 + 2*c)"),  # right where the damping is 0 only because c is
-])  # fmt: skip
+])
 def test_what_no_parameter_explains_is_a_misprint(text: str, formula: str) -> None:
     assert row(text, formula)[0] == "MISPRINT"
 

@@ -73,7 +73,7 @@ def test_states_are_those_of_a_motion(kind: str) -> None:
     ("1: rate(phi) = b3k'*(wl - wk)", "INCOMPLETE", "holds where a revolute joint connects the bodies"),
     ("let d [N] = u'*u\n1: d = u'*u", "CANNOT JUDGE", "d is defined with the unit m^2 and declared with N"),
     ("d [1]: energy of Beam\n1: d = n", "CANNOT JUDGE", "law on a line"),
-])  # fmt: skip
+])
 def test_limits(formula: str, expected: str, told: str) -> None:
     found, remark = verdict(formula)
     assert (found, told in remark) == (expected, True), (found, remark)
@@ -119,7 +119,7 @@ def test_what_vanishes_in_the_joint_proves_nothing_there() -> None:
     "q [m]: function of time\nm [kg]: positive number\nlet T [J] = 1/2*m*rate(q)^2\n1: rate(T) = m*rate(q)*rate(rate(q))",
     "1: diff(u'*u, u) = 2*u'",
     "1: sinh(n) = (exp(n) - exp(-n))/2",
-])  # fmt: skip
+])
 def test_formulas_of_the_language(formula: str) -> None:
     assert verdict(formula) == ("RIGHT", "")
 
@@ -152,7 +152,7 @@ e [1] $\mathbf{e}_i$: axis 1 of k
     ("1: rate(rate(b1k)) = ~alphak*b1k", "~wk*~wk"),
     ("q [rad]: angle\n1: cos(2*q) = 1 - 2*sin(q)", "sin(q)^2"),
     ("q [rad]: angle\n1: abs(q) = q", "sign(q)"),
-])  # fmt: skip
+])
 def test_what_was_left_out_is_found(planted: str, repaired: str) -> None:
     row = mb.audit(BODIES + planted + "\n").equations[-1]
     assert row.verdict == "MISPRINT"
@@ -193,7 +193,7 @@ def test_friction_is_judged_by_the_contact_law(monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("formula", [
-    "1: wl = wk + b3k*rate(phi)", "1: alphal = alphak + b3k*rate(rate(phi)) + ~wk*b3k*rate(phi)"])  # fmt: skip
+    "1: wl = wk + b3k*rate(phi)", "1: alphal = alphak + b3k*rate(rate(phi)) + ~wk*b3k*rate(phi)"])
 def test_recursion_is_judged_by_the_tree(formula: str, anew, monkeypatch) -> None:
     text = "states: revolute only\n" + formula
     assert verdict(text)[0] == "RIGHT"

@@ -33,7 +33,7 @@ def row(text: str, **given):
 
 @pytest.mark.parametrize("formula", [
     "m*g = 0", "rate(g*q) = g", "rate(q*g*L) = 0", "m*rate(rate(q)) = 0", "rate(b3k) = ~wk*b3k*(1 + n)",
-    "rate(b3k) = g*~wk*b3k", "rate(m*b3k*L) = ~wk*b3k*m + rate(m)*b3k", "g*rate(q) = rate(g*q) + g*q"])  # fmt: skip
+    "rate(b3k) = g*~wk*b3k", "rate(m*b3k*L) = ~wk*b3k*m + rate(m)*b3k", "g*rate(q) = rate(g*q) + g*q"])
 def test_no_repair_has_a_derivative_of_a_constant(formula: str) -> None:
     found = row(f"1: {formula}")
     repaired = found.repaired.text if found.repaired else ""
@@ -50,7 +50,7 @@ def test_no_repair_has_a_derivative_of_a_constant(formula: str) -> None:
     ("rate(b3k) = ~wk*b3k/(1 + n^2 + g^2*L)", "without the factor 1/(1 + n^2 + g^2*L)"),
     ("g*rate(q) = rate(g*q) + g*q", "without the term g*q"),
     ("rate(b3k) = ~u*b3k", "u -> wk"),  # another unit
-])  # fmt: skip
+])
 def test_the_repair_is_what_was_printed_in_excess(formula: str, repair: str) -> None:
     assert row(f"1: {formula}").repair == repair
 
@@ -67,7 +67,7 @@ def test_the_repair_is_what_was_printed_in_excess(formula: str, repair: str) -> 
     ("u = ~n*u", "~n has no value: the matrix of a cross product is that of a 3 x 1 column, not of a number"),
     ("n = norm(n)", "norm(n) has no value: norm takes a column (n x 1), not a number; of a number write abs"),
     ("n = n*atan2(n - n, n - n)", "atan2(n - n, n - n) has no value: a quantity it divides by is 0"),
-])  # fmt: skip
+])
 def test_reasons_name_the_piece_that_has_no_value(formula: str, told: str) -> None:
     found = row(f"1: {formula}")
     assert found.verdict == "CANNOT JUDGE"
@@ -171,7 +171,7 @@ OWN = {cls.__name__: cls for cls in (Bent, Straight, Slanted, Sticky, Stiff)}
     ("Slanted", "c [m]: row slant of Slanted\n1: c = u'*u", "the row slant adds terms in 1 and in m"),
     ("Sticky", "f [1]: coefficient of Sticky\n1: f = n", "its coefficient has the unit m s^-1, not 1"),
     ("Stiff", "f [N]: elastic force of Stiff\n1: f = n", "its elastic_force has the unit m^2 kg s^-2, not N"),
-])  # fmt: skip
+])
 def test_units_of_laws_of_ones_own(name: str, text: str, told: str) -> None:
     own = f"c [N/m]: parameter stiffness of {name}\nd [m]: parameter length of {name}\n" if issubclass(OWN[name], Bent) else ""
     found = row(own + text, laws=OWN)

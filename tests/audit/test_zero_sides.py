@@ -45,7 +45,7 @@ def test_what_is_zero_is_right_on_either_side_and_repaired_alike() -> None:
     ("a1 >= a2", "CANNOT JUDGE", "write a bound as `smaller <= larger`"),
     ("0 = wk'*a1 <= 1", "CANNOT JUDGE", "write two"),
     ("abs(wk'*a3) <= norm(wk)^2", "MISPRINT", "the unit s^-2"),
-])  # fmt: skip
+])
 def test_bounds_and_statements_about_nothing(formula: str, verdict: str, said: str) -> None:
     assert row(formula)[0] == verdict
     assert said in row(formula)[1]
@@ -55,7 +55,7 @@ def test_bounds_and_statements_about_nothing(formula: str, verdict: str, said: s
     ("norm(wk)^2 = 4*rate(pk)'*rate(pk)", r"{\left(\frac{d}{dt} p^{k}\right)}^{T}"),
     ("(pk')' = pk", r"{p^{kT}}^{T}"),
     ("rate(q)^2 = rate(q)*rate(q)", r"{\left(\frac{d}{dt} q\right)}^{2}"),
-])  # fmt: skip
+])
 def test_marks_behind_pieces_with_marks(formula: str, tex: str) -> None:
     """No letter has two exponents, which LaTeX refuses."""
     page = mb.audit(f"{TEXT}pk [1]: Euler parameters of k\n1: {formula}\n").document().to_markdown()

@@ -25,14 +25,14 @@ def pendulum():
 def w():
     """Two good runs, one with a step of its own, one that must fail."""
     runs = [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3), mb.GGL()), mb.Run(mb.RadauIIA(2, step=0.01), label="constant step"),
-            mb.Run(mb.IDA(), mb.Index3())]  # fmt: skip
+            mb.Run(mb.IDA(), mb.Index3())]
     return mb.compare(pendulum(), 1.0, runs, accuracies=[1e-5, 1e-3], measure="hinge.angle")
 
 
 def test_one_row_for_every_run_and_accuracy_coarse_first(w):
     asked = [(row.label, row.accuracy) for row in w.runs]
     assert asked == [("IDA GGL", 1e-3), ("IDA GGL", 1e-5), ("RadauIIA(3) GGL", 1e-3), ("RadauIIA(3) GGL", 1e-5),
-                     ("constant step", None), ("IDA Index3", 1e-3), ("IDA Index3", 1e-5)]  # fmt: skip
+                     ("constant step", None), ("IDA Index3", 1e-3), ("IDA Index3", 1e-5)]
 
 
 def test_errors_are_those_against_an_independent_integration(w):
@@ -84,7 +84,7 @@ def test_table_and_json_tell_the_same(w, tmp_path):
     data = json.loads((tmp_path / "w.json").read_text(encoding="utf-8"))
     assert set(data) >= {"scene", "measure", "reference", "runs"}
     promised = {"label", "solver", "form", "model", "accuracy", "error", "cpu_s", "residuals", "jacobians", "factorisations",
-                "failure"}  # fmt: skip
+                "failure"}
     lines = w.table().splitlines()
     for entry in data["runs"]:
         assert set(entry) >= promised
@@ -148,7 +148,7 @@ def test_verdict_names_the_cheapest_run_of_each_accuracy(w):
 
 def test_the_front_holds_what_nothing_beats_in_both():
     rows = [Row("a", "", "", None, 1, error=1e-3, cpu_s=1.0), Row("b", "", "", None, 1, error=1e-4, cpu_s=2.0),
-            Row("c", "", "", None, 1, error=1e-3, cpu_s=2.0), Row("d", "", "", None, 1, cpu_s=0.1, failure="no")]  # fmt: skip
+            Row("c", "", "", None, 1, error=1e-3, cpu_s=2.0), Row("d", "", "", None, 1, cpu_s=0.1, failure="no")]
     assert [row.pareto for row in with_front(rows)] == [True, True, False, False]
 
 
@@ -229,7 +229,7 @@ def test_comparing_costs_little_beside_the_solvers():
     (lambda: mb.compare(pendulum(), -1.0), "t_end = -1.0"),
     (lambda: mb.compare(pendulum(), 1.0, reference=3), "reference = 3"),
     (lambda: mb.compare(pendulum(), 1.0, reference=np.sin), "name the sensor"),
-])  # fmt: skip
+])
 def test_wrong_options_are_named_with_their_value(make, said):
     with pytest.raises(mb.OptionError, match=said):
         make()

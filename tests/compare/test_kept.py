@@ -103,7 +103,7 @@ def _double(point: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("line", ['{"number": -1, "values": {}, "error": null, "died": false}', '{"number": 9}', "[1]", "1",
                                   '{"number": 0, "values": 1, "error": null, "died": false}',
-                                  '{"number": true, "values": {}, "error": null, "died": false}'])  # fmt: skip
+                                  '{"number": true, "values": {}, "error": null, "died": false}'])
 def test_damaged_rows_of_a_sweep_are_told(line: str, tmp_path: Path) -> None:
     from concurrent.futures import ThreadPoolExecutor
 

@@ -69,7 +69,7 @@ def test_a_finished_comparison_is_read_and_the_same(tmp_path):
     ({"accuracies": [1e-3]}, r"accuracies is \[0.001, 1e-05\] as stored and \[0.001\] in this call"),
     ({"runs": [mb.Run(mb.IDA(max_order=2)), *RUNS[1:]]}, r"runs\[0\].solver.fields.max_order is 5 as stored and 2 in this call"),
     ({"measure": "hinge.angle"}, 'measure is null as stored and "hinge.angle" in this call'),
-])  # fmt: skip
+])
 def test_another_comparison_is_refused_and_the_difference_named(change, named, tmp_path):
     asked = {"scene": pendulum(), "t_end": 0.5, "runs": RUNS, "accuracies": ASKED}
     with pytest.raises(KeyboardInterrupt):

@@ -14,12 +14,12 @@ def joint(move: Any, params: dict[str, Any] | None = None, **coordinates: Any) -
     """A joint class with this motion."""
     named = coordinates or {"q": ("m", "way")}
     return type("Own", (mb.Joint,), {"__doc__": "A joint.", "__module__": "own", "motion": move,
-                                     "coordinates": mb.params(**named), "params": mb.params(**(params or {}))})  # fmt: skip
+                                     "coordinates": mb.params(**named), "params": mb.params(**(params or {}))})
 
 
 @pytest.mark.usefixtures("between_bodies")
 @pytest.mark.parametrize("amount", [lambda q: se.asin(q / 4), se.sqrt,
-                                    pytest.param(lambda q: se.log(q / 2), marks=pytest.mark.slow)])  # fmt: skip
+                                    pytest.param(lambda q: se.log(q / 2), marks=pytest.mark.slow)])
 def test_coordinates_stay_where_the_motion_is_defined(amount: Any) -> None:
     assert mb.selftest(joint(lambda self, k: k.along("x", self.q).about("z", amount(self.q)))).variants
 
@@ -38,7 +38,7 @@ def test_a_motion_that_is_defined_nowhere_asks_for_parameters() -> None:
     (lambda q: se.gamma(q + 2), r"contains gamma\(2 \+ "),
     (lambda q: mb.t * q, r"contains mb.t: state a parameter"),
     (lambda q: se.Symbol("other") * q, r"contains the symbol other, which it does not declare"),
-])  # fmt: skip
+])
 @pytest.mark.parametrize("model", [None, mb.Kinematic(), mb.Classical(), mb.Recursive()])
 def test_motions_that_cannot_be_derived_are_refused(amount: Any, words: str, model: Any) -> None:
     law = joint(lambda self, k: k.along("z", amount(self.q)))
@@ -63,7 +63,7 @@ def test_names_of_constants_and_letters(name: str) -> None:
     law = joint(lambda self, k: k.about("z", getattr(self, name)), **{name: ("rad", "turn")})
     assert mb.selftest(law).variants
     law = joint(lambda self, k: k.about("z", self.a).along("z", getattr(self, name) * self.a), {name: ("m", "pitch")},
-                a=("rad", "turn"))  # fmt: skip
+                a=("rad", "turn"))
     assert mb.report(law)
 
 

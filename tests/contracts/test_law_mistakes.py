@@ -55,7 +55,7 @@ ROWS: list[tuple[Callable[..., Any], str]] = [
     (lambda self, k: {"a": k.x[0]}, "Bowl.constraints fails: TypeError"),
     (lambda self, k, l: {"a": mb.t * l.r[0]}, "row 'a' of Bowl contains mb.t: state a parameter"),
     (lambda self, k, l: {"a": l.r[0] if l.r[0] > 1 else 0}, "Bowl.constraints fails: "),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("rows", "words"), ROWS)
@@ -88,7 +88,7 @@ def test_a_parameter_left_out_is_named() -> None:
         ({"states": mb.params(z="m"), "energy": lambda self, k, l: self.z * l.r[0]}, "states no value for the rate of its state 'z'"),
         ({"states": mb.params(z="m"), "energy": lambda self, k, l: self.z * l.r[0], "rates": lambda self, k, l: 0}, "Pull.rates returns 0"),
     ],
-)  # fmt: skip
+)
 def test_statements_of_a_force(methods: dict[str, Any], words: str) -> None:
     assert words in told(force(**methods))
 
@@ -113,7 +113,7 @@ def test_statements_of_a_force(methods: dict[str, Any], words: str) -> None:
         (lambda: mb.params(**{"pin radius": "m"}), "'pin radius' cannot be the name of an attribute"),
         (lambda: mb.params(**{"lambda": "1"}), "'lambda' cannot be the name of an attribute"),
     ],
-)  # fmt: skip
+)
 def test_declarations_are_refused_where_the_class_is_made(make: Callable[[], Any], words: str) -> None:
     with pytest.raises(mb.LawError) as caught:
         make()
@@ -162,7 +162,7 @@ def test_the_own_exception_stays_the_cause() -> None:
 
 def test_expressions_of_sympy_and_plain_numbers_are_taken() -> None:
     law = force(energy=lambda self, k, l: sp.Rational(1, 2) * sp.sympify(self.stiffness * ((l.r - k.r) @ (l.r - k.r))),
-                dissipation=lambda self, k, l: 0, wrench=lambda self, k, l: None)  # fmt: skip
+                dissipation=lambda self, k, l: 0, wrench=lambda self, k, l: None)
     s = mb.Scene("own")
     body = s.point_mass("m", 1.0, (1, 0, 0))
     s.add(law("S", s.ground, body, at=(0, 0, 0), at_l=(1, 0, 0), stiffness=4.0))
@@ -181,7 +181,7 @@ def test_expressions_of_sympy_and_plain_numbers_are_taken() -> None:
         (mb.Weld("x", "ground", "bar"), "Weld 'x': l = 'bar' is no body of this scene, which has 'ground', 'rod'"),
         (force(options=("table",))("x", "ground", "rod", stiffness=1.0, table=[1, 2]), "Pull 'x': table = [1, 2] is not hashable, which options"),
     ],
-)  # fmt: skip
+)
 def test_laws_that_cannot_be_added(law: Any, words: str) -> None:
     s = mb.Scene("own")
     s.rigid_body("rod", 1.0, (1, 1, 1))
@@ -193,7 +193,7 @@ def test_laws_that_cannot_be_added(law: Any, words: str) -> None:
 
 
 @pytest.mark.parametrize(("method", "words"), [
-    ("constraints", "row 'a' of Moving contains a velocity"), ("energy", "the energy of Moving contains a velocity")])  # fmt: skip
+    ("constraints", "row 'a' of Moving contains a velocity"), ("energy", "the energy of Moving contains a velocity")])
 def test_what_depends_on_positions_alone_reads_no_velocity(method: str, words: str) -> None:
     base = mb.Joint if method == "constraints" else mb.Force
     stated = {"a": lambda k, l: (l.v - k.v) @ k.y}

@@ -29,7 +29,7 @@ LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine", "Prismatic", 
 
 
 @pytest.mark.parametrize("law", [pytest.param(law, marks=[pytest.mark.slow] * (law.__name__ in LONG)) for law in LAWS],
-                         ids=lambda law: law.__name__)  # fmt: skip
+                         ids=lambda law: law.__name__)
 def test_law_keeps_the_contract(law: Any) -> None:
     report = mb.selftest(law)
     bodiless = [*on_coordinates.__all__, "JointCoordinate"]  # these know no bodies

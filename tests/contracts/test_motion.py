@@ -116,7 +116,7 @@ ALWAYS: list[tuple[type[mb.Joint], list[str]]] = [
      ["expression 'behind' of `branches`, which must be positive where the motion puts l, is off by 2"]),
     (type("Unread", (Unread,), {"branches": lambda self, k, l: {}}),
      ["which no expression of `branches` refuses (half a turn about its z axis), is off by"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("law", "words"), ALWAYS)

@@ -58,7 +58,7 @@ class StateByHeading(mb.Force):
 
 
 LAWS = {RowByHeading: "row 'mesh'", CoordinateByHeading: "the coordinate 'heading'", BranchByHeading: "the branch 'near'",
-        EnergyByHeading: "the energy", TorqueByHeading: "the torque", StateByHeading: "the rate of state 'h'"}  # fmt: skip
+        EnergyByHeading: "the energy", TorqueByHeading: "the torque", StateByHeading: "the rate of state 'h'"}
 
 
 def scene(law: Any, space: str) -> mb.Scene:

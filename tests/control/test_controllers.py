@@ -38,7 +38,7 @@ def reference():
         u, integral = pid(k * EVERY, *y, integral)
         rows.append([*y, u])
         y = solve_ivp(lambda t, y, u=u: [y[1], 3 * (u - 0.5 * G * np.cos(y[0]))], (0, EVERY), y, method="DOP853", rtol=1e-11,
-                      atol=1e-13).y[:, -1]  # fmt: skip
+                      atol=1e-13).y[:, -1]
     return np.array([*rows, [*y, u]])
 
 
@@ -101,7 +101,7 @@ def raising(t, angle, rate, memory):
     (lambda t, a, w, m: ((1.0, 2.0), m), "returned 2 outputs"),
     (lambda t, a, w, m: 1.0, "has to return (outputs, memory)"),
     (lambda t, a, w, m: ("x", m), "which is not a number for u"),
-])  # fmt: skip
+])
 def test_controllers_that_fail_are_named_with_time_and_inputs(f, said):
     with pytest.raises(ControllerError, match="controller 'pid'") as failed:
         pendulum(f).simulate(1.0)
@@ -141,7 +141,7 @@ def test_memory_that_is_changed_in_place_is_a_run_s_own():
     ({"sets": ()}, "sets names no output that can be used"),
     ({"reads": ("J.angel",)}, "did you mean 'J.angle'?"),
     ({"sets": ("u", "u")}, "give every name once"),
-])  # fmt: skip
+])
 def test_statements_of_controllers_are_checked_before_solving(change, said):
     with pytest.raises(SceneError) as refused:
         pendulum(**{"f": pid, **change}).check()

@@ -146,7 +146,7 @@ def test_a_lock_stops_motions_by_an_impact_without_rebound(large, monkeypatch):
     ("until", "J.angl > 1", "did you mean 'J.angle'?"), ("until", False, "Python's own"),
     ("record", ["1 > 0"], "does not depend"),
     ("until", "J.angle < 1", "holds already at the start"), ("record", "rod.acceleration > 1", "which component"),
-])  # fmt: skip
+])
 def test_conditions_that_are_none_are_named(option, given, said):
     with pytest.raises(OptionError, match=option) as refused:
         pendulum().simulate(1.0, **{option: given})
@@ -182,7 +182,7 @@ WIDE = 1e-6 * float(np.sqrt(np.log(2)))
     *[(mb.table([0, 3.3, 3.30001, 3.30002, 10], [0, 0, 1, 0, 0], kind=kind) > 0.5, wanted) for kind, wanted in (
         ("linear", [3.300005, 3.300015]), ("cubic", [3.300005, 3.300015]), ("step", [3.30001, 3.30002]))],
     (mb.table([0, 3.3, 3.30001, 3.30002, 10], [0, 0, 1, 0, 0]).subs(mb.t, 2 * mb.t - 1) > 0.5, [2.1500025, 2.1500075]),
-])  # fmt: skip
+])
 def test_conditions_that_hold_for_a_millionth_of_the_run_are_found(condition, wanted):
     found = [(event.time, event.direction) for event in rolling().simulate(10.0, record=[condition]).events]
     assert [time for time, _ in found] == pytest.approx(wanted, abs=1e-8)

@@ -45,7 +45,7 @@ def reference():
 @pytest.mark.parametrize(("space", "form", "model"), [
     pytest.param(*given, marks=[pytest.mark.slow] * (sum(at) % 2)) for *at, given in (
         (i, j, k, (space, form, model)) for i, space in enumerate(["auto", "spatial"])
-        for j, form in enumerate([mb.GGL(), mb.Index3(), mb.Index1(), mb.ODE()]) for k, model in enumerate(MODELS))])  # fmt: skip
+        for j, form in enumerate([mb.GGL(), mb.Index3(), mb.Index1(), mb.ODE()]) for k, model in enumerate(MODELS))])
 def test_pid_with_saturation(reference, model, form, space):
     if isinstance(form, mb.ODE) and not isinstance(model, mb.Recursive):
         pytest.skip("joints with rows are no ordinary differential equation")
@@ -64,7 +64,7 @@ def double(model, space):
     b = s.link("b", (1, 0), (1.5, 0.7), mass=0.5)
     q = s.sensor
     s.revolute("J", s.ground, a, at=(0, 0), model=model,
-               torque=-3 * q("K.rate") - 2 * q("b.velocity[0]") - q("J.angle") * q("a.angular_velocity[2]"))  # fmt: skip
+               torque=-3 * q("K.rate") - 2 * q("b.velocity[0]") - q("J.angle") * q("a.angular_velocity[2]"))
     s.revolute("K", a, b, at=(1, 0), model=model, torque=-3 * q("K.angle") * sp.cos(mb.t) - q("b.position[1]") - q("x"))
     s.force("F", b, (q("b.rotation[0, 1]"), 0.3 * q("K.angle_rate"), 0), at=(1.5, 0.7))
     s.force("D", b, (-0.4 * q("a.velocity[0]") * q("e"), 0, 0), at=(1, 0))  # between bodies of one tree, and a state
@@ -74,7 +74,7 @@ def double(model, space):
 
 
 PATHS = ["J.angle", "K.rate", "K.angle_rate", "b.position[1]", "b.velocity[0]", "a.angular_velocity[2]", "b.rotation[0, 1]",
-         "b.at(1.0).velocity[1]", "b.at(0.2).position[0]", "e"]  # fmt: skip
+         "b.at(1.0).velocity[1]", "b.at(0.2).position[0]", "e"]
 
 
 @pytest.mark.parametrize("space", ["planar", "spatial"])
@@ -90,7 +90,7 @@ def test_what_a_load_reads_is_what_the_result_shows(model, space):
 
 def test_models_and_spaces_move_alike():
     ends = [double(model, space).simulate(0.7, accuracy=1e-8)["K"].angle[-1]
-            for model in MODELS for space in ("planar", "spatial")]  # fmt: skip
+            for model in MODELS for space in ("planar", "spatial")]
     np.testing.assert_allclose(ends, ends[0], atol=1e-8)
 
 
@@ -141,7 +141,7 @@ def test_rest_of_a_spring_follows_a_state():
     s.revolute("J", s.ground, rod, at=(0, 0))
     rest = s.state("rest", rate=(0.3 - s.sensor("rest")) / 0.2)
     s.add(JointSpring("spring", "ground", rod, at=(0, 0), joint=mb.Revolute, coordinate="angle", kept=False, stiffness=4.0,
-                      rest=rest, turns=0.0))  # fmt: skip
+                      rest=rest, turns=0.0))
     r = s.simulate(2.0, accuracy=1e-8)
     # phi'' = 4 (rest - phi), rest = 0.3 (1 - exp(-5 t)): w = 2, a = -0.3 * 4 / (25 + 4)
     w, p = 2.0, -0.3 * 4 / 29
@@ -201,7 +201,7 @@ def test_signals_that_lead_to_one_by_many_ways_are_followed_once():
     ("rod.position", "names no component"),
     ("rod.position[5]", "names no component"),
     ("nothing", "there is no sensor 'nothing'"),
-])  # fmt: skip
+])
 def test_sensors_that_cannot_be_read_are_named_before_solving(path, said):
     s = mb.Scene("bad", gravity=(0, -G, 0))
     rod = s.link("rod", (0, 0), (1, 0), mass=1.0)

@@ -97,7 +97,7 @@ def controlled(gain):
 
 
 @pytest.mark.parametrize(("solver", "end"), [
-    (mb.DOP853(), 2.0), (mb.IDA(), 0.1), (None, 2.0), pytest.param(mb.RadauIIA(3), 1.0, marks=pytest.mark.slow)])  # fmt: skip
+    (mb.DOP853(), 2.0), (mb.IDA(), 0.1), (None, 2.0), pytest.param(mb.RadauIIA(3), 1.0, marks=pytest.mark.slow)])
 def test_sampled_controllers_go_on(solver, end, tmp_path, killed):
     def run(folder):
         return controlled(3.0).simulate(end, solver=solver, accuracy=1e-4, checkpoint=folder, every=20)

@@ -38,7 +38,7 @@ def agreeing(r, other):
 
 @pytest.mark.parametrize(("spatial", "sampled"), [
     pytest.param(spatial, sampled, marks=[pytest.mark.slow] * (spatial != sampled))
-    for spatial in (True, False) for sampled in (True, False)])  # fmt: skip
+    for spatial in (True, False) for sampled in (True, False)])
 def test_runs_are_those_of_kinematic_joints(spatial, sampled):
     s = chain(spatial=spatial, sampled=sampled)
     assert prepare(s).all_bodies.moved.ordered

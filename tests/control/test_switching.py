@@ -12,7 +12,7 @@ import mbdae as mb
 from mbdae.errors import ChatteringError
 
 EVERY = [(None, None, mb.Recursive()), ("dop853", None, mb.Recursive()), ("cvode", None, mb.Recursive()),
-         ("ida", "index1", mb.Kinematic()), ("radau3", "ggl", mb.Kinematic()), ("radau2", None, mb.Recursive())]  # fmt: skip
+         ("ida", "index1", mb.Kinematic()), ("radau3", "ggl", mb.Kinematic()), ("radau2", None, mb.Recursive())]
 
 
 def slide(force, model=None, rate0=0.9, sampled=False):
@@ -43,7 +43,7 @@ def test_jumps_of_floors_of_the_motion_are_located(solver, form, model):
 @pytest.mark.parametrize("name", ["Mod", "frac", "ceiling"])
 def test_what_is_made_of_floors_moves_alike(name):
     x_of = {"Mod": lambda x: sp.Mod(x, sp.Rational(1, 4)), "frac": lambda x: sp.frac(4 * x) / 4,
-            "ceiling": lambda x: x - (sp.ceiling(4 * x) - 1) / 4}  # fmt: skip
+            "ceiling": lambda x: x - (sp.ceiling(4 * x) - 1) / 4}
     given = slide(lambda t, x, v: -20 * x_of[name](x)).simulate(2.0, accuracy=1e-8)
     floors = slide(lambda t, x, v: -20 * (x - sp.floor(4 * x) / 4)).simulate(2.0, accuracy=1e-8)
     assert given["P"].displacement[-1] == pytest.approx(floors["P"].displacement[-1], abs=2e-8)
@@ -53,11 +53,11 @@ FORCES = {
     "sign": lambda t, x, v: -2 * sp.sign(x + v), "piecewise": lambda t, x, v: sp.Piecewise((-2, x + v > 0), (2, True)),
     "floor": lambda t, x, v: -2 * sp.floor(x + v) - 1, "dry": lambda t, x, v: -2 * sp.sign(v) + sp.sin(t),
     "stopping": lambda t, x, v: -2 * sp.sign(v), "twisting": lambda t, x, v: -2 * sp.sign(x) - sp.sign(v),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("force", "solver", "form", "model"), [
-    (force, *how) for force in FORCES for how in (EVERY if force in ("sign", "dry") else EVERY[:1])])  # fmt: skip
+    (force, *how) for force in FORCES for how in (EVERY if force in ("sign", "dry") else EVERY[:1])])
 def test_motions_that_switch_without_end_are_named(force, solver, form, model):
     with pytest.raises(ChatteringError, match=r"'P' switches without end: \d+ times") as stopped:
         slide(FORCES[force], model).simulate(5.0, solver=solver, form=form, max_wall=60)
@@ -81,7 +81,7 @@ def test_a_run_ends_at_an_event_before():
     lambda t, x, v: -1e4 * sp.Max(x, 0) - 1e4 * sp.Min(x, 0) - 300 * v,  # comes to rest where it switches without a jump
     lambda t, x, v: sp.Piecewise((-1e4 * x - 300 * v, x > 0), (0, True)) - 5 * x - 8 * v,  # rests on a damped stop
     lambda t, x, v: sp.floor(50 * x) / 50,  # passes many jumps
-])  # fmt: skip
+])
 def test_others_are_not(force):
     r = slide(force).simulate(2.0)
     assert r.complete

@@ -99,7 +99,7 @@ def several(tmp_path, statements, cache=None):
     environment = os.environ | {"MBDAE_CACHE": str(cache or tmp_path / "kept"), "PYTHONPATH": str(Path(__file__).parents[2])}
     code = RUN + "".join(statement + END for statement in statements)
     made = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=False,
-                          env=environment)  # fmt: skip
+                          env=environment)
     assert made.returncode == 0, made.stderr
     lines = [line.split() for line in made.stdout.splitlines()]
     return [(int(derived), int(compiled), found, float(number)) for derived, compiled, found, number in lines]
@@ -107,7 +107,7 @@ def several(tmp_path, statements, cache=None):
 
 def test_the_second_process_derives_and_compiles_nothing(tmp_path):
     scenes = [PENDULUM, LOOP, BEAM, FED.format(rate=RATE, torque=TORQUE), OWN.format(factor=1),
-              TREE.replace("SOLVER", "DOP853()"), TREE.replace("SOLVER", "RadauIIA(3)")]  # fmt: skip
+              TREE.replace("SOLVER", "DOP853()"), TREE.replace("SOLVER", "RadauIIA(3)")]
     first, second, without = several(tmp_path, scenes), several(tmp_path, scenes), several(tmp_path, scenes[:-1], "off")
     derived = [one[0] for one in first]
     assert 0 < derived[0] < derived[-1]
@@ -129,7 +129,7 @@ EDITS = [
     (RATE, TORQUE.replace("+ 5 * e", "+ 5 * e**2")), (RATE, TORQUE.replace("0.5 *", "0.5 * s.sensor('hinge.angle') *")),
     (RATE, TORQUE.replace("'hinge.rate'", "'rod.velocity[1]'")), (RATE, TORQUE.replace("'hinge.rate'", "'rod.velocity[0]'")),
     (RATE, TORQUE.replace("'u'", "'e'")), ("-s.sensor('hinge.rate')", TORQUE), ("-s.sensor('hinge.angle')**3", TORQUE),
-]  # fmt: skip
+]
 
 
 def test_feedback_that_was_edited_is_derived_again(tmp_path):

@@ -41,7 +41,7 @@ def kept(tmp_path, monkeypatch):
     """A store in use."""
     store = Store(tmp_path / "kept")
     for module in ("mbdae.symbolic.stated", "mbdae.disk.entries", "mbdae.kernels.tree_plan", "mbdae.disk.entries",
-                   "mbdae.disk"):  # fmt: skip
+                   "mbdae.disk"):
         monkeypatch.setattr(f"{module}.store", lambda: store)
     around.surroundings.cache_clear()
     _known.cache_clear()
@@ -62,7 +62,7 @@ def test_expressions_that_differ_have_other_digests():
         se.Max(x, y), se.Min(x, y), se.floor(x), x < y, x <= y, se.RealDouble(0.0), se.RealDouble(-0.0),
         se.atan2(x, se.RealDouble(0.0)), se.atan2(x, se.RealDouble(-0.0)), Vec(x, y, 0), [x, y], [y, x], [x, [y]], [[x], y],
         {"a": x}, {"b": x}, {"a": x, "b": y}, None, True, 1, 1.0, "1", NodeKind.POINT, Axes.GENERAL, ["a", "b"], ["ab"], ["a, b"],
-    ]  # fmt: skip
+    ]
     found = [digest(value) for value in values]
     for (a, first), (b, second) in itertools.combinations(zip(values, found, strict=True), 2):
         assert first != second, (a, b)
@@ -83,7 +83,7 @@ class _Own(sympy.Function):
 
 
 @pytest.mark.parametrize("value", [object(), lambda: 1, _Own(sympy.Symbol("x")), se.Dummy("x"), se.sin(se.Dummy("x")),
-                                   [x, object()], 1j])  # fmt: skip
+                                   [x, object()], 1j])
 def test_what_a_digest_would_not_tell_has_none(value):
     with pytest.raises(NoDigestError):
         digest(value)
@@ -113,7 +113,7 @@ def changed_energy(factor):
 def test_every_part_of_a_law_is_in_its_key(kept):
     moment = {"wrench": lambda self, k, l: (self.c * (k.r - l.r), Vec(0, 0, 0))}
     state = {"states": mb.params(z="m"), "rates": lambda self, k, l: {"z": self.c - self.z},
-             "initial": lambda self, k, l: {"z": 0}, "thrust": lambda self, k, l: ((l.r - k.r) @ k.x, self.z)}  # fmt: skip
+             "initial": lambda self, k, l: {"z": 0}, "thrust": lambda self, k, l: ((l.r - k.r) @ k.x, self.z)}
     laws = [
         spring(), spring(energy=changed_energy(2)), spring(energy=changed_energy(1.0)), spring(energy=changed_energy(1 + 2**-52)),
         spring(dissipation=lambda self, k, l: self.c * (l.v @ l.v) / 2), spring(**moment), spring(**moment, dissipative=True),
@@ -123,12 +123,12 @@ def test_every_part_of_a_law_is_in_its_key(kept):
         spring(**state), spring(**state | {"initial": lambda self, k, l: {"z": 1}}),
         spring(**state | {"rates": lambda self, k, l: {"z": self.c - 2 * self.z}}),
         spring(**state | {"thrust": lambda self, k, l: ((l.r - k.r) @ k.y, self.z)}),
-    ]  # fmt: skip
+    ]
     keys = [key_of(law) for law in laws]
     keys += [key_of(spring(), sides=FLAT), key_of(spring(), sides=(SPATIAL[0], (NodeKind.GROUND, Axes.GENERAL))),
              key_of(spring(), Structure(timed=frozenset({"c"}))), key_of(spring(), outputs=position),
              key_of(spring(options=("flag",)), Structure(options=(("flag", True),))),
-             key_of(spring(options=("flag",)), Structure(options=(("flag", False),)))]  # fmt: skip
+             key_of(spring(options=("flag",)), Structure(options=(("flag", False),)))]
     assert None not in keys
     assert [(a, b) for a, b in itertools.combinations(range(len(keys)), 2) if keys[a] == keys[b]] == []
     assert key_of(spring()) == keys[0]
@@ -160,7 +160,7 @@ def test_forces_by_reactions_are_in_the_key(kept):
         return type("Own", (Revolute,), {"rubbing": rubbing})
 
     absent = Structure(absent=frozenset({"drive", "friction_radius", "scaling", "penalty"}), options=(
-        ("kept", False), ("friction", None), ("rubs", None)))  # fmt: skip
+        ("kept", False), ("friction", None), ("rubs", None)))
     assert key_of(joint(1), absent) != key_of(joint(2), absent)
     assert key_of(joint(1), absent) == key_of(joint(1), absent)
     assert key_of(joint(1), absent) != key_of(Revolute, absent)
@@ -198,16 +198,16 @@ def test_every_question_to_a_law_is_in_its_key():
 def test_every_part_of_a_tree_is_in_its_key(kept):
     own = type("Own", (Revolute,), {"motion": lambda self, from_k: from_k.about("z", 2 * self.angle)})
     absent = Structure(absent=frozenset({"drive", "friction_radius", "scaling", "penalty"}), options=(
-        ("kept", False), ("friction", None), ("rubs", None)))  # fmt: skip
+        ("kept", False), ("friction", None), ("rubs", None)))
     numbers = tuple((f"{side}_{name}", None) for side in "kl" for name in ("p1", "p2", "p3"))
     link = {"law": Revolute, "structure": absent, "parent": 0, "side": "k", "kind": NodeKind.SPATIAL, "axes": (Axes.GENERAL,) * 2,
-            "numbers": numbers, "moves": True, "coordinates": ("angle",), "prescribed": (False,), "first": 1}  # fmt: skip
+            "numbers": numbers, "moves": True, "coordinates": ("angle",), "prescribed": (False,), "first": 1}
     others = {"law": own, "side": "l", "kind": NodeKind.PLANAR, "axes": (Axes.NORMAL, Axes.GENERAL), "numbers": numbers[:-1],
-              "moves": False, "coordinates": ("other",), "prescribed": (True,), "first": 2, "parent": 1}  # fmt: skip
+              "moves": False, "coordinates": ("other",), "prescribed": (True,), "first": 2, "parent": 1}
     trees = [TreeStructure(NodeKind.GROUND, (Link(**link),), ())]
     trees += [TreeStructure(NodeKind.GROUND, (Link(**link | {name: value}),), ()) for name, value in others.items()]
     trees += [TreeStructure(NodeKind.SPATIAL, (Link(**link),), ()), TreeStructure(NodeKind.GROUND, (Link(**link),), (), (1,)),
-              TreeStructure(NodeKind.GROUND, (Link(**link), Link(**link)), ())]  # fmt: skip
+              TreeStructure(NodeKind.GROUND, (Link(**link), Link(**link)), ())]
     keys = [tree_plan.structure_key(tree) for tree in trees]
     assert None not in keys
     assert len(set(keys)) == len(keys)

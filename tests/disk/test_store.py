@@ -44,7 +44,7 @@ def test_folder_and_files_are_for_their_owner_alone(store):
 @pytest.mark.parametrize("change", [
     lambda whole: whole[:-1], lambda whole: b"", lambda whole: whole[:HASH], lambda whole: whole + b"x",
     lambda whole: whole[:HASH] + b"CONTENT", lambda whole: b"\0" * HASH + whole[HASH:],
-])  # fmt: skip
+])
 def test_damaged_entries_are_removed(store, change):
     store.write(KEY, b"content")
     file_of(store).write_bytes(change(file_of(store).read_bytes()))
@@ -100,7 +100,7 @@ def test_links_are_not_followed(store, tmp_path):
 
 
 MADE = {"pipe": os.mkfifo, "folder": os.mkdir, "circle": lambda path: os.symlink(path, path),
-        "device": lambda path: os.symlink("/dev/zero", path)} if hasattr(os, "mkfifo") else {}  # fmt: skip
+        "device": lambda path: os.symlink("/dev/zero", path)} if hasattr(os, "mkfifo") else {}
 
 
 @POSIX
@@ -123,7 +123,7 @@ print(store.read(sys.argv[3]))
 store.content()
 """
     run = subprocess.run([sys.executable, "-c", code, str(folder), KEY, OTHER], timeout=20, check=False, capture_output=True,
-                         text=True)  # fmt: skip
+                         text=True)
     assert (run.returncode, run.stderr) == (0, "")
     assert run.stdout.splitlines() == ["Content(entries=0, size=0, hits=0, misses=0)", "None", "b'content'"]
     assert Store(folder).read(KEY) == (None if kind == "folder" else b"content")
@@ -246,7 +246,7 @@ def test_counts_go_on_after_their_file_was_shortened(store):
     ({"MBDAE_CACHE": "~nobody-of-this-name/a"}, None),
     ({"XDG_CACHE_HOME": "/x"}, "/x/mbdae"), ({"XDG_CACHE_HOME": "relative", "HOME": "/h"}, "/h/.cache/mbdae"),
     ({"HOME": "/h"}, "/h/.cache/mbdae"),
-])  # fmt: skip
+])
 def test_where_entries_are(monkeypatch, variables, found):
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("MBDAE_CACHE", "XDG_CACHE_HOME"):

@@ -106,7 +106,7 @@ def test_energy_gives_the_forces_in_sympy():
 @pytest.mark.parametrize(("what", "options", "words"), [
     (3, {}, "give a scene"), (mb.Revolute, {"form": "ggl"}, "only a scene has"), (mb.Revolute, {"frames": ("planar",)}, "has 2"),
     (mb.Revolute, {"frames": ("round", "planar")}, "frames"),
-])  # fmt: skip
+])
 def test_refusals_say_why(what, options, words):
     with pytest.raises(mb.OptionError, match=words):
         mb.export(what, **options)

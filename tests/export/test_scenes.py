@@ -55,7 +55,7 @@ def four_bar(mass=0.3, stiffness=2.0):
     e = example("four_bar")
     s = mb.Scene("four-bar", gravity=(0, -9.81, 0))
     crank, coupler, rocker = s.link("crank", e.A, e.B, mass=mass), s.link("coupler", e.B, e.C, mass=0.6), s.link(
-        "rocker", e.C, e.D, mass=0.5)  # fmt: skip
+        "rocker", e.C, e.D, mass=0.5)
     s.revolute("A", s.ground, crank, at=e.A, angle=e.OMEGA * mb.t)
     s.revolute("B", crank, coupler, at=e.B)
     s.revolute("C", coupler, rocker, at=e.C, spring=stiffness, damper=0.01)
@@ -123,7 +123,7 @@ SCENES = {
     "masses": (masses, mb.ODE()), "masses, GGL": (masses, mb.GGL()), "masses, eliminated": (masses, ELIMINATED),
     "tree and mass": (beside, mb.ODE()), "floating": (floating, mb.ODE()), "floating, GGL": (floating, mb.GGL()),
     "floating, eliminated": (floating, ELIMINATED),
-}  # fmt: skip
+}
 #: other scenes have the same form, and others the same items
 LONG = ("beam in space", "four-bar, eliminated", "four-bar, index 3", "beam, eliminated", "beam, GGL", "floating, GGL")
 SYMBOLS = ("pendulum", "four-bar", "four-bar, eliminated", "beam", "clearance", "bristles", "Andrews")
@@ -283,7 +283,7 @@ def test_sympy_is_the_kernel(name):
         if name not in made:
             (steps, outputs), space = export[name], export._module
             made[name] = sympy.lambdify([space[v] for v in export.arguments[name]], list(outputs),
-                                        cse=lambda expressions: (steps, expressions))  # fmt: skip
+                                        cse=lambda expressions: (steps, expressions))
         return np.array(made[name](*(vectors[v] for v in export.arguments[name])), dtype=float)
 
     worst = differences(export, call, Kernels(make(), form), values(export.inputs["p"]))
@@ -294,7 +294,7 @@ def test_names_units_and_values():
     export = mb.export(four_bar(), "c")
     y = {e.name: e for e in export.inputs["y"]}
     assert (y["crank.theta"].unit, y["crank.vx"].unit, y["lambda(A.x)"].unit, y["lambda(A.drive)"].unit) == (
-        "rad", "m/s", "N s", "N m s")  # fmt: skip
+        "rad", "m/s", "N s", "N m s")
     p = {e.name: (e.unit, e.value) for e in export.inputs["p"]}
     assert p["crank.mass"] == ("kg", 0.3)
     assert p["D.k_p1"] == ("m", 0.6)
@@ -327,7 +327,7 @@ def test_latex_fits_the_page(tmp_path):
         text = export.save(tmp_path / f"{name}.tex").read_text(encoding="utf-8")
         assert r"\resizebox" not in text
         done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", f"{name}.tex"], cwd=tmp_path, check=True,
-                              capture_output=True)  # fmt: skip
+                              capture_output=True)
         wide = re.findall(r"Overfull .hbox \((\d+)", done.stdout.decode(errors="replace"))
         assert [points for points in wide if int(points) > 5] == []
     shown = repr(export)
@@ -357,7 +357,7 @@ def test_files_are_written(tmp_path):
 @pytest.mark.parametrize(("arguments", "words"), [
     ({"format": "fortran"}, "format"), ({"frames": ("planar",)}, "for classes"), ({"friction": None}, "for classes"),
     ({"form": "ode"}, "without constraints"),
-])  # fmt: skip
+])
 def test_refusals_say_why(arguments, words):
     with pytest.raises(mb.OptionError, match=words):
         mb.export(four_bar(), **arguments)
@@ -408,7 +408,7 @@ def test_names_in_any_script_are_set_by_tex(write, tmp_path):
         assert command.replace("\\\\", "\\") in text
     if shutil.which("pdflatex"):
         subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", file.name], cwd=tmp_path, check=True,
-                       capture_output=True)  # fmt: skip
+                       capture_output=True)
 
 
 def test_a_planted_error_is_seen():

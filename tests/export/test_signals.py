@@ -10,7 +10,7 @@ from mbdae.formulations import default_form, system_for
 from mbdae.system.prepare import prepare
 
 MODELS = {"recursive": (mb.Recursive(), None), "kinematic": (mb.Kinematic(), None),
-          "eliminated": (mb.Kinematic(), mb.Index1(multipliers="eliminated"))}  # fmt: skip
+          "eliminated": (mb.Kinematic(), mb.Index1(multipliers="eliminated"))}
 EXACT = 1e-12  #: round-off of a few hundred operations
 
 

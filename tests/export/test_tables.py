@@ -12,7 +12,7 @@ def scene() -> mb.Scene:
     s = mb.Scene("tables")
     body = s.rigid_body("m", 1.0, (1, 1, 1), at=(0, 0, 0))
     force = mb.table([0, 1, 2, 4], [0, 3, -1, 0], kind="cubic", outside="periodic") + 2 * mb.table([0, 1, 2], [0, 1, 3]).subs(
-        mb.t, 2 * mb.t)  # fmt: skip
+        mb.t, 2 * mb.t)
     s.prismatic("p", s.ground, body, at=(0, 0, 0), axis=(1, 0, 0), spring=25.0, damper=0.5, force=force)
     return s
 

@@ -33,7 +33,7 @@ def pendulum(length=1.0):
     (math.nan, False, 1e-9, SILENT), (math.nan, True, None, TOLD),
     (1e-9, False, None, UNKNOWN), (1e-9, True, None, UNKNOWN), (2e-3, False, 5e-5, SILENT), (2e-4, False, 1.5e-4, UNKNOWN),
     (0.1e-5, False, 0.5e-5, MET), (0.9e-5, False, 0.5e-5, UNKNOWN), (1e-9, False, 0.0, MET),
-])  # fmt: skip
+])
 def test_verdicts(error, told, known, expected):
     assert verdict(error, 1e-5, told, known) == expected
 
@@ -85,7 +85,7 @@ def test_without_trust_in_the_reference_nothing_is_judged(monkeypatch):
     module = sys.modules[mb.extremes.__module__]
     computed = module.reference_at
     monkeypatch.setattr(module, "reference_at",
-                        lambda *given: replace(computed(*given), uncertainty=1.0, label="doubtful"))  # fmt: skip
+                        lambda *given: replace(computed(*given), uncertainty=1.0, label="doubtful"))
     m = mb.extremes(pendulum, 0.5, {"accuracy": [1e-4]}, RUNS[:1])
     assert [cell.verdict for cell in m.cells] == [UNKNOWN, UNKNOWN]
     assert m.blocks[0].references == ("doubtful",)

@@ -56,7 +56,7 @@ def test_mass_is_density():
     ("C.model.outer", 0.03, lambda s: s["C"].model.outer), ("B.rate0", 3.0, lambda s: s["B"].hold_rate["angle"]),
     ("rope.stiffness", 6.0, lambda s: s["rope"].joint.stiffness),
     ("blade.section.EI3", 3.0, lambda s: s["blade"].section.EI3), ("blade.elements", 3.0, lambda s: s["blade"].elements),
-])  # fmt: skip
+])
 def test_numbers_of_items(name, value, read):
     s, factor = changed(machine(), name, value)
     assert read(s) == pytest.approx(value, abs=1e-15)
@@ -103,7 +103,7 @@ def test_arguments_of_the_scene_and_options_of_the_run():
     ({"disc.mass": []}, "'disc.mass' = \\[\\] is empty"),
     ({"disc.mass": ["heavy"]}, "give \\(low, high\\)"),
     ({"disc.mass": [float("nan")]}, "nan is not finite"),
-])  # fmt: skip
+])
 def test_what_cannot_be_varied_is_refused_by_name(vary, words):
     with pytest.raises(mb.OptionError, match=words):
         varied(machine, 1.0, asked_values(vary))
@@ -112,7 +112,7 @@ def test_what_cannot_be_varied_is_refused_by_name(vary, words):
 def test_a_scene_offers_what_it_states():
     offered = default_vary(machine())
     assert set(offered) == {"accuracy", "step", "crank.mass", "disc.mass", "blade.stiffness", "B.stiffness", "C.stiffness",
-                            "mount.stiffness", "A.speed", "B.speed", "disc.speed"}  # fmt: skip
+                            "mount.stiffness", "A.speed", "B.speed", "disc.speed"}
     assert len(offered) == 2 + 2 + 4 + 3  # four of a kind at most: the rope is left out
     assert offered["C.stiffness"] == [1e9, 1e12, 1e15]
     assert offered["A.speed"] == pytest.approx([5.0, 50.0, 500.0])
@@ -132,7 +132,7 @@ def kicked(bell=0):
 @pytest.mark.parametrize(("number", "value", "expected"), [
     ("width", 1e-6, (0.3, 0.3 + 1e-6, 8.0)), ("begin", 0.7, (0.7, 0.8, 8.0)), ("strength", 2.0, (0.3, 0.4, 2.0)),
     ("value.0.width", 1e-3, (0.3, 0.301, 4.0)),
-])  # fmt: skip
+])
 def test_a_pulse_is_varied_by_its_numbers(number, value, expected):
     """The first of two inputs, the smaller by half, jumps from 1 where the pulse says, and back."""
     (p,) = varied(kicked, 1.0, asked_values({f"kick.{number}": [value]}))
@@ -184,10 +184,10 @@ def jack():
     bodies = [s.rigid_body(f"b{i}", 1.0, size, at=(i, 0, 0)) for i in range(3)]
     s.screw("H", s.ground, bodies[0], at=(0, 0, 0), axis=(0, 0, 1), lead=0.2, damper=0.1, start_rate=9.0)
     s.cylindrical("C", s.ground, bodies[1], at=(1, 0, 0), axis=(1, 0, 0), spring={"displacement": 50.0, "angle": 2.0},
-                  prescribed={"displacement": 0.1 * mb.t})  # fmt: skip
+                  prescribed={"displacement": 0.1 * mb.t})
     pulse = sympy.Piecewise((0, mb.t < 0.3), (2, mb.t < 0.5), (0, True))
     s.joint(Planar, "E", s.ground, bodies[2], at=(2, 0, 0), spring={"x": 5.0}, load={"y": pulse},
-            start_rate={"x": 1.0, "angle": 3.0})  # fmt: skip
+            start_rate={"x": 1.0, "angle": 3.0})
     return s
 
 
@@ -201,7 +201,7 @@ def stiffness(s, joint, coordinate):
     ("H.start_rate", 4.0, lambda s: s["H"].hold_rate["angle"]), ("C.spring.angle", 9.0, lambda s: stiffness(s, "C", "angle")),
     ("E.stiffness", 9.0, lambda s: stiffness(s, "E", "x")), ("E.start_rate.x", 4.0, lambda s: s["E"].hold_rate["x"]),
     ("E.load.y.strength", 7.0, lambda s: float(s["E"].laws[-1].load.subs({"t": 0.4}))),
-])  # fmt: skip
+])
 def test_options_of_joints_by_coordinate(name, value, read):
     s, factor = changed(jack(), name, value)
     assert (read(s), factor) == (pytest.approx(value), 1.0)
@@ -225,7 +225,7 @@ def test_speeds_of_coordinates():
     ("C.spring", "has values by coordinate; say 'C.spring.displacement' or 'C.spring.angle'"),
     ("C.spring.turn", "there is no number 'turn' stated; there is displacement, angle"),
     ("C.speed.angle", "the item has no speed at the start"),
-])  # fmt: skip
+])
 def test_a_coordinate_has_to_be_named_where_there_are_several(name, message):
     with pytest.raises(mb.OptionError, match=message):
         changed(jack(), name, 1.0)

@@ -35,7 +35,7 @@ STATED = (SceneData, Law, Part, JointModel, Section, Stop, BaseException)
 CLASSES = [c for c in EXPORTED if isinstance(c, type) and not issubclass(c, STATED) and c not in (mb.Audit, mb.Export)]
 #: classes whose objects users get from others: their methods alone
 GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, Comparison, Extremes, Block, Sweep, mb.Audit,
-         mb.Export, Document]  # fmt: skip
+         mb.Export, Document]
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
@@ -57,7 +57,7 @@ ELSEWHERE = {
     "ControlStatements.sensor": "statements of a scene",
     "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",
-}  # fmt: skip
+}
 
 
 def public() -> set[str]:
@@ -200,7 +200,7 @@ class Euler(mb.OneStep):
 
 TOLERANCES: dict[str, Any] = {"rtol": 1e-6, "atol": None}
 SOLVE = {"system": dae(), "t_end": 0.1, "outputs": 3, "max_wall": 60.0, "progress": tell, "h0": 0.01, "max_residuals": 1e5,
-         "begin": 0.0, "share": 1.0}  # fmt: skip
+         "begin": 0.0, "share": 1.0}
 RUNS: dict[str, Any] = {"max_wall": 60.0, "progress": tell, "resume": None}
 PICTURE: dict[str, Any] = {"against": None, "labels": None, "path": None}
 FILE = {"path": None}
@@ -298,7 +298,7 @@ CALLS: dict[str, Call] = {
                        "mbdae.documents.write_file"),
     "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
                           "mbdae.documents.write_file"),
-}  # fmt: skip
+}
 
 FLAGS = {"a truth value", "numpy's"}
 TEXT = {"text", "digits as text"}
@@ -329,7 +329,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("compare", "extremes", "sweep")},
     ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),
     **{(c, "vector"): ({"a range"}, "three numbers") for c in ("Linearization.shares", "Floquet.shares")},
-}  # fmt: skip
+}
 NUMBERS = {"zero", "minus one", "numpy's minus one", "a half", "much"}
 #: values of `hostile.SIGNS` -> options that take them
 SIZES: list[tuple[set[str], str]] = [
@@ -348,7 +348,7 @@ SIZES: list[tuple[set[str], str]] = [
     ({"zero"}, "HHT.alpha"),
     ({"much"}, "Scene.linearize.count Scene.floquet.count"),
     (NUMBERS, "Solver.solve.begin DAE.t0 Equilibrium.__call__.t Equilibrium.states.t Block.at.value"),
-]  # fmt: skip
+]
 
 
 def legitimate(name: str, option: str) -> set[str]:
@@ -369,4 +369,4 @@ OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Result.animate", "trail"): ({"a tuple of text"}, "the entry"),
     ("measure_order", "exact"): ({"a function", "a lambda"}, "what the function does"),
     ("compare", "reference"): ({"a function"}, "the error of the function itself"),
-}  # fmt: skip
+}

@@ -28,18 +28,18 @@ NO_NUMBERS: dict[str, Any] = {
     "a generator": (i for i in range(3)), "a range": range(3), "not a time": np.datetime64("2020-01-01"), "ellipsis": ...,
     "a duration": np.timedelta64(1, "s"), "masked": np.ma.masked, "a masked entry": np.ma.array([1.0, 2.0], mask=[True, False]),
     "a condition": sp.Symbol("w") > 1, "a matrix": sp.Matrix([1.0]), "a lambda": lambda t: t, "a bytearray": bytearray(b"1"),
-}  # fmt: skip
+}
 #: numbers that no calculation survives
 NO_USE: dict[str, Any] = {
     "nan": math.nan, "infinity": math.inf, "minus infinity": -math.inf, "numpy's nan": np.float64("nan"), "huge": 1e308,
     "huge integer": 10**400, "tiny": 5e-324, "SymPy's zoo": sp.zoo, "decimal nan": Decimal("nan"), "SymPy's oo": sp.oo,
-}  # fmt: skip
+}
 #: the number one, as different libraries write it: everywhere as good as 1.0
 ONES: dict[str, Any] = {
     "int": 1, "float64": np.float64(1), "float32": np.float32(1), "int64": np.int64(1), "uint8": np.uint8(1),
     "0-d array": np.array(1.0), "fraction": Fraction(1, 1), "decimal": Decimal(1), "SymPy's": sp.Integer(1),
     "SymPy's float": sp.Float(1.0),
-}  # fmt: skip
+}
 HOSTILE = NO_NUMBERS | NO_USE
 #: numbers that some options take and others do not
 SIGNS: dict[str, Any] = {"zero": 0, "minus one": -1.0, "numpy's minus one": np.int64(-1), "a half": 0.5, "much": 1e9}

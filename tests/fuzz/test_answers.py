@@ -58,7 +58,7 @@ VALUES: dict[str, Callable[[Any], Any]] = {
     "a set": lambda x: {x}, "sympy's order": lambda x: sp.O(sp.sympify(x)), "a matrix": lambda x: sp.Matrix([sp.sympify(x)]),
     "an interval": lambda x: sp.Interval(0, 1), "an error": lambda x: 1 / 0, "recursion": lambda x: VALUES["recursion"](x),
     "float of x": lambda x: float(x), "stopped": lambda x: next(iter(())),
-}  # fmt: skip
+}
 BAD = dict(functions()) | VALUES
 
 

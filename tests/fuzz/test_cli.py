@@ -30,9 +30,9 @@ def scene():
 """
 NO_NUMBERS = ["", " ", "abc", "1e-6,", ",", "1,2", "1e-6 m", "1..2", "1e", "--", "None", "True", "1+2j", "nan", "inf", "-inf",
               "0", "-1", "-1e-6", "1e400", "½", "[1]", "{}", "$HOME", "%s", "{0}", "a\nb",
-              "é" * 50]  # fmt: skip
+              "é" * 50]
 NO_LISTS = ["", " ", "abc", "1e-3,", ",1e-3", "1e-3,,1e-4", "1e-3 1e-4", "1e-3;1e-4", "nan", "1e-3,inf", "1e-3,-1e-4", "0",
-            "[1e-3]"]  # fmt: skip
+            "[1e-3]"]
 NO_WORDS = ["", " ", "euler", "1", "None", "id", "a\nb", "{0}"]
 NO_FOLDERS = ["", " ", "file", "file/below", "/proc/none", "a\0b", "x" * 300]
 NO_KEPT = ["", " ", "absent/file.json", "folder", "file/below", "x" * 300]
@@ -42,7 +42,7 @@ HOSTILE = {"accuracy": NO_NUMBERS, "t_end": NO_NUMBERS, "max_wall": NO_NUMBERS, 
            "out": NO_FOLDERS, "resume": NO_KEPT, "root": ["", " ", "absent", "file", "folder", "x" * 300], "file": NO_FILES,
            "solver": NO_WORDS, "form": NO_WORDS,
            "seed": [word for word in NO_NUMBERS if word != "0"], "jobs": NO_NUMBERS, "parts": ["", "absent", "7", "x" * 300],
-           "what": [*NO_FILES, "Revolute()", "hinge"], "claims": ["", "absent", "..", "/", "x" * 300]}  # fmt: skip
+           "what": [*NO_FILES, "Revolute()", "hinge"], "claims": ["", "absent", "..", "/", "x" * 300]}
 SWITCHES = {"json", "debug", "help", "version", "full", "record", "list"}
 
 
@@ -50,7 +50,7 @@ def options() -> list[tuple[str, argparse.Action]]:
     """Every option and argument of every command."""
     (commands,) = (a for a in make_parser()._actions if isinstance(a, argparse._SubParsersAction))
     return [(name, action) for name, parser in commands.choices.items() for action in parser._actions
-            if action.dest not in SWITCHES]  # fmt: skip
+            if action.dest not in SWITCHES]
 
 
 def words_for(command: str, action: argparse.Action, word: str) -> list[str]:

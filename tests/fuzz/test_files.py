@@ -31,7 +31,7 @@ MARK = "executed-by-a-file"
 ENTRY = re.compile(r"[0-9a-f]{16,64}\.(kept|part)")
 OUTSIDE = ("os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "os.fork", "socket.connect", "shutil.rmtree",
     "os.remove",
-           "os.rename", "os.mkdir", "pickle.find_class", "ctypes.dlopen", "exec", "import", "marshal.loads")  # fmt: skip
+           "os.rename", "os.mkdir", "pickle.find_class", "ctypes.dlopen", "exec", "import", "marshal.loads")
 ALLOWED = {"mbdae", "numpy", "scipy", "sympy", "symengine", "sksundae", "mpmath"}
 
 
@@ -66,7 +66,7 @@ def _keeps(event: str, args: tuple[Any, ...]) -> bool:
     paths = {"open": args[:1], "os.rename": args[:2], "os.remove": args[:1]}.get(event, ())
     folder = str(store().folder)
     return bool(paths) and all(os.path.split(os.path.realpath(path))[0] == folder and ENTRY.fullmatch(os.path.basename(path))
-                               for path in map(os.fsdecode, paths))  # fmt: skip
+                               for path in map(os.fsdecode, paths))
 
 
 class Seen:
@@ -206,11 +206,11 @@ TEXTS = ["os:system", "subprocess:check_output", RUN, "../../x", "", "x" * 100_0
     "mbdae.results.storage:save",
          "builtins:eval", "nan", "ground", "\ud800", "__class__", "t.__class__", "9**9**9**9", "A",
          "mbdae:Revolute",
-         "__init__", "draw", "simulate", "<lambda>", "\x00", "mbdae:Coulomb", "sin(t)"]  # fmt: skip
+         "__init__", "draw", "simulate", "<lambda>", "\x00", "mbdae:Coulomb", "sin(t)"]
 NUMBERS = [-1, 0, 1, 3, 10**400, 2**63, -(2**63), 1e308, -1e308, 5e-324, float("nan"), float("inf"), -float("inf"), True, None,
     "1",
            [], {}, [1.0], 1e9, {"object": "os:system", "fields": {"command": f"touch {MARK}"}}, {"expression": RUN},
-           {"class": "os:system"}, {"law": "os:system"}, {"body": "ground"}, {"unreadable": "x"}, 0.5, 10**6]  # fmt: skip
+           {"class": "os:system"}, {"law": "os:system"}, {"body": "ground"}, {"unreadable": "x"}, 0.5, 10**6]
 BODIES = ("crank", "block", "ball", "pin", "beam")  #: the ground may stand for them
 TOLD = ("scene.name", "info.choice", "info.warnings", "start.changes", "accuracy.unknown")  #: free texts
 
@@ -362,7 +362,7 @@ ARRAYS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     "multipliers": lambda a: {"start_multipliers": np.r_[a["start_multipliers"], 1.0]},
     "inner": lambda a: {"inner": a["inner"][:, :, :-1]},
     "a later start": lambda a: {"steps": a["steps"] + 0.001}, "extra": lambda a: {"more": a["t"]},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", ARRAYS)
@@ -382,7 +382,7 @@ HEADERS: dict[str, Callable[[str], str]] = {
     "one more entry": lambda text: text.replace('"version": 1', '"version": 1, "os": "system"', 1),
     "NaN": lambda text: text.replace('"version": 1', '"version": NaN', 1), "a format": lambda text: text.replace("mbdae result",
     "other", 1),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", HEADERS)
@@ -414,7 +414,7 @@ STATEMENTS: dict[str, Any] = {
     "a text for a number": ["link", ["X", [0, 0], [1, 0]], {"mass": "1"}],
     "a number for a name": ["link", [1, [0, 0], [1, 0]], {"mass": 1.0}], "twice the name": ["link", ["crank", [0, 0], [1, 0]],
     {"mass": 1.0}],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", STATEMENTS)

@@ -33,7 +33,7 @@ CALLED = {("Result.__getitem__", "name"): "r[|item", ("Mode.__getitem__", "body"
           ("Result.animate", "sensors"): "sensor", ("Result.animate", "trail"): "trail|item",
           ("Result.orbit", "place"): "place|item", ("SceneData.replace", "names"): "joint",
           ("Audit.__getitem__", "number"): "equation", ("audit", "source"): "source|file",
-          ("Equilibrium.save", "path"): "equilibrium"}  # fmt: skip
+          ("Equilibrium.save", "path"): "equilibrium"}
 
 
 class ReachedError(Exception):

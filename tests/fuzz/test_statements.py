@@ -86,7 +86,7 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "state": ({"name": "x", "rate": 1.0}, {"start": 1.0, "size": 1.0}), "signal": ({"name": "x", "value": 1.0}, {}),
     "controller": ({"name": "x", "f": lambda t, *values: 1.0, "every": 1.0, "sets": ["u"]},
                    {"reads": ["A.angle"], "memory": 1.0}),
-}  # fmt: skip
+}
 NO_STATEMENTS = {"replace", "recursive", "joints", "sensor"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}
 LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1), "axis_x": (1, 0)}
@@ -110,7 +110,7 @@ CLASSES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "Clearance": ({"outer": 1.0, "inner": 1.0, "normal": mb.Hertz(1.0)}, {"friction": None, "length": 1.0}),
     "Section": (dict.fromkeys(("EA", "GA2", "GA3", "GJ", "EI2", "EI3", "mass_per_length", "rotary_inertia"), 1.0),
                 {"damping": 1.0}),
-}  # fmt: skip
+}
 BY_MAKERS = {"Section": {"E", "shape"}}  #: given by mb.Section.circular and the like alone
 STEEL = {"E": 1.0, "nu": 0.3, "rho": 1.0}
 #: functions that make or use them: (function, good values)
@@ -126,7 +126,7 @@ PLAIN = (float, int, str, bool, type(None))
 TEXTS = ("text", "digits as text")
 PLANE = ("a list", "a range")  #: two or three numbers: a point, a direction, a load
 VECTORS = ("at", "at_k", "at_l", "axis", "axis2", "axis_x", "axis_l", "velocity", "angular_velocity", "value", "per_length",
-           "gravity")  # fmt: skip
+           "gravity")
 #: (argument, kind of value) that mean something after all, with the reason
 LEGITIMATE: dict[tuple[str, str], str] = (
     {("name", kind): "any text is a name" for kind in TEXTS}
@@ -146,7 +146,7 @@ LEGITIMATE: dict[tuple[str, str], str] = (
     | {(argument, kind): "names" for argument in ("reads", "sets") for kind in (*TEXTS, "a tuple of text")}
     | {("memory", kind): "anything can be remembered" for kind in HOSTILE}
     | {("f", kind): "a function" for kind in ("a function", "a lambda")}
-)  # fmt: skip
+)
 
 
 def scene(with_beam: bool = False, with_joints: bool = False) -> mb.Scene:
@@ -296,7 +296,7 @@ def test_every_public_argument_is_fuzzed() -> None:
         assert arguments(getattr(SceneData, name)) == {*always, *once}, name
     classes = [name for name in mb.__all__ if isinstance(getattr(mb, name), type)]
     assert {n for n in classes if issubclass(getattr(mb, n), Law | Part | JointModel | mb.Section | mb.Stop)
-            and n != "Coupling"} | {"Own"} == set(CLASSES)  # fmt: skip
+            and n != "Coupling"} | {"Own"} == set(CLASSES)
     for name, (always, once) in CLASSES.items():
         cls: Any = Own if name == "Own" else getattr(mb, name)
         own = {*cls.params, *cls.options} if issubclass(cls, Law) else set()

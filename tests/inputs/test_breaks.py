@@ -37,7 +37,7 @@ def found(value: object, end: float = 10.0) -> np.ndarray:
         (sp.Piecewise((sp.Mod(t, 2), sp.Mod(t, 4) < 2), (0, True)), [2, 4, 6, 8]),
         (sp.Piecewise((1, sp.sin(1000 * t) > 2), (t, True)), []),
     ],
-)  # fmt: skip
+)
 def test_instants_of_switching(value: object, instants: list[float]) -> None:
     """Every instant stated is found to round-off; those in between, if any, change nothing."""
     edges = found(value)
@@ -76,7 +76,7 @@ def test_random_trigonometric_conditions_against_samples() -> None:
         lambda x: 1e6 + sp.exp(-(x**2)), lambda x: sp.sqrt(1 + x**2) - x, lambda x: sp.sin(t) * sp.exp(-(x**4)),
         lambda x: sp.atan(x),
     ],
-)  # fmt: skip
+)
 def test_a_pulse_of_any_width_is_found(pulse: object, width: float) -> None:
     """Stretches at the centre are about as long as the pulse, however narrow; there are few of them."""
     e = timed.expression(pulse((t - sp.Rational(37, 8)) / sp.Float(width)))  # type: ignore[operator]
@@ -93,7 +93,7 @@ def test_bounds_hold() -> None:
     inner = sp.sin(3 * t) / 2
     texts = [sp.tan(inner), sp.asin(inner), sp.acos(inner), sp.atan(t), sp.sinh(inner), sp.cosh(inner), sp.tanh(t), sp.asinh(t),
              sp.acosh(1 + t), sp.atanh(inner), sp.exp(-t), sp.log(1 + t), sp.sqrt(t), (inner - 1) ** 3, inner**4, 1 / (2 + inner),
-             (1 + t) ** sp.Rational(-3, 2), sp.Mod(t, 0.7), sp.Max(inner, sp.cos(t)), t**2 - t * inner]  # fmt: skip
+             (1 + t) ** sp.Rational(-3, 2), sp.Mod(t, 0.7), sp.Max(inner, sp.cos(t)), t**2 - t * inner]
     low = random.uniform(0, 10, 300)
     high = low + 10.0 ** random.uniform(-6, 0, 300)
     for text in texts:
@@ -116,7 +116,7 @@ def test_what_cannot_be_followed_is_refused() -> None:
 
 @pytest.mark.parametrize(("value", "text"), [
     (sp.Piecewise((1, t < 1)), "has no value where none of its conditions holds"), (sp.gamma(t), "contains the function gamma"),
-])  # fmt: skip
+])
 def test_inputs_without_a_value_are_refused(value: object, text: str) -> None:
     with pytest.raises(ValueError, match=text):
         timed.expression(value)

@@ -22,7 +22,7 @@ INPUTS = {
 }
 WAYS = {"by default": {}, "RadauIIA": {"solver": "radau3"}, "DOP853": {"solver": "dop853", "form": "index1"},
         "generalised alpha": {"solver": mb.GeneralizedAlpha()}, "HHT": {"solver": mb.HHT()},
-        "IDA": {"solver": "ida"}}  # fmt: skip
+        "IDA": {"solver": "ida"}}
 
 
 def test_distinct():
@@ -56,7 +56,7 @@ def swing(value, sampled):
 @pytest.mark.parametrize(("sampled", "name", "way"), [
     pytest.param(sampled, name, way, id=f"{name}, {way}{', sampled' * sampled}",
                  marks=[pytest.mark.slow] * ((i + k + sampled) % 2))
-    for sampled in (False, True) for i, name in enumerate(INPUTS) for k, way in enumerate(WAYS)])  # fmt: skip
+    for sampled in (False, True) for i, name in enumerate(INPUTS) for k, way in enumerate(WAYS)])
 def test_runs(name, way, sampled):
     scene = swing(INPUTS[name], sampled)
     r = scene.simulate(0.5, 1e-4, max_wall=20, **WAYS[way])

@@ -32,7 +32,7 @@ RANDOM = np.random.default_rng(3)
 AT, VALUES = np.sort(np.r_[0, RANDOM.uniform(0, 5, 40), 5]), 10 * RANDOM.normal(size=42)
 PCHIP = PchipInterpolator(AT, VALUES)
 KINDS = {"linear": lambda x, side: np.interp(x, AT, VALUES), "cubic": lambda x, side: PCHIP(x),
-         "step": lambda x, side: VALUES[np.searchsorted(AT, side) - 1]}  # fmt: skip
+         "step": lambda x, side: VALUES[np.searchsorted(AT, side) - 1]}
 
 
 def oscillator(force: Any) -> mb.Scene:
@@ -58,7 +58,7 @@ def test_values_and_derivatives(kind: str) -> None:
     inner = 3 - x / 2
     np.testing.assert_allclose(timed.values(value, x), 2 * KINDS[kind](inner, inner) + np.sin(x), atol=1e-12)
     d, dd = {"linear": (Table(AT, VALUES).lookup(inner, inner, 1), 0 * x), "cubic": (PCHIP(inner, 1), PCHIP(inner, 2)),
-             "step": (0 * x, 0 * x)}[kind]  # fmt: skip
+             "step": (0 * x, 0 * x)}[kind]
     np.testing.assert_allclose(timed.values(rate, x), -d + np.cos(x), atol=1e-10)
     np.testing.assert_allclose(timed.values(second, x), dd / 2 - np.sin(x), atol=1e-8)
 
@@ -246,7 +246,7 @@ def test_a_scene_in_another_process(tmp_path: Path) -> None:
     r = oscillator(mb.table(AT, VALUES, kind="cubic")).simulate(1.0, accuracy=1e-6)
     (tmp_path / "scene").write_bytes(pickle.dumps(r.prepared.model.scene))
     code = ("import pickle, sys; s = pickle.load(open(sys.argv[1], 'rb')); "
-            "print(float(s.simulate(1.0, accuracy=1e-6)['p'].displacement[-1]))")  # fmt: skip
+            "print(float(s.simulate(1.0, accuracy=1e-6)['p'].displacement[-1]))")
     found = subprocess.run([sys.executable, "-c", code, str(tmp_path / "scene")], capture_output=True, text=True, check=True)
     assert float(found.stdout) == pytest.approx(r["p"].displacement[-1], rel=1e-12)
 
@@ -271,7 +271,7 @@ BAD = [
     (([0, 1], [0, 1], "linear", "wrap"), "'wrap' is not one of"),
     (([0, 1], [0, 1], "linear", "periodic"), "ends with the value with which it begins"),
     (([0, 1e-13, 1], [0, 1, 2]), "closer than any time step"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("given", "words"), BAD)
@@ -355,7 +355,7 @@ BAD_FILES = [
     ("t,F\n0,1\n1,nan\n", ("t", "F"), {}, "columns 't' \\(t\\) and 'F' \\(values\\): values\\[1\\] is not a finite number"),
     ("t,F\n0,1\n-1,2\n", ("t", "F"), {}, "not in rising order"), ("t,F\n0,1\n", ("t", "F"), {}, "a table of 1 point"),
     ("", ("t", "F"), {}, "is empty"), ("t,F\n0,1\n1,2\n", ("t", "F"), {"kind": "quintic"}, "'quintic' is not one of"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "names", "options", "words"), BAD_FILES)
@@ -382,7 +382,7 @@ UNTIL_1 = mb.table([0, 1], [0, 1], outside="error")
     (sp.Piecewise((0, mb.t < 1), (UNTIL_1.subs(mb.t, mb.t - 1), True)), 1 / 6),
     (sp.Piecewise((UNTIL_1.subs(mb.t, mb.t - 0.5), sp.And(mb.t > 0.5, mb.t < 1.5)), (0, True)), 1 / 6 + 0.25),
     (sp.Piecewise((sp.Piecewise((UNTIL_1, mb.t < 0.5), (1, True)), mb.t < 1.5), (0, True)), None),
-])  # fmt: skip
+])
 def test_a_table_with_an_end_is_read_where_its_case_holds(force, way):
     s = mb.Scene("block")
     block = s.point_mass("b", 1.0, at=(0, 0))
@@ -395,7 +395,7 @@ def test_a_table_with_an_end_is_read_where_its_case_holds(force, way):
 @pytest.mark.parametrize(("force", "read"), [
     (UNTIL_1, "from 0 to 2 s"), (sp.Piecewise((UNTIL_1, mb.t < 1.2), (2, True)), "from 0 to 1.2 s"),
     (sp.Piecewise((0, mb.t < 0.5), (UNTIL_1, True)), "from 0.5 to 2 s"), (sp.Max(UNTIL_1, 3), "from 0 to 2 s"),
-])  # fmt: skip
+])
 def test_a_table_with_an_end_is_refused_where_it_is_read_beyond(force, read):
     s = mb.Scene("block")
     block = s.point_mass("b", 1.0, at=(0, 0))

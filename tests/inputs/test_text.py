@@ -26,7 +26,7 @@ NAMED = {
     "constants": sp.pi * t + sp.E**2 + sp.GoldenRatio, "fractions": t / 3 + sp.Rational(22, 7), "powers": t**-2.5 + 2.0**t + t**7,
     "roots": sp.sqrt(t + 1) / (t + 2) ** sp.Rational(3, 2), "large": 10**30 * t + 1e300, "small": 1e-320 * t + 5e-324,
     "equal": sp.Piecewise((1, sp.Ne(t, 1)), (2, True)), "bell": sp.exp(-((t - 3) ** 2) * 5000), "all digits": 0.1 * t + 2 / 3,
-}  # fmt: skip
+}
 
 
 def _random(rng: random.Random, depth: int) -> Any:
@@ -41,7 +41,7 @@ def _random(rng: random.Random, depth: int) -> Any:
         lambda: sp.tanh(part[0]),
         lambda: part[0] ** 2, lambda: 1 / (1 + part[1] ** 2), lambda: sp.Piecewise((part[0], when), (part[1], True)),
         lambda: sp.floor(part[2]), lambda: sp.Abs(part[0]), lambda: sp.exp(-part[0] ** 2), lambda: sp.Mod(part[1], 0.3),
-    ])()  # fmt: skip
+    ])()
 
 
 @pytest.mark.parametrize("value", NAMED.values(), ids=list(NAMED))
@@ -97,7 +97,7 @@ OLD = {
     2, t % 3),
     "t*pi + exp(2) - abs(t)": t * sp.pi + sp.exp(2) - sp.Abs(t), "1.5e3*t - .5 + 0.5": 1500 * t, "frac(t) + Heaviside(t)":
         sp.frac(t) + sp.Heaviside(t),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("written", OLD, ids=list(OLD))
@@ -121,7 +121,7 @@ HOSTILE = [
     "True", "True + 1", "Not(t)", "Not(t < 1, t < 2)", "t\x00", "\ud800", "ţ", "٣*t", "t¹", "1_000", "0x10", "1j", "'t'", '"t"',
     "t#", "t.5", "1.5.5", ".", "1..5.", ".t", ".e5",
     None, 1, 1.0, ["t"], {"t": 1}, b"t",
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("written", HOSTILE, ids=[ascii(x)[:40] for x in HOSTILE])

@@ -22,7 +22,7 @@ class Spring(mb.Force):
 
 
 ALL = [None, mb.RadauIIA(2), mb.RadauIIA(3), mb.IDA(), mb.CVODE(), mb.CVODE(method="BDF"), mb.HHT(), mb.GeneralizedAlpha(),
-       mb.RadauIIA(3, step=0.5), mb.HHT(step=0.5)]  # fmt: skip
+       mb.RadauIIA(3, step=0.5), mb.HHT(step=0.5)]
 
 
 def slider(force: object, **options: object) -> mb.Scene:
@@ -72,7 +72,7 @@ def test_a_prescribed_bump(model: object, form: object) -> None:
     s.revolute("A", s.ground, arm, at=(0, 0), angle=bump, model=model)
     s.revolute("B", arm, tip, at=(1, 0), angle=0.1 * t)
     r = s.simulate(6.0, accuracy=1e-6, form=form, outputs=np.r_[np.linspace(0, 6, 11), 5 + w / 2, 6.0][np.argsort(
-        np.r_[np.linspace(0, 6, 11), 5 + w / 2, 6.0])][:-1])  # fmt: skip
+        np.r_[np.linspace(0, 6, 11), 5 + w / 2, 6.0])][:-1])
     peak = int(np.argmin(np.abs(r.t - 5 - w / 2)))
     assert abs(r["A"].angle[peak] - 0.1) < 3e-6
     assert abs(r["A"].angle[-1]) < 3e-6
@@ -203,7 +203,7 @@ def test_a_run_begins_with_what_comes_after_its_start(model: object, motion: obj
 @pytest.mark.parametrize(("motion", "text"), [
     (sp.Piecewise((0, t < 0.5), (t - 0.5, True)), "its rate jumps by 1 m/s at t = 0.5 s"),
     (sp.Piecewise((0, t < 0.5), (0.3, True)), r"jumps by 0.3 m at t = 0.5 s"),
-])  # fmt: skip
+])
 def test_a_jump_where_a_run_is_continued_is_refused(motion: object, text: str) -> None:
     s = mb.Scene("driven")
     body, other = s.rigid_body("b", 1.0, 1.0, at=(0, 0)), s.rigid_body("c", 1.0, 1.0, at=(1, 0))
@@ -217,7 +217,7 @@ def test_a_jump_where_a_run_is_continued_is_refused(motion: object, text: str) -
 @pytest.mark.parametrize(("force", "speed"), [
     (sp.ceiling(5 * t), 3.0), (sp.sqrt(t), 2 / 3), (sp.Min(sp.sin(t), sp.sin(2 * t) + 1, sp.sin(3 * t) + 2), 1 - np.cos(1)),
     (sp.Abs(sp.Abs(sp.Abs(sp.Abs(t - 0.5) - 0.25) - 0.125) - 0.0625), 0.03125),
-])  # fmt: skip
+])
 def test_impulses_of_odd_inputs(force: object, speed: float) -> None:
     """Integrals from 0 to 1 in closed form; nested functions take no time to prepare."""
     assert abs(slider(force).simulate(1.0, accuracy=1e-6)["m"].velocity[-1, 0] - speed) < 3e-6

@@ -132,7 +132,7 @@ def test_the_wall_clock_is_looked_at_within_a_point_and_between_points():
     told = []
     with pytest.raises(WallClockError, match="points are done") as stopped:
         solve_batch(growing(lambda t, y: time.sleep(0.01)), 1.0, SOLVER, starts=[[0.5]] * 1000, max_wall=0.2,
-                    progress=lambda done, total: told.append((done, total)))  # fmt: skip
+                    progress=lambda done, total: told.append((done, total)))
     assert len(stopped.value.solution.failures) > 990
     with pytest.raises(WallClockError, match="0 of 1 points"):
         solve_batch(system(), 1e7, SOLVER, max_wall=0.2)
@@ -155,7 +155,7 @@ def test_watched_systems_run_point_by_point():
     ({"starts": np.zeros((2, 3))}, r"starts has shape \(2, 3\)"),
     ({"starts": np.full((2, 4), np.nan)}, "starts"),
     ({"solver": mb.IDA()}, "give mb.DOP853"),
-])  # fmt: skip
+])
 def test_wrong_options_are_refused(options, said):
     with pytest.raises(mb.OptionError, match=said):
         solve_batch(system(), 1.0, **options)
@@ -173,10 +173,10 @@ def test_numbers_that_are_compiled_in_are_refused():
 
 @pytest.mark.parametrize("change", [{"slots": np.array([4])}, {"slots": np.array([-1])}, {"numbers": np.ones((2, 2))},
                                     {"times": np.array([0.5, 0.4])}, {"times": np.array([1.5])}, {"times": np.array([np.nan])},
-                                    {"end": -1.0}])  # fmt: skip
+                                    {"end": -1.0}])
 def test_wrong_tables_are_refused(change):
     good = {"begin": 0.0, "end": 1.0, "starts": np.ones((2, 3)), "times": np.array([0.5, 1.0]), "W": np.zeros(4),
-            "slots": np.array([3]), "numbers": np.ones((2, 1))}  # fmt: skip
+            "slots": np.array([3]), "numbers": np.ones((2, 1))}
     Batch(**good)
     with pytest.raises(ValueError, match=r"a batch of 2 runs was given values|a batch was given output times"):
         Batch(**good | change)

@@ -11,7 +11,7 @@ import mbdae as mb
 from mbdae.integrators.base import Solver
 
 SOLVERS = [mb.IDA(rtol=1e-6), mb.RadauIIA(2, rtol=1e-6), mb.RadauIIA(3, step=0.01), mb.CVODE(rtol=1e-6),
-           mb.CVODE(1e-6, method="BDF")]  # fmt: skip
+           mb.CVODE(1e-6, method="BDF")]
 FAIL_AT = 0.3  #: s
 
 
@@ -33,7 +33,7 @@ def decay(late: Any) -> mb.DAE:
         out[:] = fail(late) if t > FAIL_AT else -y
 
     return mb.DAE(lambda t, y, yp, out: fail(late) if t > FAIL_AT else yp + y, [1.0], [-1.0],
-                  lambda t, y, yp, cj, out: [[1 + cj]], rhs=rhs)  # fmt: skip
+                  lambda t, y, yp, cj, out: [[1 + cj]], rhs=rhs)
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.label)
@@ -71,7 +71,7 @@ def test_exceptions_of_progress_come_out_of_everything_that_takes_it() -> None:
 
     runs = [lambda: s.simulate(0.1, progress=stop), lambda: s.equilibrium(progress=stop),
             lambda: mb.compare(s, 0.1, ["ida"], 1e-3, progress=stop),
-            lambda: mb.extremes(s, 0.1, {"rod.mass": [1.0]}, ["ida"], progress=stop)]  # fmt: skip
+            lambda: mb.extremes(s, 0.1, {"rod.mass": [1.0]}, ["ida"], progress=stop)]
     for run in runs:
         with pytest.raises(OwnError, match="enough"):
             run()

@@ -125,7 +125,7 @@ def test_a_run_that_failed_fails_in_the_same_way(tmp_path):
     ({"solver": mb.IDA()}, r"holds another run: solver is .* as stored and \"IDA"),
     ({"form": mb.Index3()}, r"holds another run: form is"), ({"t_end": 0.3}, "holds another run: t_end is 0.2 as stored and 0.3"),
     ({"outputs": 7}, "holds another run: outputs is"), ({"verify": True}, "holds another run: verify is false as stored"),
-])  # fmt: skip
+])
 def test_another_call_is_refused(change, told, tmp_path):
     call = {"t_end": 0.2, "solver": mb.RadauIIA(3)}
     scenes.chain().simulate(**call, checkpoint=tmp_path)
@@ -197,7 +197,7 @@ scenes.chain().simulate(1000.0, checkpoint=sys.argv[1], progress=tell, every=50,
 def test_sigterm_ends_a_script_with_a_plain_message(which, tmp_path):
     path = os.pathsep.join([str(Path(mb.__file__).parents[1]), str(Path(scenes.__file__).parent)])
     run = subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path / "kept"), which], stdout=subprocess.PIPE,
-                           stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path})  # fmt: skip
+                           stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path})
     assert run.stdout is not None
     while float(run.stdout.readline()) < 1.0:
         pass

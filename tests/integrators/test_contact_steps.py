@@ -80,7 +80,7 @@ def test_every_impact(name, far):
         print(f"{name:7s} {'far' if far else 'near':5s} rtol {rtol:.0e}: error / rtol {np.median(errors):6.2f} (max "
               f"{errors.max():6.2f} at v0, height, damping, after = {max(found)[2]}), "
               f"above 10: {np.sum(errors > 10):3d} of {len(errors)}, "
-              f"evaluations {np.median([f[1] for f in found]):.0f}")  # fmt: skip
+              f"evaluations {np.median([f[1] for f in found]):.0f}")
     check_impacts(name, cells)
 
 
@@ -144,7 +144,7 @@ def test_grazing_from_many_phases(name, k):
         found = [graze(SOLVERS[name](rtol), k, phase) for phase in np.linspace(-2.0, 0.4, 12)]
         print(f"{name:7s} k = {k:.0e} rtol {rtol:.0e}: phase off by {np.median([f[0] for f in found]):.1e} contacts "
               f"(max {max(f[0] for f in found):.1e}), energy {max(f[1] for f in found):.1e}, missed {[f[2] for f in found]}, "
-              f"evaluations {np.median([f[3].residuals for f in found]):.0f}")  # fmt: skip
+              f"evaluations {np.median([f[3].residuals for f in found]):.0f}")
         if rtol <= 1e-7:
             assert max(f[2] for f in found) == 0
             assert max(f[0] for f in found) < GRAZING[name][0]

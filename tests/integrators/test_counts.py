@@ -45,7 +45,7 @@ SCENES = {  # scene, end (s), constant step (s)
     "pendulum": (lambda: physical_pendulum(60), 2.0, 1e-2), "four-bar": (four_bar, 1.0, 5e-3), "Andrews": (andrews, 0.03, 5e-5),
     "chain": (spring_chain, 1.0, 5e-3), "closing loop": (loop, 1.0, 5e-3), "beam": (soft_beam, 0.1, 1e-3),
     "contact": (lambda: ball(1.0, mb.Hertz(1e8, 0.1)), 0.02, 1e-5),
-}  # fmt: skip
+}
 FORMS = {"GGL": mb.GGL(), "Index3": mb.Index3(), "Index1": mb.Index1(), "ODE": mb.ODE()}
 COUNTED = ("steps", "residuals", "jacobians", "factorisations")
 #: (scene, solver, form): steps, residuals (or right-hand sides), Jacobians, factorisations
@@ -106,7 +106,7 @@ COUNTS = {
     ("pendulum", "DOP853", "Index1"): (14, 272, 0, 0), ("four-bar", "DOP853", "Index1"): (21, 401, 0, 0),
     ("Andrews", "DOP853", "Index1"): (31, 659, 0, 0), ("chain", "DOP853", "ODE"): (45, 905, 0, 0),
     ("closing loop", "DOP853", "Index1"): (14, 272, 0, 0), ("contact", "DOP853", "ODE"): (58, 1343, 0, 0),
-}  # fmt: skip
+}
 
 
 def solved(scene, label, form):

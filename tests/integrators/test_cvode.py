@@ -94,7 +94,7 @@ def test_error_falls_with_the_tolerance(method):
         between = np.abs(solution(inside) - system.exact(inside)).max()
         slope = np.abs(solution.derivative(inside)[:, :2] - system.exact(inside)[:, 2:]).max()
         print(f"{method:5s} rtol {rtol:.0e}: error {at_steps / rtol:7.0f} rtol, between {between / at_steps:.3f}, "
-              f"slope {slope / at_steps:.2f}, steps {solution.stats.steps}, evaluations {solution.stats.residuals}")  # fmt: skip
+              f"slope {slope / at_steps:.2f}, steps {solution.stats.steps}, evaluations {solution.stats.residuals}")
         assert between < 1.1 * at_steps
         assert slope < 20 * at_steps
         errors.append(at_steps)
@@ -238,7 +238,7 @@ def test_first_step_is_chosen_without_rejections():
 def test_solvers_agree_on_a_scene(tmp_path):
     outputs = np.linspace(0, 2, 41)
     runs = {s.label: free_bodies().simulate(2.0, 1e-6, s, outputs=outputs)
-            for s in (mb.CVODE(), mb.CVODE(method="BDF"), mb.RadauIIA(3))}  # fmt: skip
+            for s in (mb.CVODE(), mb.CVODE(method="BDF"), mb.RadauIIA(3))}
     for r in runs.values():
         assert r.accuracy.met
         assert r["b0"].position == pytest.approx(runs["RadauIIA(3)"]["b0"].position, abs=4e-6)
@@ -301,7 +301,7 @@ def test_right_hand_side_that_turns_into_nan_is_named(method, after, capfd):
 def test_what_resists_is_named(method, capfd):
     """The second of three unknowns becomes infinite at t = 1."""
     system = Explicit(lambda t, y, yp, out: yp + np.array([y[0], -y[1] ** 2, y[2]]), [1.0, 1.0, 5.0], [-1.0, 1.0, -5.0],
-                      names=["a", "b", "c"])  # fmt: skip
+                      names=["a", "b", "c"])
     remedy = r"where the motion is stiff, use .*mb\.RadauIIA\(3\) \(resisting most: unknown or equation b\)"
     with pytest.raises(mb.SolverError, match=remedy) as caught:
         mb.CVODE(1e-6, method=method).solve(system, 2.0)

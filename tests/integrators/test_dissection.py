@@ -86,7 +86,7 @@ def test_what_is_divided_is_eliminated_with_less_fill_in() -> None:
     pytest.param((16, False), 0.9, mb.GGL(), id="plane, GGL"), pytest.param((12, True), 0.6, mb.Index3(), id="space, Index3"),
     pytest.param((16, False), 0.9, mb.Index3(), id="plane, Index3", marks=pytest.mark.slow),
     pytest.param((12, True), 0.6, mb.GGL(), id="space, GGL", marks=pytest.mark.slow),
-])  # fmt: skip
+])
 def test_nets_are_dissected(scene: tuple[int, bool], saved: float, form: mb.GGL) -> None:
     """Multiplications against the largest pivots in an order by COLAMD, and the solution of a known right-hand side."""
     system = system_for(prepare(net(*scene)), form)

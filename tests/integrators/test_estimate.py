@@ -61,7 +61,7 @@ def bouncing(damping):
     s = mb.Scene(gravity=(0, -9.81, 0))
     s.rigid_body("ball", mass=1, inertia=(0.004, 0.004, 0.004), at=(0, 0.3, 0.1), velocity=(-2, 0, 0.5))
     s.contact("floor", k="ground", l="ball", shape_k=mb.Plane(at=(0, 0, 0.1), normal=(0, 1, 0)),
-              shape_l=mb.Sphere(at=(0, 0.3, 0.1), radius=0.1), normal=mb.Hertz(stiffness=3e6, damping=damping))  # fmt: skip
+              shape_l=mb.Sphere(at=(0, 0.3, 0.1), radius=0.1), normal=mb.Hertz(stiffness=3e6, damping=damping))
     return s
 
 
@@ -91,7 +91,7 @@ class Shaken(NamedTuple):
         base, c = s.rigid_body("base", 1.0, 1.0, at=(0, 0)), s.rigid_body("c", 1.0, 1.0, at=(0, 0))
         s.prismatic("d", s.ground, base, at=(0, 0), axis=(1, 0, 0), position=self.amplitude * sympy.sin(self.w * mb.t))
         s.prismatic("j", base, c, at=(0, 0), axis=(1, 0, 0), rate0=0.05, limits=(self.low, self.high),
-                    stop=mb.Stop(self.stiffness, self.damping))  # fmt: skip
+                    stop=mb.Stop(self.stiffness, self.damping))
         return s.recursive()
 
     def exactly(self, times):
@@ -103,12 +103,12 @@ class Shaken(NamedTuple):
             return [y[1], force + self.amplitude * self.w**2 * np.sin(self.w * t)]
 
         return solve_ivp(equations, (0, times[-1]), [0, 0.05], method="DOP853", rtol=1e-12, atol=1e-14, t_eval=times,
-                         max_step=0.05 / self.stiffness**0.5).y[0]  # fmt: skip
+                         max_step=0.05 / self.stiffness**0.5).y[0]
 
 
 @pytest.mark.parametrize(("case", "accuracy"), [
     (Shaken(0.0949, 13.564, 12841.0, 0.677, -0.0847, 0.0239), 1e-3),
-    (Shaken(0.15, 9.0, 3.5e4, 0.0, -0.032, 0.011), 1e-5)])  # fmt: skip
+    (Shaken(0.15, 9.0, 3.5e4, 0.0, -0.032, 0.011), 1e-5)])
 def test_stops_that_are_hit_often_need_no_word_about_runs_that_are_right(case, accuracy):
     """Twenty to thirty impacts multiply what the tolerance leaves. The search goes on until the runs agree, and calls nothing
     chaotic."""
@@ -127,7 +127,7 @@ def test_a_body_that_hardly_touches_needs_no_word(accuracy):
     s, amplitude, w = mb.Scene("grazing"), 0.3, 6.0
     mass = s.rigid_body("c", 1.0, 1.0, at=(0, 0))
     s.prismatic("j", s.ground, mass, at=(0, 0), axis=(1, 0, 0), spring=w**2, rate0=amplitude * w,
-                limits=(None, amplitude * (1 - 1e-6)), stop=mb.Stop(1e4))  # fmt: skip
+                limits=(None, amplitude * (1 - 1e-6)), stop=mb.Stop(1e4))
     run = s.simulate(3.0, accuracy=accuracy)
     q, v = run["j"].displacement, run["j"].rate
     assert np.max(np.abs(np.hypot(q, v / w) - amplitude)) < accuracy * run.prepared.length
@@ -136,7 +136,7 @@ def test_a_body_that_hardly_touches_needs_no_word(accuracy):
 
 @pytest.mark.parametrize(("gaps", "expected"), [
     ((16e-6, 1e-6), 4.0), ((1e-6, 16e-6), 2.0), ((2e-6, 1e-6), 2.0), ((1e-6, 0.0), 2.0), ((np.inf, 1e-6), 2.0),
-    ((1.0, 1e-6), 5.0), ((8.0, 2.0), 2.0), ((80.0, 2.5), 5.0), ((8.0, 1.0), 3.0)])  # fmt: skip
+    ((1.0, 1e-6), 5.0), ((8.0, 2.0), 2.0), ((80.0, 2.5), 5.0), ((8.0, 1.0), 3.0)])
 def test_the_order_that_runs_with_halved_steps_show(gaps, expected):
     """Their distances fall by 2 to the order: of no less than 2, which is believed, and no more than 5, which is stated."""
     assert shown_order(2.0, 5.0, (gaps[0], 0.2), (gaps[1], 0.1)) == pytest.approx(expected)
@@ -145,7 +145,7 @@ def test_the_order_that_runs_with_halved_steps_show(gaps, expected):
 @pytest.mark.parametrize(("told", "power"), [
     ([], FALL), ([(1e-4, 1e-2)], FALL), ([(1e-4, 1e-2), (1e-6, 1e-2 * 100 ** -(0.9 * FALL))], 0.9 * FALL),
     ([(1e-4, 1e-2), (1e-6, 1e-9)], FALL), ([(1e-4, 1e-2), (1e-6, 0.99e-2)], SLOW), ([(1e-4, 1e-2), (1e-6, 2e-2)], SLOW),
-    ([(1e-4, 1e-2), (1e-6, 0.0)], SLOW)])  # fmt: skip
+    ([(1e-4, 1e-2), (1e-6, 0.0)], SLOW)])
 def test_the_power_with_which_errors_fall_is_that_of_the_last_two_runs(told, power):
     """No more than is usual and no less than SLOW, which is taken too where they say nothing."""
     assert fall([(1e-2, 1.0), *told] if len(told) > 1 else told) == pytest.approx(power)

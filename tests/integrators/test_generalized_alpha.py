@@ -54,7 +54,7 @@ def test_pendulum_by_its_parts(solver, form):
 def test_start_rates_of_a_driven_point():
     """Multipliers have order 2 from the first step on: the algorithmic accelerations begin where they belong."""
     errors = [np.abs(mb.GeneralizedAlpha(step=h).solve(circle("ggl"), 0.5)(h)[4] - circle_exact(np.array([h]))[0, 4])
-              for h in (4e-3, 2e-3, 1e-3)]  # fmt: skip
+              for h in (4e-3, 2e-3, 1e-3)]
     assert np.log2(np.array(errors[:-1]) / errors[1:]).min() > 1.7
 
 

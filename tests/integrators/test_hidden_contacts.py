@@ -31,7 +31,7 @@ def spinning(height=0.5, speed=100.0, stiffness=1e7):
     s = mb.Scene("spinning")
     b = s.rigid_body("body", 1.0, 0.1, at=(0, 0), angular_velocity=(0, 0, speed))
     s.contact("plane", s.ground, b, mb.Plane(at=(0, -height, 0), normal=(0, 1, 0)), mb.Sphere(at=(0.5, 0), radius=0.001),
-              normal=mb.Hertz(stiffness))  # fmt: skip
+              normal=mb.Hertz(stiffness))
 
     def rates(t, y):
         gap = y[1] + 0.5 * math.sin(y[4]) - 0.001 + height

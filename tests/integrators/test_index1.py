@@ -37,7 +37,7 @@ SCENES = {
     "chain": (lambda: n_rods(40), "Cholesky"),
     "massless hub": (ground_resonance, "LU"), "mixed masses": (mixed_masses, "LU"), "loop": (recursive_scenes.loop, None),
     "LuGre": (stick_slip, "Cholesky"), "friction by reaction": (rubbing_slider, None),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", ["andrews", "massless hub", "friction by reaction"])  # by Cholesky, by LU, in full

@@ -18,7 +18,7 @@ SAID = re.compile(r"was interrupted at t = |interrupted: the run attached .*is c
 RUNS: dict[str, dict[str, Any]] = {
     "IDA": {"solver": mb.IDA()}, "CVODE": {"solver": mb.CVODE(), "form": mb.Index1()}, "Radau": {"solver": mb.RadauIIA(3)},
     "HHT": {"solver": mb.HHT(), "accuracy": 1e-3}, "default": {},
-}  # fmt: skip
+}
 pytestmark = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="timers of POSIX")
 
 

@@ -36,7 +36,7 @@ def four_bar() -> mb.Scene:
 @pytest.mark.parametrize("h", [1e-2, 1e-4, 1e-6])
 @pytest.mark.parametrize("form", [None, mb.GGL(), mb.Index3()], ids=["chosen", "GGL", "Index3"])
 @pytest.mark.parametrize("make", [lambda: slider_crank(8, 1), lambda: slider_crank(8, 2), spatial_rod, four_bar,
-                                  lambda: spatial_rod(replace(steel_rod(), EA=1e20, GA2=1e20, GA3=1e20))])  # fmt: skip
+                                  lambda: spatial_rod(replace(steel_rod(), EA=1e20, GA2=1e20, GA3=1e20))])
 def test_solutions_are_those_of_a_dense_matrix(make: Any, form: Any, h: float) -> None:
     """With the speeds of the start doubled; in the last scene strains are rigid, so that no stress can be the first pivot."""
     system = system_for(prepare(make()), form, 3)

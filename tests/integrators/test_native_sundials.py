@@ -50,7 +50,7 @@ class Harmonic(Explicit):
 
     def __init__(self):
         super().__init__(lambda t, y, yp, out: np.array([yp[0] - y[1], yp[1] + y[0]]), [1.0, 0.0], [0.0, -1.0],
-                         lambda t, y, yp, cj, out: np.array([[cj, -1.0], [1.0, cj]]))  # fmt: skip
+                         lambda t, y, yp, cj, out: np.array([[cj, -1.0], [1.0, cj]]))
 
     def compiled(self, folder):
         source, built = folder / "harmonic.c", folder / "harmonic.so"
@@ -171,7 +171,7 @@ def test_what_cannot_be_opened_is_said(monkeypatch, opened_anew):
 @pytest.mark.parametrize(("solver", "compiled"), [
     pytest.param(solver(rtol=1e-10), compiled, id=f"{solver.__name__}-{'compiled' if compiled else 'called back'}",
                  marks=[pytest.mark.slow] * (compiled != (solver is mb.IDA)))
-    for solver in (mb.IDA, mb.CVODE) for compiled in (True, False)])  # fmt: skip
+    for solver in (mb.IDA, mb.CVODE) for compiled in (True, False)])
 def test_ctrl_c_inside_c(solver, compiled, tmp_path, capfd):
     system = Harmonic().compiled(tmp_path) if compiled else Harmonic()
     before, most = signal.signal(signal.SIGALRM, signal.default_int_handler), 0
@@ -228,14 +228,14 @@ def test_steps_before_an_exception_are_kept(solver):
 def test_what_fails_is_told_and_nothing_is_printed(capfd):
     for pattern in (None, np.ones((2, 2))):
         singular = DAE(lambda t, y, yp, out: np.array([yp[0] + y[0], y[0] - np.exp(-t)]), [1.0, 0.0], [-1.0, 0.0],
-                       sparsity=pattern)  # fmt: skip
+                       sparsity=pattern)
         with pytest.raises(SolverError, match="the iteration matrix is singular"):
             mb.IDA(rtol=1e-6).solve(singular, 1.0)
     for solver in (mb.IDA(rtol=1e-6), mb.CVODE(rtol=1e-6)):
         with pytest.raises(SolverError, match=r"the equations are not finite|failed too many times|round-off"):
             solver.solve(blow_up(), 2.0)
     late = Explicit(lambda t, y, yp, out: yp - np.cos(1e9 * (t - 1e10)) * 1e9, [1.0], [1e9],
-                    lambda t, y, yp, cj, out: np.array([[cj]]), t0=1e10)  # fmt: skip
+                    lambda t, y, yp, cj, out: np.array([[cj]]), t0=1e10)
     for solver in (mb.IDA(rtol=1e-10), mb.CVODE(rtol=1e-10)):  # SUNDIALS warns of it
         with pytest.raises(SolverError, match="the step became smaller than the round-off of the time t"):
             solver.solve(late, 1e10 + 1, h0=1e-9)

@@ -17,7 +17,7 @@ from mbdae.integrators.collocation_tables import collocation_table
 from mbdae.integrators.dense import hermite
 
 ACCURACIES = {Euler: (3e-2,), Midpoint: (1e-3, 1e-5), Kutta3: (1e-4, 1e-6), RK4: (1e-4, 1e-8), Dormand5: (1e-6, 1e-9),
-              Dormand8: (1e-6, 1e-9), Gauss: (1e-4, 1e-8)}  # fmt: skip
+              Dormand8: (1e-6, 1e-9), Gauss: (1e-4, 1e-8)}
 
 
 def double_pendulum() -> Any:
@@ -173,7 +173,7 @@ def test_a_table_of_ones_own_that_is_not_stiffly_accurate(stages):
 def test_gauss_keeps_quadratic_invariants():
     """x^2 + y^2 of a harmonic oscillator; Radau damps it."""
     system = mb.DAE(lambda t, y, yp, out: [yp[0] - y[1], yp[1] + y[0]], [1.0, 0.0], [0.0, -1.0],
-                    rhs=lambda t, y, out: [y[1], -y[0]])  # fmt: skip
+                    rhs=lambda t, y, out: [y[1], -y[0]])
     run = Gauss(2, step=0.5).solve(system, 100.0)
     assert np.abs(np.hypot(*run.y.T) - 1).max() < 1e-12
 
@@ -181,7 +181,7 @@ def test_gauss_keeps_quadratic_invariants():
 @pytest.mark.parametrize(("nodes", "order", "message"), [
     ([0.4], 2, "the quadrature condition is off by 1.0e-01"), ([0.0, 1.0], 2, "give increasing numbers above 0 up to 1"),
     ([0.5, 1.2], 2, "increasing numbers above 0"), ([0.5], 3, "order = 3 is not between 1 and 2"),
-])  # fmt: skip
+])
 def test_a_table_that_is_none_is_refused(nodes, order, message):
     with pytest.raises(OptionError, match=message):
         collocation_table(nodes, order)
@@ -262,7 +262,7 @@ def test_a_law_that_refuses_what_a_diverging_run_asks_is_no_end():
     (lambda f, t, y, h: y + h * f(t, y[:1]), r"called f\(t, y\) with t of shape \(\) and an array of shape \(1,\)"),
     (lambda f, t, y, h: y + h * f(y, t), r"with t of shape \(2,\)"), (lambda f, t, y, h: None, "returned None"),
     (lambda f, t, y, h: y * 1j, "returned complex numbers"), (lambda f, t, y, h: y + h * f(t, y * 1j), "and complex numbers"),
-])  # fmt: skip
+])
 def test_what_advance_does_wrong_is_named(call, message):
     class Wrong(mb.OneStep):
         order = 1

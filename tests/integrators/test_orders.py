@@ -18,7 +18,7 @@ SOME = (16, 24, 32, 48, 64)
 @pytest.mark.parametrize(("solver", "form", "orders"), [
     (mb.HHT(), None, (2, 2, 2)), (mb.RadauIIA(3), None, (5, 5, 3)), (mb.RadauIIA(2), mb.Index3(), (3, 2, 1)),
     (Midpoint(), None, (2, 2, None)), (RK4(), mb.Index1(), (4, 4, None)),
-])  # fmt: skip
+])
 def test_orders_on_a_scene(solver, form, orders):
     found = mb.measure_order(solver, physical_pendulum(60), 1.0, form, steps=(*SOME, 96, 128))
     for part, order in zip(("positions", "velocities", "multipliers"), orders, strict=True):
@@ -67,7 +67,7 @@ def test_steps_that_are_too_long_show_no_order():
     (lambda: mb.measure_order(mb.HHT(), circle("ggl"), 1.0, steps=(4, 4, 8)), "three or more rising numbers of steps"),
     (lambda: mb.measure_order(Midpoint(), circle("ggl"), 1.0), "Midpoint needs y' = f"),
     (lambda: mb.measure_order(mb.HHT(), circle("ggl"), 1.0, exact=lambda t: t), r"exact = .* shape \(1,\) for 1 times"),
-])  # fmt: skip
+])
 def test_what_cannot_be_measured_is_refused(call, message):
     with pytest.raises(OptionError, match=message):
         call()

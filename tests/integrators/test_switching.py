@@ -18,7 +18,7 @@ W = 1e-3  #: m, or m/s: width of the laws
 WAYS = {
     "default": {}, "Adams": {"solver": mb.CVODE()}, "BDF": {"solver": mb.CVODE(method="BDF")}, "IDA": {"solver": mb.IDA()},
     "Radau3": {"solver": mb.RadauIIA(3)}, "Radau2": {"solver": mb.RadauIIA(2)},
-}  # fmt: skip
+}
 FORMS = {"GGL": (mb.IDA(), mb.GGL()), "Index3": (mb.RadauIIA(3), mb.Index3()), "Index1": (mb.CVODE(), mb.Index1())}
 
 
@@ -35,7 +35,7 @@ ENERGIES = {
     "stop": se.Piecewise((1e4 * (X - 0.4) ** 2, X > 0.4), (0, True)),
     "nested": se.Piecewise((0.3 * se.exp(-se.tanh(BUMP) ** 2 / 0.1), X < 0.5), (0.3 * se.exp(-10), True)),
     "of a square": 0.2 * se.exp(-(((X**2 - 0.16) / W) ** 2)), "power": -0.3 * (1 + BUMP**2) ** se.Rational(-3, 2),
-}  # fmt: skip
+}
 
 
 def along(energy=0, force=0):
@@ -227,7 +227,7 @@ def test_switches_of_a_system_of_ones_own():
     for solver in (mb.RadauIIA(3, rtol=1e-8), mb.IDA(1e-8), mb.CVODE(1e-8)):
         switches = mb.Switches(crossing, ("saturating",), np.ones(1), ("u",))
         gained = [solver.solve(mb.DAE(lambda t, y, yp, out: rhs(t, y, out) or out.__isub__(yp), [0.0, 0.0], [1.0, 0.0],
-                                      switches=told, rhs=rhs), 1.0).y[-1, 1] for told in (switches, None)]  # fmt: skip
+                                      switches=told, rhs=rhs), 1.0).y[-1, 1] for told in (switches, None)]
         assert gained[0] == pytest.approx(np.sqrt(np.pi) / 1e3, rel=1e-3)
         assert gained[1] == pytest.approx(0.0, abs=1e-9)
 

@@ -25,7 +25,7 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
 
 LAWS = [(joints.Revolute, {"kept": False}), (joints.Revolute, {"kept": True}), (forces.Bushing, {}), (forces.PointSpring, {}),
-        (bodies.RigidBody, {})]  # fmt: skip
+        (bodies.RigidBody, {})]
 
 
 def compare(kernel: Kernel, x: Array) -> None:
@@ -81,7 +81,7 @@ def test_every_function_a_law_may_use() -> None:
     plain = [se.sin, se.cos, se.tan, se.asin, se.acos, se.atan, se.sinh, se.cosh, se.tanh, se.asinh, se.atanh, se.log, se.erf]
     e = [*(f(x) for f in plain), se.acosh(1 + x), se.atan2(y, -x), se.exp(-x) + se.E, se.sqrt(x) / se.sqrt(y), se.pi * x + 0.1,
          x**-3 + 2**y + y ** se.Rational(2, 3), se.Abs(x - y) * se.sign(x - y), se.Max(x, y, 0.5) - se.Min(x, y, 0.5), switched,
-         se.UnevaluatedExpr(x + y) * se.UnevaluatedExpr(x - y), se.floor(3 * x)]  # fmt: skip
+         se.UnevaluatedExpr(x + y) * se.UnevaluatedExpr(x - y), se.floor(3 * x)]
     kernel, points = Kernel([x, y], e), random_inputs(Kernel([x, y], e))
     compare(kernel, points)
     h = 1e-6

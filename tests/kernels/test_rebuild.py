@@ -17,7 +17,7 @@ PLACES = [(1.5, -2.0, 0.25), (-2.0, 1.5, 3.0), (0.5, 0.5, -1.0), (0.0, 0.0, 0.0)
     (se.Max(X, Y, Z), max), (se.Min(X, Y, Z), min), (abs(X) + Y, lambda x, y, z: abs(x) + y),
     (se.sign(X) * Y, lambda x, y, z: (x > 0) * y - (x < 0) * y), (se.ceiling(X) + 2 * Z, lambda x, y, z: math.ceil(x) + 2 * z),
     (se.Max(abs(X), se.Min(Y, Z)) ** 2, lambda x, y, z: max(abs(x), min(y, z)) ** 2),
-], ids=["max", "min", "abs", "sign", "ceiling", "all"])  # fmt: skip
+], ids=["max", "min", "abs", "sign", "ceiling", "all"])
 def test_values(e, value):
     rewritten = one_sided(e)
     for place in PLACES:

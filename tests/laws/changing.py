@@ -74,7 +74,7 @@ def outer() -> float:
 way("helper of a helper", lambda f: globals().update(inner=lambda: f), law("ByInner", lambda self: outer()))
 scaled = functools.partial(lambda x, f: f * x, f=3.0)
 way("partial replaced", lambda f: globals().update(scaled=functools.partial(lambda x, f: f * x, f=f)),
-    law("ByPartial", lambda self: scaled(1.0)))  # fmt: skip
+    law("ByPartial", lambda self: scaled(1.0)))
 kept = functools.partial(lambda f: f, f=3.0)
 way("keywords of a partial", lambda f: kept.keywords.update(f=f), law("ByKeywords", lambda self: kept()))
 MODULE = types.ModuleType("numbers_of_ours")
@@ -135,13 +135,13 @@ PLACE, LOCAL = contextvars.ContextVar("f", default=3.0), threading.local()
 way("context variable", lambda f: PLACE.set(f), law("ByContext", lambda self: PLACE.get()))
 way("thread's own value", lambda f: setattr(LOCAL, "f", f), law("ByThread", lambda self: LOCAL.f))
 way("environment variable", lambda f: os.environ.update(MBDAE_TEST_FACTOR=str(f)),
-    law("ByEnvironment", lambda self: float(os.environ["MBDAE_TEST_FACTOR"])))  # fmt: skip
+    law("ByEnvironment", lambda self: float(os.environ["MBDAE_TEST_FACTOR"])))
 way("JSON file", lambda f: (FOLDER / "f.json").write_text(json.dumps({"f": f})),
-    law("ByJson", lambda self: json.loads((FOLDER / "f.json").read_text())["f"]))  # fmt: skip
+    law("ByJson", lambda self: json.loads((FOLDER / "f.json").read_text())["f"]))
 way("array file", lambda f: np.save(FOLDER / "f.npy", np.array([f])) or True,
-    law("ByArrayFile", lambda self: float(np.load(FOLDER / "f.npy")[0])))  # fmt: skip
+    law("ByArrayFile", lambda self: float(np.load(FOLDER / "f.npy")[0])))
 way("entry of sys.modules", lambda f: sys.modules.update(module_of_ours=types.SimpleNamespace(f=f)),  # type: ignore[dict-item]
-    law("ByImport", lambda self: __import__("module_of_ours").f))  # fmt: skip
+    law("ByImport", lambda self: __import__("module_of_ours").f))
 
 
 @dataclasses.dataclass

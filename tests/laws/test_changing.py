@@ -177,7 +177,7 @@ UNSTEADY = {
     "clock": lambda self: time.perf_counter(), "counter": lambda self: next(COUNTED),
     "system's random bytes": lambda self: int.from_bytes(os.urandom(4)),
     "changed by itself": lambda self: changing.NAMED.update(n=changing.NAMED.get("n", 0) + 1) or changing.NAMED["n"],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", UNSTEADY)

@@ -108,6 +108,6 @@ def test_tables_of_other_sizes_are_refused() -> None:
         guards.native({})  # type: ignore[attr-defined]
     durations = np.ones((1, len(SPEEDS)))
     for wrong, known, at in ((np.ones((2, 3)), np.ones(2), np.zeros(0)), (durations, np.ones(2), np.zeros(0)),
-                             (durations, np.ones(1), np.zeros(1000))):  # fmt: skip
+                             (durations, np.ones(1), np.zeros(1000))):
         with pytest.raises(ValueError, match="positions"):
             native.hold(wrong, known, at, 0.1)

@@ -161,7 +161,7 @@ def test_random_tables_are_right_or_refused() -> None:
 def test_matrices_of_another_size_are_refused() -> None:
     entries = Entries.full(3)
     for scale, power, real, pairs in ((np.ones(2), np.ones(3), [1.0], []), (np.ones(3), np.ones(4), [1.0], []),
-                                      (np.ones(3), np.ones(3), [], []), (np.ones(3), np.ones(3), [[1.0]], [])):  # fmt: skip
+                                      (np.ones(3), np.ones(3), [], []), (np.ones(3), np.ones(3), [[1.0]], [])):
         with pytest.raises(ValueError, match=r"powers of the step|eigenvalue lambda"):
             Matrix(entries, scale, power, real, pairs, ())
     matrix = Matrix(entries, np.ones(3), np.zeros(3), [1.0], [1j], ())

@@ -21,7 +21,7 @@ def benchmark():
 
 
 @pytest.mark.parametrize("name", ["pendulum", "four_bar", "andrews_squeezer", "heavy_top",
-                                  pytest.param("ground_resonance", marks=pytest.mark.slow)])  # fmt: skip
+                                  pytest.param("ground_resonance", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("accuracies", [(1e-3, 1e-6), pytest.param((1e-4, 1e-5, 1e-7, 1e-8), marks=pytest.mark.slow)])
 def test_five_scenes(name, accuracies):
     for row in benchmark().ratios(name, accuracies):

@@ -34,7 +34,7 @@ AGREE = 1e-11  #: of the largest acceleration, or joint force
 ALIKE = ("boom", "cam", "cylindrical", "fixed_orientation", "planar", "universal")  #: of turns and slides that others have too
 EACH = [pytest.param(kind, marks=[pytest.mark.slow] * (kind in ALIKE)) for kind in KINDS]
 TWO = [pytest.param(kind, *way, marks=[pytest.mark.slow] * ((i + k) % 2))  # each kind in one way, validation/joints has both
-       for i, kind in enumerate(KINDS) for k, way in enumerate((("lk", None), ("kl", 1)))]  # fmt: skip
+       for i, kind in enumerate(KINDS) for k, way in enumerate((("lk", None), ("kl", 1)))]
 
 
 @pytest.mark.parametrize(("kind", "sides", "driven"), TWO)
@@ -49,7 +49,7 @@ def test_accelerations_and_reactions(kind, sides, driven):
 
 
 @pytest.mark.parametrize("kinds", [("universal", "spherical", "screw"), ("planar", "boom", "cam"),
-                                   ("free", "cylindrical", "universal")])  # fmt: skip
+                                   ("free", "cylindrical", "universal")])
 def test_joints_of_different_kinds_in_one_chain(kinds):
     rng = np.random.default_rng(7)
     c = drawn(rng, kinds, "lkl", 2)
@@ -136,7 +136,7 @@ def test_kinematics_by_hand(kind, outer):
     here = at(0.0)
     spin = slope(lambda b: b.turn) @ here.turn.T
     for found, expected in ((slope(lambda b: b.r), here.v), (slope(lambda b: b.v), here.a), (slope(lambda b: b.w), here.w1),
-                            (np.array([spin[2, 1], spin[0, 2], spin[1, 0]]), here.w)):  # fmt: skip
+                            (np.array([spin[2, 1], spin[0, 2], spin[1, 0]]), here.w)):
         np.testing.assert_allclose(found, expected, atol=1e-8 * (1 + np.max(np.abs(v)) ** 5))
 
 
@@ -183,7 +183,7 @@ def with_another_lead(monkeypatch):
 
 
 @pytest.mark.parametrize(("kind", "mistake"), [("boom", without_coriolis), ("universal", without_gyroscopic_torque),
-                                               ("screw", with_another_lead)])  # fmt: skip
+                                               ("screw", with_another_lead)])
 def test_mistakes_in_the_reference_are_seen(monkeypatch, kind, mistake):
     rng = np.random.default_rng(1)
     c = drawn(rng, (kind, kind), "lk")
@@ -202,5 +202,5 @@ def test_every_joint_that_states_a_motion_has_a_reference():
     known = {law for law, _ in LAWS.values()}
     stated = [getattr(library, name) for name in library.__all__]
     missing = [law.__name__ for law in stated if isinstance(law, type) and issubclass(law, mb.Joint) and law.coordinates
-               and law.states_motion() and law not in known]  # fmt: skip
+               and law.states_motion() and law not in known]
     assert not missing

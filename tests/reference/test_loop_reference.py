@@ -54,7 +54,7 @@ def test_angle_of_a_drive_by_differences():
     """Where the axes are together, as its joint keeps them."""
     rng, h = np.random.default_rng(4), 1e-4
     m = Mechanism((a_body(rng, "a", unit(rng)), a_body(rng, "b", unit(rng))),
-                  (a_joint(rng, "R", "A", GROUND, 0, unit(rng)), a_joint(rng, "R", "B", 0, 1, unit(rng))))  # fmt: skip
+                  (a_joint(rng, "R", "A", GROUND, 0, unit(rng)), a_joint(rng, "R", "B", 0, 1, unit(rng))))
     state = consistent(rng, m)
     a = loops.solve(replace(m, gravity=unit(rng)), state).a
     _, rate, second = loops.coordinate(m, state, m.joints[1], a)
@@ -67,7 +67,7 @@ def test_angle_of_a_drive_by_differences():
     lambda rng: loop(rng, "RUSR", springs=()), lambda rng: loop(rng, "RPSRRR", springs=(0, 1)), over.under_forces(over.bennett),
     lambda rng: loop(rng, "RSDR", points=(1,)), over.under_forces(over.sarrus), over.under_forces(over.spherical),
     lambda rng: second_loop(rng, loop(rng, "RSSR"), "D", 0, 2),
-])  # fmt: skip
+])
 def test_energy_changes_by_what_acts(make):
     """dE/dt along the motion is the power of dampers and loads, and joints stay closed to the second order."""
     rng = np.random.default_rng(7)
@@ -77,7 +77,7 @@ def test_energy_changes_by_what_acts(make):
     assert motion.contradiction < 1e-10
     after, before = state.later(h, motion.a), state.later(-h, motion.a)
     undamped = replace(m, joints=tuple(replace(j, damper=0.0, load=0.0) for j in m.joints), loads=(),
-                       springs=tuple(replace(s, damping=0.0) for s in m.springs))  # fmt: skip
+                       springs=tuple(replace(s, damping=0.0) for s in m.springs))
     u = np.hstack([state.v, state.w])[:-1].ravel()
     power = u @ (loops.forces(m, state) - loops.forces(undamped, state))
     change = (loops.energy(m, after) - loops.energy(m, before)) / (2 * h)
@@ -100,7 +100,7 @@ def test_pendulum():
     R = Rotation.from_rotvec([0, phi, 0]).as_matrix()
     r, w = R @ np.array([0.7, 0, 0]), rate * np.array([0, 1.0, 0])
     state = replace(m.drawn, r=np.array([r, np.zeros(3)]), R=np.array([R, np.eye(3)]), w=np.array([w, np.zeros(3)]),
-                    v=np.array([np.cross(w, r), np.zeros(3)]))  # fmt: skip
+                    v=np.array([np.cross(w, r), np.zeros(3)]))
     motion = loops.solve(m, state)
     second = (1.3 * g * 0.7 * np.cos(phi) - k * phi - c * rate + load) / (0.3 + 1.3 * 0.7**2)
     assert motion.a[0, 4] == pytest.approx(second, rel=1e-12)
@@ -135,7 +135,7 @@ def test_heavy_top():
     mass, length, across, C, g = 1.3, 0.7, 0.3, 0.1, 9.81
     A = across + mass * length**2
     m = Mechanism((rod((across, across, C), (0, 0, length), mass),), (Joint("spherical", "tip", GROUND, 0, np.zeros(3), Z),),
-                  gravity=-g * Z)  # fmt: skip
+                  gravity=-g * Z)
     theta, turning, nutating, spinning = 0.6, 0.9, -0.4, 12.0
     line = np.array([1.0, 0, 0])  # of nodes: tilted about x
     R = Rotation.from_rotvec(theta * line).as_matrix()
@@ -144,7 +144,7 @@ def test_heavy_top():
     r = length * axis
     zero = np.zeros(3)
     state = replace(m.drawn, r=np.array([r, zero]), R=np.array([R, np.eye(3)]), w=np.array([w, zero]),
-                    v=np.array([np.cross(w, r), zero]))  # fmt: skip
+                    v=np.array([np.cross(w, r), zero]))
     a = loops.solve(m, state).a[0, 3:]
     n = spinning + turning * np.cos(theta)
     exact = (A * turning**2 * np.cos(theta) - C * n * turning + mass * g * length) * np.sin(theta) / A

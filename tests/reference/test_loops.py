@@ -51,7 +51,7 @@ def one_thread():
 
 #: one of every mechanism, two of every second
 @pytest.mark.parametrize(("name", "seed"), [pytest.param(*p, marks=[pytest.mark.slow] * (p[1] > len(p[0]) % 2))
-                                            for p in ONE + TWO])  # fmt: skip
+                                            for p in ONE + TWO])
 def test_accelerations_reactions_and_freedoms(name, seed):
     """With one of the joint models in turn; programs of recursive trees take longest to compile."""
     start, p = drawn(name, seed, MODELS[(seed + len(name)) % 4 if seed < 4 else seed % 2])
@@ -118,7 +118,7 @@ def choices(models):
 
 
 @pytest.mark.parametrize(("number", "name", "model"), [(i, n, m) for i, (n, m) in enumerate(choices(["mixed"])[1::8])]
-                         + [(i, n, "recursive") for i, n in enumerate(SHORT[::4][:2])])  # fmt: skip
+                         + [(i, n, "recursive") for i, n in enumerate(SHORT[::4][:2])])
 def test_equations_in_a_form(number, name, model):
     start, p = drawn(name, 0, model)
     forms(start.mechanism, p, FORMS[number % 2])
@@ -145,7 +145,7 @@ def later(name, model, seed=0):
 
 
 @pytest.mark.parametrize(("name", "model"), [("RUSR", "recursive"), ("planar", "kinematic"), ("Bennett", "mixed"),
-                                             ("Sarrus", "classical"), ("door on three hinges", "recursive")])  # fmt: skip
+                                             ("Sarrus", "classical"), ("door on three hinges", "recursive")])
 def test_at_a_later_time(name, model):
     later(name, model)
 
@@ -212,7 +212,7 @@ def with_another_second_derivative(monkeypatch):
 @pytest.mark.parametrize(("name", "mistake"), [
     ("RPSRRR", without_gyroscopic_torque), ("RRURU", with_another_sign("along")), ("RRURU", with_another_sign("square")),
     ("RPSRRR", with_another_sign("along_of_k")), ("PRDR", with_another_sign("apart")), ("RSSR", with_another_second_derivative),
-])  # fmt: skip
+])
 def test_mistakes_in_the_reference_are_seen(monkeypatch, name, mistake):
     """A term left out, or a sign: accelerations are off by more than ten thousand times what is allowed.
 

@@ -165,7 +165,7 @@ def test_a_bell_in_space_is_passed_or_reflects(width, height, reflected):
     """The reference itself: the speed far from the bell is the speed before it."""
     value, slope = Field(bell, height / 2, 0.5, width).functions()
     p = oracle.Problem("bell", lambda said: None, [], 2.0, np.array([0.0, 1.0]), lambda t, y, u: [y[1], -slope(y[0])],
-                       lambda t, y, u: {"x": y[0], "v": y[1]})  # fmt: skip
+                       lambda t, y, u: {"x": y[0], "v": y[1]})
     laws.local(p, Field(bell, height / 2, 0.5, width), 1.2 * np.sqrt(1 + 2 * abs(height)), lambda y: y[0])
     at = oracle.solve(p, np.linspace(0, 2, 21))
     before = value(0.0)

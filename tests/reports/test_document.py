@@ -27,7 +27,7 @@ SAMPLE = Document("A & B", [
                  r"\begin{cases} 0 & x \le 0 \\ x & \text{otherwise} \end{cases} \\ = c", 3, "note $x$"),
         Table(["one", "$y^2$"], [["a | b", "$|x|$"], ["100 %", "m/s$^{2}$"]], "caption"), Code("x_1 = {2}"),
         Picture("<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 1 1'/>", "a picture"), Picture(PNG, "a photo")]),
-])  # fmt: skip
+])
 
 
 def test_html_is_well_formed_and_needs_nothing_else(read_html):

@@ -12,7 +12,7 @@ from mbdae.reports import page, report
 
 EDITS = 18  # every kind twice
 NAMES = ["revolute", "classical", "recursive", "universal", "screw", "spherical", "gear", "pointspring", "jointdamper", "hertz",
-         "lugre", "beam", "rigidbody", "bushing"]  # fmt: skip
+         "lugre", "beam", "rigidbody", "bushing"]
 VECTOR = r"(\\(?:mathbf|boldsymbol)\{[^{}]*\}_[kl])"
 #: edits of a line: a pattern and what takes its place
 KINDS = {
@@ -25,7 +25,7 @@ KINDS = {
     "a dropped rate": (r"\\dot\{", "{"),
     "sine for cosine": (r"\\cos ", r"\\sin "),
     "a power": (r"\^\{2\}", "^{3}"),
-}  # fmt: skip
+}
 
 
 def edited(blocks, number, line):

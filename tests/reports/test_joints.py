@@ -54,7 +54,7 @@ def test_friction_that_nothing_presses_has_no_report(law):
 
 @pytest.mark.parametrize("joint", [pytest.param(law, marks=[pytest.mark.slow] * (i % 2))
                                    for i, law in enumerate(law for law in JOINTS if law.scalars())],
-                         ids=lambda law: law.__name__)  # fmt: skip
+                         ids=lambda law: law.__name__)
 def test_forces_on_the_last_coordinate_of_a_joint(joint):
     kept = joint.must_keep()
     for law, options in (("JointSpring", {}), ("JointLoad", {}), ("JointFriction", {"friction": FRICTION})):
@@ -99,7 +99,7 @@ def terms_of_the_program():
         (tree, "vec(a - al.cross(t) - w.cross(wt))", "vec(a - al.cross(t) + w.cross(wt))"),
         (tree, "vec(v - wt)", "vec(v + wt)"), (tree, "M + found.total.cross(F)", "M - found.total.cross(F)"),
         (tree, "found.back.cross(F)", "F.cross(found.back)"), (tree, "slope * work", "-slope * work"),
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.slow
@@ -120,7 +120,7 @@ def test_terms_of_the_program_of_a_tree_are_its_report(number):
         "print(mb.report('recursive').to_markdown())",
     ])
     run = [subprocess.run([sys.executable, "-c", code, which], capture_output=True, encoding="utf-8", check=True).stdout
-           for which in ("plain", "edited")]  # fmt: skip
+           for which in ("plain", "edited")]
     assert "comparisons hold" in run[0]
     assert "NOT EQUAL" in run[1]
     hashes = [re.findall(r"`([0-9a-f]{32})…`", text) for text in run]
@@ -210,7 +210,7 @@ class Rows(mb.Joint):
         d = l.r - k.r
         return {"cosine": k.x @ l.y, "length": d @ k.z, "norm": d.norm() - self.length, "area": d @ d - self.length**2,
                 "thread": self.pitch * self.relative_angle(k, l), "ratio": k.z @ d / self.radius,
-                "sine": se.sin(k.z @ d / self.radius)}  # fmt: skip
+                "sine": se.sin(k.z @ d / self.radius)}
 
 
 def test_units_of_multipliers():
@@ -219,7 +219,7 @@ def test_units_of_multipliers():
 
     r = JointReport(Rows, structure_of(Rows, {}))
     assert {name: r.effort(row) for name, row in r.s.rows.items()} == {
-        "cosine": "N m", "length": "N", "norm": "N", "area": "N m^-1", "thread": "N", "ratio": "N m", "sine": "N m"}  # fmt: skip
+        "cosine": "N m", "length": "N", "norm": "N", "area": "N m^-1", "thread": "N", "ratio": "N m", "sine": "N m"}
 
 
 def test_friction_is_checked():

@@ -25,7 +25,7 @@ from reading import holds_and_defines
 
 #: contacts, joints and a force whose pages are made as those of others are
 LONG = ("journalcontact", "cylinderonplane", "balloncylinder", "ballonball", "fixedorientation", "pointonline", "free",
-        "rotationalbushing")  # fmt: skip
+        "rotationalbushing")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in names()])
@@ -70,7 +70,7 @@ def test_reports_are_the_same_in_every_process(seed):
     """Neither hash nor tables hang on the order of sets, which is another in every process."""
     code = "import mbdae as mb; print(mb.report('revolute').to_markdown(), end='')"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=True,
-                         env=os.environ | {"PYTHONHASHSEED": seed, "PYTHONIOENCODING": "utf-8"})  # fmt: skip
+                         env=os.environ | {"PYTHONHASHSEED": seed, "PYTHONIOENCODING": "utf-8"})
     assert run.stdout.splitlines() == mb.report("revolute").to_markdown().splitlines()
 
 
@@ -136,7 +136,7 @@ def test_cold_report_takes_less_than_five_seconds(name, tmp_path):
     start = time.perf_counter()
     for ending in ("html", "md", "tex"):
         subprocess.run([sys.executable, "-m", "mbdae", "report", name, "--out", str(tmp_path / f"{name}.{ending}")], check=True,
-                       capture_output=True)  # fmt: skip
+                       capture_output=True)
         assert time.perf_counter() - start < 5
         start = time.perf_counter()
 

@@ -40,7 +40,7 @@ def spatial() -> mb.Scene:
 @pytest.mark.parametrize("scene", [
     pendulum(model=mb.Recursive()), pendulum(model=mb.Recursive(), spring=3.0, damper=0.1, torque=2.0),
     pendulum((0.6, -0.8), model=mb.Recursive(), rate0=2.0), double(), spatial(),
-])  # fmt: skip
+])
 def test_balances_of_recursive_joints_hold_where_they_are_taken(scene: mb.Scene) -> None:
     assert "comparisons hold" in verdict(scene)
 
@@ -55,7 +55,7 @@ def two(first: str, second: str, root: str = "A", tip: str = "B") -> mb.Scene:
 
 @pytest.mark.parametrize("names", [
     ("link-1", "link-2"), ("rod+", "rod*"), ("a'", "a"), ("m{", "m}", "\\A", "$"), ("a b", "a_b", "A_1", "A 1"), ("ab", "a b"),
-])  # fmt: skip
+])
 def test_names_stay_distinct_in_formulas(names: tuple[str, ...]) -> None:
     assert "comparisons hold" in verdict(two(*names))
 

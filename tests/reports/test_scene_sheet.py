@@ -139,7 +139,7 @@ def test_command_line_writes_the_format_of_the_ending(tmp_path, capsys):
 @pytest.mark.parametrize(("words", "message"), [
     (["report", "revolut"], "neither a file nor one of"), (["report", "nowhere.py"], "there is no file 'nowhere.py'"),
     (["report", "weld", "--format", "md", "--out", "w.html"], "give one of the two"),
-])  # fmt: skip
+])
 def test_command_line_tells_what_is_wrong(words, message, capsys):
     assert main(words) == 2
     assert message in capsys.readouterr().err

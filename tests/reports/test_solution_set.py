@@ -15,7 +15,7 @@ class Never(mb.Joint):
 
 
 @pytest.mark.parametrize(("law", "rows"), [
-    (mb.Universal, "rows drive angle k, drive angle l contain"), (mb.Screw, "row drive contains")])  # fmt: skip
+    (mb.Universal, "rows drive angle k, drive angle l contain"), (mb.Screw, "row drive contains")])
 def test_rows_of_coordinates_that_are_unknowns_are_told_apart(law, rows):
     text = mb.report(law, kept=True).to_markdown()
     assert "60 reached a solution. There the 6 rows that depend on the motion of l have rank 6" in text

@@ -61,7 +61,7 @@ WRONG = [
     (Slanted, "the row slant adds terms in 1 and in m"), (Wedged, "the row mesh adds terms in 1 and in m"),
     (Heavy, "the force on l adds terms in N and in N m"), (Waving, "the force on l is a function of m"),
     (Twisted, "the force on l has the unit m^2 kg s^-2, not N"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("law", "told"), WRONG)
@@ -108,8 +108,8 @@ def test_exports_have_the_unit_of_the_coordinate_that_a_law_acts_on():
     export = mb.export(s, form=mb.GGL())
     units = {e.name: e.unit for e in (*export.inputs["p"], *export.inputs["y"])}
     assert {n: units[n] for n in ("h.stiffness", "h.damping", "h.rest")} == {
-        "h.stiffness": "N m/rad", "h.damping": "N m s/rad", "h.rest": "rad"}  # fmt: skip
+        "h.stiffness": "N m/rad", "h.damping": "N m s/rad", "h.rest": "rad"}
     assert {n: units[n] for n in ("p.stiffness", "p.damping", "p.rest")} == {
-        "p.stiffness": "N/m", "p.damping": "N s/m", "p.rest": "m"}  # fmt: skip
+        "p.stiffness": "N/m", "p.damping": "N s/m", "p.rest": "m"}
     assert {units[f"{x}(h.{row})"] for x, row in (("lambda", "x"), ("mu", "x"))} == {"N s", "m"}
     assert [name for name, stated in units.items() if not stated or " or " in stated] == []

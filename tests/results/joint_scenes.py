@@ -37,12 +37,12 @@ def every_joint(model: mb.JointModel | None = None) -> mb.Scene:
     s.revolute("R", s.ground, b[0], at=at[0], axis=(0, 1, 0), spring=2.0, rate0=8.0, model=model)
     s.prismatic("P", s.ground, b[1], at=at[1], axis=(1, 0, 0), position=0.1 * mb.t**2, model=model)
     s.cylindrical("C", s.ground, b[2], at=at[2], axis=(1, 0, 0), spring={"displacement": 50.0, "angle": 2.0}, model=model,
-                  start={"angle": 7.0}, prescribed={"displacement": 0.1 * mb.t})  # fmt: skip
+                  start={"angle": 7.0}, prescribed={"displacement": 0.1 * mb.t})
     s.screw("H", s.ground, b[3], at=at[3], axis=(1, 0, 0), lead=0.2, damper=0.1, start_rate=9.0, model=model)
     s.universal("U", s.ground, b[4], at=at[4], axis=(1, 0, 0), axis_l=(1, 0, 0.2), pin=(0, 1, 0),
-                damper={"angle_l": 0.1}, model=model)  # fmt: skip
+                damper={"angle_l": 0.1}, model=model)
     s.planar("E", s.ground, b[5], at=at[5], axis=(0, 0, 1), axis_x=(0, 1, 0), load={"x": 1.0, "angle": 0.3}, model=model)
     s.joint(Slot, "S", s.ground, b[6], at=at[6], axis=(0, 1, 0), axis_x=(1, 0, 0), spring={"travel": 20.0},
-            start_rate={"angle": 3.0}, model=model)  # fmt: skip
+            start_rate={"angle": 3.0}, model=model)
     s.add(mb.Revolute("A", s.ground, b[7], at=at[7], axis=(0, 1, 0)), model=model)
     return s

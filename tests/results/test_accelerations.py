@@ -58,7 +58,7 @@ def test_the_drive_of_a_prescribed_angle(model: Any) -> None:
     s.revolute("B", a, b, at=(1, 0), damper=2.0)
     r = s.simulate(2.0, accuracy=1e-8, outputs=51)
     torque = sum(m * np.cross(r[n].position, r[n].acceleration)[:, 2] + m / 12 * r[n].angular_acceleration[:, 2]
-                 + m * G * r[n].position[:, 0] for n, m in (("a", 3.0), ("b", 1.0)))  # fmt: skip
+                 + m * G * r[n].position[:, 0] for n, m in (("a", 3.0), ("b", 1.0)))
     np.testing.assert_allclose(r["A"].drive, torque, atol=1e-6)
     assert np.max(np.abs(torque)) > 20
     assert "drive" in dir(r["A"])
@@ -166,7 +166,7 @@ def test_shear_stress_has_the_resultants() -> None:
     shear = np.array([Fibre(tube, a, np.sqrt(max(inner**2 - a**2, 0)), "").shear(R)[0, 0] for a in x])
     assert 2 * np.sum(shear * width) * outer / 4000 == pytest.approx(30.0, rel=1e-4)
     assert Fibre(tube, outer, 0, "").von_mises(R)[0] == pytest.approx(
-        np.sqrt(Fibre(tube, outer, 0, "").normal(R)[0] ** 2 + 3 * Fibre(tube, outer, 0, "").shear(R)[0, 1] ** 2))  # fmt: skip
+        np.sqrt(Fibre(tube, outer, 0, "").normal(R)[0] ** 2 + 3 * Fibre(tube, outer, 0, "").shear(R)[0, 1] ** 2))
     bare = mb.Section(EA=1e6, GA2=1e6, GA3=1e6, GJ=1e3, EI2=1e3, EI3=1e3, mass_per_length=1.0, rotary_inertia=1e-3)
     with pytest.raises(mb.OptionError, match="stiffnesses and no shape"):
         Fibre(bare, 0, 0, "beam 'b'").normal(R)

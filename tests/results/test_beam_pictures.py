@@ -107,7 +107,7 @@ def test_player_holds_the_shape_of_a_beam(flexible_run: Any, tmp_path: Path) -> 
     text = (tmp_path / "a.html").read_text(encoding="utf-8")
     film = json.loads(text.split('type="application/json">', 1)[1].split("</script>", 1)[0])
     (rod,) = (shape for shape in film["shapes"] if shape["kind"] == "bar" and len(shape["points"][0]) == 33 and not shape["body"]
-              and abs(shape["points"][0][0][0] * film["unit"] - 0.3) < film["unit"])  # fmt: skip
+              and abs(shape["points"][0][0][0] * film["unit"] - 0.3) < film["unit"])
     t = np.array(film["t"])
     tip = np.array(rod["points"])[:, -1] * film["unit"]
     np.testing.assert_allclose(tip, flexible_run(np.clip(t, 0, 0.4)).read("rod.at(1.0).position"), atol=0.6 * film["unit"])

@@ -139,7 +139,7 @@ def test_paths(flexible_run: Any, tmp_path: Any) -> None:
     figure = r.plot("rod.at(0.5).position", "rod.at(0.5).stress_resultants", "rod.at(0.5).strain", "rod.velocity")
     labels = [axis.get_ylabel() for axis in figure.axes]
     assert labels == ["position [m]", "section force [N]", "section moment [N m]", "strain [-]", "curvature [1/m]",
-                      "velocity [m/s]"]  # fmt: skip
+                      "velocity [m/s]"]
     for place in ("rod.at(0.5)", "rod.at(0.5).position", r.prepared.model.scene["rod"].at(0.5), "rod", "E"):
         (axis,) = r.orbit(place).axes
         assert axis.get_xlabel().endswith("x [m]")

@@ -33,7 +33,7 @@ def layer(frame: FrameType | None) -> str:
 
 @pytest.mark.parametrize("options", [
     {}, {"solver": mb.IDA()}, {"solver": mb.HHT(), "accuracy": 1e-3}, {"solver": mb.RadauIIA(3), "verify": True},
-], ids=["default", "IDA", "HHT", "verified"])  # fmt: skip
+], ids=["default", "IDA", "HHT", "verified"])
 def test_no_call_leads_back_up(options: dict[str, Any]) -> None:
     s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
     s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))

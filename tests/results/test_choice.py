@@ -32,7 +32,7 @@ def chain(n: int, **options: Any) -> mb.Scene:
 # every second example at 1e-8, the others at 1e-5
 @pytest.mark.parametrize(("name", "accuracy"), [
     pytest.param(path.stem, accuracy, marks=[pytest.mark.slow] * (path.stem in LONG or i % 2 != (accuracy < 1e-6)))
-    for i, path in enumerate(sorted(EXAMPLES.glob("*.py"))) for accuracy in (1e-5, 1e-8)])  # fmt: skip
+    for i, path in enumerate(sorted(EXAMPLES.glob("*.py"))) for accuracy in (1e-5, 1e-8)])
 @pytest.mark.filterwarnings("ignore::mbdae.AccuracyWarning")
 def test_check_predicts_what_is_run(name: str, accuracy: float, monkeypatch: Any) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))
@@ -166,7 +166,7 @@ def test_finite_eigenvalues_are_those_of_scipys_pencil(make: Any) -> None:
     pencil = scipy.linalg.eigvals(-fy, fyp)
     size = max(abs(pencil[np.isfinite(pencil)]))
     found, wanted = (np.sort_complex(values[np.isfinite(values) & (abs(values) > 1e-4 * size)])
-                     for values in (choices.finite_eigenvalues(fy, fyp), pencil))  # fmt: skip
+                     for values in (choices.finite_eigenvalues(fy, fyp), pencil))
     np.testing.assert_allclose(found, wanted, rtol=1e-6)
 
 

@@ -31,7 +31,7 @@ def test_names_of_sensors(r: Any) -> None:
     assert parsed("beam.at(0.5)") == SensorName("beam.at(0.5)", "")
     scene = r.prepared.model.scene
     for name, unit in (("A.drive", "N m"), ("a spring.length", "m"), ("a spring.rate", "m/s"), ("a.acceleration[0]", "m/s^2"),
-                       ("A.angle", "rad"), ("a.angular_acceleration", "rad/s^2")):  # fmt: skip
+                       ("A.angle", "rad"), ("a.angular_acceleration", "rad/s^2")):
         assert measured(scene, name)[1] == unit
 
 
@@ -49,7 +49,7 @@ def test_quantities(r: Any) -> None:
     ("3*", "no sensor"), ("[A.angle]*2", "no part of an expression"), (3, "3 is no quantity"),
     (lambda r: 1.0, "not a quantity over"),
     (lambda r: "x", "could not convert"), ("2*pi", "not a quantity over time"),
-])  # fmt: skip
+])
 def test_bad_quantities(bad: Any, words: str, r: Any) -> None:
     with pytest.raises(mb.MbdaeError, match=words):
         r.value(bad)
@@ -149,7 +149,7 @@ def odd_names():
     ("b.position*b.rotation", "b.position has 3 components, b.rotation has 3 x 3 components"),
     ("norm(P.rate)", "P.rate has one number"), ("sin(P.rate, P.displacement)", "2 arguments, but takes 1"),
     ("minimum(P.rate)", "1 argument, but takes 2"), ("2*norm(Gelenk-1 ä.angle)", "'norm(Gelenk-1 ä.angle)' cannot be formed"),
-])  # fmt: skip
+])
 def test_expressions_of_unequal_components_are_named(expression, said, outputs):
     """Also where there are as many times as components."""
     r = odd_names().simulate(0.5, outputs=outputs)
@@ -161,12 +161,12 @@ def test_expressions_of_unequal_components_are_named(expression, said, outputs):
 
 def test_expressions_and_conditions_read_items_of_any_name():
     r = odd_names().simulate(0.5, record=["2*Gelenk-1 ä.angle + P.rate < -0.5", "my rod.at(1, 0).position[1] < -0.5",
-                                          "norm(my rod.velocity) > 1", "lambda > 0.3"])  # fmt: skip
+                                          "norm(my rod.velocity) > 1", "lambda > 0.3"])
     angle = r["Gelenk-1 ä"].angle
     np.testing.assert_array_equal(r.value("2*Gelenk-1 ä.angle - P.rate"), 2 * angle - r["P"].rate)
     np.testing.assert_array_equal(r.value("1*lambda"), r["lambda"])
     assert {event.name for event in r.events} == {"2*Gelenk-1 ä.angle + P.rate < -0.5", "my rod.at(1, 0).position[1] < -0.5",
-                                                  "norm(my rod.velocity) > 1", "lambda > 0.3"}  # fmt: skip
+                                                  "norm(my rod.velocity) > 1", "lambda > 0.3"}
     assert r.events[0].time == pytest.approx(0.13613, abs=1e-3)
     assert next(event.time for event in r.events if event.name == "lambda > 0.3") == pytest.approx(0.2, abs=1e-8)
 

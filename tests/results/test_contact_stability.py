@@ -35,7 +35,7 @@ def test_backward_whirl_without_clearance_is_named():
 @pytest.mark.parametrize(("friction", "clearance", "damping", "expected"),
                          [(FAST, 0.0, 0.3, 1), (SLOW, 0.0, 0.3, 0), (FAST, 8e-6, 30.0, 0), (FAST, 8e-5, 0.3, 0),
                           (FAST, 8e-4, 0.3, 0)],
-                         ids=["unstable", "less friction", "more damping", "80 micrometres", "800 micrometres"])  # fmt: skip
+                         ids=["unstable", "less friction", "more damping", "80 micrometres", "800 micrometres"])
 def test_steps_that_damp_an_unstable_contact_away_are_told(friction, clearance, damping, expected):
     r = rotor_with_clearance(friction, clearance, damping).simulate(0.3, solver=mb.RadauIIA(3, rtol=1e-7))
     assert len(told(r, "friction makes the contact in 'T' unstable")) == expected

@@ -23,7 +23,7 @@ def unresolved(monkeypatch):
 
 
 SOLVERS = [mb.CVODE(), mb.RadauIIA(3), mb.RadauIIA(2), mb.IDA(), mb.CVODE(method="BDF"), mb.RadauIIA(3, step=5.0),
-           mb.HHT(step=10.0)]  # fmt: skip
+           mb.HHT(step=10.0)]
 TOLD = "was not evaluated there"
 
 
@@ -112,7 +112,7 @@ def test_a_load_along_a_beam_is_told():
 
 
 @pytest.mark.parametrize("load", [sp.sin(5 * mb.t), sp.tanh(3 * (mb.t - 2)), mb.t**4 / 100, sp.exp(-((mb.t - 2) ** 2))],
-                         ids=str)  # fmt: skip
+                         ids=str)
 def test_inputs_that_steps_resolve_need_no_word(load):
     for solver in (None, mb.IDA(), mb.RadauIIA(2), mb.RadauIIA(3, step=0.05)):
         assert not told(pushed(load, 0.5).simulate(4.0, 1e-5, solver=solver))

@@ -61,7 +61,7 @@ def told_by(read: Any) -> list[str]:
 
 
 @pytest.mark.parametrize("quantity", ["A.drive", "B.force", "B.force[1]", "D.torque", "norm(B.force)*2", "coupler.acceleration",
-                                      "D.angle", "A.drive*A.rate"])  # fmt: skip
+                                      "D.angle", "A.drive*A.rate"])
 def test_errors_bound_the_true_ones(quantity: str, rigid: mb.Result) -> None:
     """Against a run at 1e-9, at times between steps; estimates of smooth motion were measured to be 1 to 20 times the error."""
     exact, times = four_bar().simulate(0.5, accuracy=1e-9), np.linspace(0, 0.5, 801)
@@ -111,7 +111,7 @@ def test_peaks_carry_their_error(rigid: mb.Result) -> None:
 @pytest.mark.parametrize(("value", "error", "shown"), [
     (26.6018, 0.02, "26.60 +- 0.02"), (26.6018, 3e-7, "26.6018 +- 3e-07"), (110.667, 122.0, "111 +- 120"), (4.0, 0.0, "4"),
     (0.001234, 2e-5, "0.00123 +- 2e-05"), (1.0, None, "1"), (31234.5, 12.0, "31230 +- 10"), (0.0, 1e-3, "0.00 +- 0.001"),
-])  # fmt: skip
+])
 def test_values_are_printed_with_the_digits_that_their_error_leaves(value: float, error: float | None, shown: str) -> None:
     assert with_error(value, error) == shown
     assert shown in repr(Peak(value, 0.0, "N", "x", error))
@@ -153,7 +153,7 @@ def test_a_peak_at_a_damped_stop_is_not_as_uncertain_as_the_time_of_the_impact()
     s = mb.Scene("beam on a stop", gravity=(0, -G, 0))
     section = mb.Section.rectangular(0.012, 0.006, E=210e9, nu=0.3, rho=7850.0, damping=1e-5)
     s.revolute("hinge", s.ground, s.beam("beam", (0, 0), (0.5, 0), section=section, elements=2), at=(0, 0), limits=(-0.1, None),
-               stop=mb.Stop(stiffness=1e4, damping=10.0))  # fmt: skip
+               stop=mb.Stop(stiffness=1e4, damping=10.0))
     found = s.simulate(0.1, accuracy=1e-3).peak("hinge.force")
     exact = s.simulate(0.1, accuracy=1e-7, solver=mb.RadauIIA(5)).peak("hinge.force")
     assert abs(found.value - exact.value) <= 3 * found.error
@@ -186,7 +186,7 @@ def test_a_force_without_its_vibrations_is_told_once_by_name(ringing: mb.Result)
     lambda r: r["A"].drive, lambda r: r["A"].power,
     lambda r: r.to_csv("forces.csv", "C.force"), lambda r: r.to_dataframe("C.force"), lambda r: r.plot("C.force"),
     lambda r: r.value(lambda r: r["C"].force),
-])  # fmt: skip
+])
 def test_every_way_to_read_a_force_tells(read: Any, ringing: mb.Result, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     r = pickle.loads(pickle.dumps(ringing))

@@ -34,7 +34,7 @@ def test_links_end_in_their_joints(bar: Any) -> None:
     crank, coupler, rocker = (lines(seen, name, "bar")[0] for name in ("crank", "coupler", "rocker"))
     pins = {name: lines(seen, name, "pin")[0][:, 0] for name in "ABCD"}
     for end, pin in ((crank[:, 0], "A"), (crank[:, -1], "B"), (coupler[:, 0], "B"), (coupler[:, -1], "C"),
-                     (rocker[:, 0], "C"), (rocker[:, -1], "D")):  # fmt: skip
+                     (rocker[:, 0], "C"), (rocker[:, -1], "D")):
         np.testing.assert_allclose(end, pins[pin], atol=1e-5)  # m, drift of the run at accuracy 1e-3
     assert np.max(np.abs(crank[:, -1] - crank[0, -1])) > 0.1
 

@@ -28,13 +28,13 @@ def rod(off: float, wheel: bool = False, **options: Any) -> Any:
 
 def fallen(off: float, times: Any) -> Any:
     return solve_ivp(lambda t, y: [y[1], 1.5 * G * np.sin(y[0])], (0, times[-1]), [off, 0], method="DOP853", rtol=3e-14,
-                     atol=1e-20, t_eval=times).y[0]  # fmt: skip
+                     atol=1e-20, t_eval=times).y[0]
 
 
 @pytest.mark.parametrize("options", [
     {}, {"solver": mb.RadauIIA(3), "form": mb.GGL()}, {"solver": mb.RadauIIA(5)}, {"solver": mb.IDA()},
     {"solver": mb.CVODE(method="BDF")}, {"solver": mb.HHT()},
-], ids=lambda o: str(next(iter(o.values()), "default"))[:12])  # fmt: skip
+], ids=lambda o: str(next(iter(o.values()), "default"))[:12])
 @pytest.mark.parametrize("wheel", [False, True])
 def test_a_rod_that_seems_to_stand_falls(options: dict[str, Any], wheel: bool) -> None:
     off = 1e-10
@@ -63,10 +63,10 @@ def test_growth_is_that_of_the_equations() -> None:
     s = mb.Scene("Mathieu")
     x = s.sensor("guide.displacement")
     s.prismatic("guide", s.ground, s.rigid_body("mass", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), position0=1e-6,
-                force=-(1 + 0.4 * sp.cos(2 * mb.t)) * x)  # fmt: skip
+                force=-(1 + 0.4 * sp.cos(2 * mb.t)) * x)
     found, period = s.simulate(20 * np.pi).accuracy.amplification, np.pi
     turned = solve_ivp(lambda t, y: np.r_[y[2:], -(1 + 0.4 * np.cos(2 * t)) * y[:2]], (0, period), [1, 0, 0, 1], rtol=1e-11,
-                       atol=1e-12)  # fmt: skip
+                       atol=1e-12)
     multiplier = np.max(np.abs(np.linalg.eigvals(turned.y[:, -1].reshape(2, 2))))
     assert found == pytest.approx(20 * log(multiplier), abs=0.5)
 
@@ -127,7 +127,7 @@ def test_growth_of_beams_and_large_chains_is_seen() -> None:
         for j in range(40):
             body = s.link(f"rod {j}", (0, sign * 0.1 * j), (0, sign * 0.1 * (j + 1)), mass=0.1)
             s.revolute(f"J{j}", s.ground if below is None else below, body, at=(0, sign * 0.1 * j),
-                       angle0=1e-9 if j == 0 else None)  # fmt: skip
+                       angle0=1e-9 if j == 0 else None)
             below = body
         r = s.simulate(0.05, accuracy=1e-3)
         system = r.solution.systems[0][1]

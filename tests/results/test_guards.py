@@ -42,7 +42,7 @@ def told(r, words):
 
 
 @pytest.mark.parametrize(("solver", "drifts"), [(mb.IDA(rtol=1e-5), True), (mb.RadauIIA(3, rtol=1e-5), False)],
-                         ids=["IDA", "Radau"])  # fmt: skip
+                         ids=["IDA", "Radau"])
 def test_energy_that_bdf_feeds_is_told(solver, drifts):
     r = pendulum().simulate(30 * PERIOD, solver=solver)
     off = np.max(np.abs(r.energy.balance)) / np.ptp(r.energy.potential)
@@ -87,7 +87,7 @@ def test_rounding_of_energies_at_rest_is_no_drift(solver):
 
 
 @pytest.mark.parametrize(("stiffness", "words"), [(1e12, ["the smallest it takes", "softer contact law"]), (1e15, [])],
-                         ids=["below the smallest rtol", "below round-off"])  # fmt: skip
+                         ids=["below the smallest rtol", "below round-off"])
 def test_no_rtol_is_advised_that_the_solver_does_not_take(stiffness, words):
     """A mass that rests on a plane under a weight of a millionth of a newton."""
     s = mb.Scene("resting", gravity=(0, 0, -1e-6))
@@ -185,7 +185,7 @@ def test_energy_made_in_impacts_is_told_whatever_the_mass(solver, damping, alarm
     for mass in (1e-3, 1.0, 1e3):
         s = mb.Scene("slider")
         s.prismatic("J", s.ground, s.rigid_body("a", mass, mass, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), rate0=3.0,
-                    limits=(-0.1, 0.2), stop=mb.Stop(1e5 * mass, damping * mass))  # fmt: skip
+                    limits=(-0.1, 0.2), stop=mb.Stop(1e5 * mass, damping * mass))
         r = s.simulate(1.0, solver=solver)
         e = r.energy
         assert (np.max(np.abs(e.balance)) > 0.1 * np.max(e.kinetic)) is np.bool_(alarm)
@@ -218,7 +218,7 @@ def test_ida_sees_every_unknown_in_its_error_test_and_starts_nothing_itself(monk
 
 
 @pytest.mark.parametrize("solver", [mb.IDA(rtol=1e-6), mb.RadauIIA(2, rtol=1e-6), mb.RadauIIA(3, rtol=1e-6)],
-                         ids=lambda s: s.label)  # fmt: skip
+                         ids=lambda s: s.label)
 def test_a_run_begins_where_the_scene_does(solver):
     r = four_bar().simulate(0.01, solver=solver)
     np.testing.assert_array_equal(r.q[0], r.start.q)
@@ -337,7 +337,7 @@ class Moved(SimpleNamespace):
 
 
 @pytest.mark.parametrize(("inertia", "axis", "said"), [(0.1, (0, 1, 0), True), (0.1, (0, 0, 1), False),
-                                                       ((0.1, 0.1, 0.1), (0, 1, 0), False)])  # fmt: skip
+                                                       ((0.1, 0.1, 0.1), (0, 1, 0), False)])
 @pytest.mark.parametrize("model", [mb.Kinematic(), mb.Recursive()], ids=["kinematic", "recursive"])
 def test_inertia_that_is_one_number_counts_about_z_alone(inertia, axis, said, model):
     """In space a body that turns about another axis is told to have no inertia about it."""

@@ -35,7 +35,7 @@ SYMBOLS = {
     "C": {"guide": 1, "box": 1, "line": 1, "thin": 2}, "H": {"guide": 1, "box": 1, "line": 1, "thin": 1},
     "U": {"line": 2, "dot": 1}, "E": {"guide": 1, "pin": 1, "line": 2, "arrow": 1},
     "S": {"guide": 1, "pin": 1, "line": 2, "thin": 1}, "A": {"pin": 1, "line": 2},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda m: type(m).__name__)
@@ -97,10 +97,10 @@ def test_couplings_are_drawn_between_their_joints() -> None:
 def test_plots_name_coordinates_and_their_units() -> None:
     r = every_joint().simulate(0.05, accuracy=1e-3)
     figure = r.plot("H.angle", "C.angle", "C.displacement", "C.displacement_rate", "U.angle_k", "E.x", "E.angle_rate", "H.rate",
-                    "P.rate")  # fmt: skip
+                    "P.rate")
     assert [axis.get_ylabel() for axis in figure.axes] == [
         "angle [rad]", "displacement [m]", "displacement rate [m/s]", "angle k [rad]", "x [m]", "angle rate [rad/s]",
-        "rate [rad/s]", "speed [m/s]"]  # fmt: skip
+        "rate [rad/s]", "speed [m/s]"]
     (axis,) = r.phase("S.travel", "S.travel_rate").axes
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("S.travel [m]", "S.travel_rate [m/s]")
     words = r"no sensor 'C\.rate': did you mean 'C\.angle_rate'\? 'C' has angle, angle_rate, displacement, displacement_rate"

@@ -47,7 +47,7 @@ def test_where_round_off_limits_a_smaller_accuracy_is_the_same_run_and_the_warni
                                                 "steps show"),
     (((1e-6, 1e-3),), 1e-13, 1e-3, "estimated once"), ((), 1e-13, 1e-3, "no two runs that can be compared"),
     (((1e-6, np.inf),), 1e-13, np.inf, "no two runs that can be compared"),
-])  # fmt: skip
+])
 def test_a_smaller_accuracy_is_advised_only_where_the_estimate_fell(told: Any, limit: float, error: float, words: str) -> None:
     run = Controlled(None, mb.IDA(), error, 2, 0.0, told=told, limit=limit)  # type: ignore[arg-type]
     said = _advice(error, 1e-4, run)
@@ -61,7 +61,7 @@ def test_reliable_agrees_with_the_accuracy_beside_it() -> None:
     met, own = s.simulate(0.5, outputs=3), s.simulate(0.5, solver=mb.RadauIIA(3, rtol=1e-6), outputs=3)
     missed = double_pendulum().simulate(15.0, accuracy=1e-6, solver="ida", outputs=3)
     assert [(r.reliable, r.accuracy.met, "motion" in r.accuracy.covers) for r in (met, own, missed)] == [
-        (True, True, True), (None, None, False), (False, False, False)]  # fmt: skip
+        (True, True, True), (None, None, False), (False, False, False)]
     assert ["not reliable" in repr(r) for r in (met, own, missed)] == [False, False, True]
     met.info = replace(met.info, reliable=False)  # as after an alarm of the energy balance
     assert met.reliable is False

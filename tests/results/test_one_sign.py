@@ -10,7 +10,7 @@ import pytest
 import mbdae as mb
 
 MODELS = {"kinematic": mb.Kinematic(), "classical": mb.Classical(), "scaled": mb.Classical(scaling=20.0, penalty=3.0),
-          "recursive": mb.Recursive(), "default": None}  # fmt: skip
+          "recursive": mb.Recursive(), "default": None}
 TIMES = np.linspace(0, 0.3, 4)
 
 
@@ -39,7 +39,7 @@ def quantities(s: mb.Scene) -> dict[str, np.ndarray]:
 #: every kind and load in one of the spaces and ways in turn
 EVERY = [pytest.param(*given, *way, marks=[pytest.mark.slow] * (i not in (1, 2, 4, 7) or k != (i + i // 2 + i // 4) % 2))
          for i, given in enumerate(itertools.product(("revolute", "prismatic"), ("driven", "loaded"), ("auto", "spatial")))
-         for k, way in enumerate(((False, 1), (True, -1), (True, 1), (False, -1)))]  # fmt: skip
+         for k, way in enumerate(((False, 1), (True, -1), (True, 1), (False, -1)))]
 
 
 @pytest.mark.parametrize(("kind", "loads", "space", "swapped", "axis"), EVERY)
@@ -48,7 +48,7 @@ def test_every_model_says_the_same(kind: str, loads: str, space: str, swapped: b
     driven = {what: 0.3 * mb.t + 0.5 * mb.t**2}
     given = driven if loads == "driven" else {"spring": 5.0, "damper": 0.4, load: 3.0 + mb.t, "rate0": 0.7}
     found = {name: quantities(scene(kind, model, space, swapped, axis, **given)) for name, model in MODELS.items()
-             if kind == "revolute" or name != "scaled"}  # fmt: skip
+             if kind == "revolute" or name != "scaled"}
     first = found["kinematic"]
     assert ("A.drive" in first) == (loads == "driven")
     for name, other in found.items():
@@ -69,7 +69,7 @@ def test_signs_are_those_the_laws_state(name: str, swapped: bool) -> None:
     s.revolute("A", *((b, s.ground) if swapped else (s.ground, b)), at=(0, 0), model=MODELS[name], angle=0 * mb.t)
     c = s.rigid_body("c", 2.0, 0.1, at=(3, 0))
     s.prismatic("P", *((c, s.ground) if swapped else (s.ground, c)), at=(3, 0), axis=(0, 1, 0),
-                model=None if name == "scaled" else MODELS[name], position=sign * 1.5 * mb.t**2)  # fmt: skip
+                model=None if name == "scaled" else MODELS[name], position=sign * 1.5 * mb.t**2)
     d = s.rigid_body("d", 1.0, 1.0, at=(6, 0))  # something to solve for
     s.revolute("free", s.ground, d, at=(6, 0), model=mb.Kinematic())
     r = s.simulate(0.1)

@@ -21,7 +21,7 @@ from joint_scenes import MODELS, every_joint
 
 COPIES = {"pickle": lambda r: pickle.loads(pickle.dumps(r)), "deepcopy": copy.deepcopy}
 RUNS = ["Radau IIA", "Radau IIA, impacts", "Radau IIA, breaks and friction", "Radau IIA, rows in force", "Radau IIA, beam",
-        "DOP853", "HHT", "IDA", "CVODE", "a method of one's own", "collocation of one's own"]  # fmt: skip
+        "DOP853", "HHT", "IDA", "CVODE", "a method of one's own", "collocation of one's own"]
 
 
 def sensors(r: mb.Result) -> dict[str, np.ndarray]:
@@ -34,7 +34,7 @@ def sensors(r: mb.Result) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize(("name", "way"), [
     pytest.param(name, way, marks=[pytest.mark.slow] * ((i + k) % 3 > 0), id=f"{name}-{way}")
-    for i, name in enumerate(RUNS) for k, way in enumerate(COPIES)])  # fmt: skip
+    for i, name in enumerate(RUNS) for k, way in enumerate(COPIES)])
 def test_runs_keep_every_bit(name: str, way: str) -> None:
     make, end, options = scenes.RUNS[name]
     with warnings.catch_warnings():
@@ -85,7 +85,7 @@ def resting() -> mb.Scene:
     lambda s: s, lambda s: s.check(), lambda s: s.equilibrium(), lambda s: s.linearize(), lambda s: s.floquet(1.0),
     lambda s: mb.sweep(s, {"rod.mass": [1.0, 2.0]}, t_end=0.1, workers=1),
     lambda s: mb.compare(s, 0.1, runs=["RadauIIA(3)"]), lambda s: mb.extremes(s, 0.1, vary={"rod.mass": [1.0, 2.0]}),
-], ids=["scene", "check", "equilibrium", "linearize", "floquet", "sweep", "compare", "extremes"])  # fmt: skip
+], ids=["scene", "check", "equilibrium", "linearize", "floquet", "sweep", "compare", "extremes"])
 def test_what_else_is_returned(what) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

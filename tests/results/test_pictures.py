@@ -24,7 +24,7 @@ def test_one_panel_per_quantity_with_units(bar: Any, tmp_path: Path) -> None:
 def test_planar_vectors_show_the_components_of_the_plane(bar: Any) -> None:
     figure = bar.plot("A.force", "crank.angular_velocity")
     assert [line.get_label() for axis in figure.axes for line in axis.lines] == [
-        "A.force x", "A.force y", "crank.angular_velocity z"]  # fmt: skip
+        "A.force x", "A.force y", "crank.angular_velocity z"]
     looks = [(line.get_color(), line.get_linestyle()) for line in figure.axes[0].lines]
     assert len({color for color, _ in looks}) == len({dash for _, dash in looks}) == 2
 

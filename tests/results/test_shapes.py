@@ -128,7 +128,7 @@ def test_a_body_whose_inertia_is_no_bodys_is_a_small_box() -> None:
 @pytest.mark.parametrize("planar", [True, False])
 def test_long_and_many_names_are_inside_and_apart(planar: bool) -> None:
     s = mb.Scene("a scene with a name that is as long as a whole sentence of a report and then goes on for a while",
-                 gravity=(0, -9.81, 0), space="planar" if planar else "spatial")  # fmt: skip
+                 gravity=(0, -9.81, 0), space="planar" if planar else "spatial")
     for i in range(24):
         at = (0.1 * (i % 6), 0.06 * (i // 6), 0)
         s.point_mass(f"mass point number {i} of a row with a long name", 1.0, at=at)
@@ -210,7 +210,7 @@ def test_charts_are_beside_the_motion_where_there_is_room(browser: Any, tmp_path
     for width, beside in ((1280, True), (390, False)):
         browser.show(tmp_path / "a.html", width)
         view, chart = (browser.script(f"const r = {x}.getBoundingClientRect(); return [r.left, r.right, r.top, r.bottom]")
-                       for x in ("view", "strips[0].canvas"))  # fmt: skip
+                       for x in ("view", "strips[0].canvas"))
         assert (chart[0] >= view[1]) == beside
         assert (chart[2] >= view[3]) == (not beside)
         assert browser.script("return document.documentElement.scrollWidth") == width

@@ -63,7 +63,7 @@ REACH = math.acos((1.5**2 + 2.0**2 - (COUPLER + 1.2) ** 2) / (2 * 1.5 * 2.0)) - 
 
 
 @pytest.mark.parametrize("given", [{}, {"solver": mb.RadauIIA(3)}, {"solver": mb.IDA()}, {"solver": mb.HHT()},
-                                   {"solver": mb.RadauIIA(3, step=0.01)}], ids=str)  # fmt: skip
+                                   {"solver": mb.RadauIIA(3, step=0.01)}], ids=str)
 @pytest.mark.parametrize("recursive", [False, True])
 def test_a_value_beyond_the_reach_of_a_loop_is_named(given, recursive):
     scene = toggle().recursive() if recursive else toggle()
@@ -147,7 +147,7 @@ def test_drift_is_not_blamed_on_what_is_prescribed():
     """A crank that can turn all the way stops where a loose run without position constraints has drifted to."""
     s = mb.Scene("drift", gravity=(0, -9.81, 0))
     links = [s.link(n, p, q, mass=1.0) for n, p, q in (("crank", (0, 0), (0, 0.297)), ("coupler", (0, 0.297), (1, 0.3)),
-                                                        ("rocker", (1, 0.3), (1, 0)))]  # fmt: skip
+                                                        ("rocker", (1, 0.3), (1, 0)))]
     s.revolute("A", s.ground, links[0], at=(0, 0), angle=5 * mb.t)
     s.revolute("B", *links[:2], at=(0, 0.297))
     s.revolute("C", *links[1:], at=(1, 0.3))

@@ -65,7 +65,7 @@ def test_files_with_one_number_for_a_joint_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"nave": 8.0}, {"hub": {"turn": 8.0}}, {"hub": {}}, {"hub": "8"}, {"hub": [8.0]},
-                                   {"hub": {"angle": None}}])  # fmt: skip
+                                   {"hub": {"angle": None}}])
 def test_coordinates_that_the_scene_does_not_have_are_refused(wrong: Any, tmp_path: Path) -> None:
     path = tmp_path / "r.npz"
     wheel().simulate(0.1).save(path)

@@ -73,7 +73,7 @@ def problems(s: mb.Scene) -> list[str]:
         (lambda s: s.force("F", "a", (1, 2, 3, 4)), "force 'F': value = (1, 2, 3, 4) has shape (4,); give 2 or 3 components"),
         (lambda s: s.force("F", "a", (1, 0, 0), frame="foo"), "force 'F': frame = 'foo' is unknown; use 'inertial' or 'body'"),
     ],
-)  # fmt: skip
+)
 def test_statement(say: Callable[[mb.Scene], Any], finding: str) -> None:
     s = rod()
     say(s)
@@ -206,7 +206,7 @@ def test_slender_rod_spins_about_itself() -> None:
     s.spherical("A", s.ground, "rod", at=(0, 0, 0))
     s.spherical("B", "rod", "block", at=(1, 1, 0))
     assert problems(s) == ["body 'rod' can turn about (0.71, 0.71, 0) in body axes without any inertia: "
-                           "give it mass or inertia, or a joint that stops this motion"]  # fmt: skip
+                           "give it mass or inertia, or a joint that stops this motion"]
 
 
 def test_free_hub_without_mass() -> None:
@@ -253,6 +253,6 @@ def test_law_that_states_nothing() -> None:
     s = rod()
     s.add(Wordless("W", s.ground, "a", at=(0, 0), p=1.0))
     assert problems(s) == ["'W': joint law Wordless states neither `motion(self, from_k)` nor `constraints(self, k, l)`: "
-                           "state one of these methods"]  # fmt: skip
+                           "state one of these methods"]
     with pytest.raises(mb.LawError, match=r"Wordless 'W': unknown parameter 'q'; it has p"):
         Wordless("W", s.ground, "a", q=1)

@@ -71,7 +71,7 @@ def broken(s: float) -> Any:
         (lambda s: s.revolute("R", s.ground, "b", at=(0.5001, 0)), "revolute 'R': its place [0.5001, 0.0, 0.0] m on beam 'b' is 0.0001 m from a node and would leave an element as short as that: attach at the node, [0.5, 0.0, 0.0] m, or move it away from there"),
         (lambda s: s.force("F", s["b"].at(0.99999), (0, 1)), "force 'F': its place [0.99999, 0.0, 0.0] m on beam 'b' is 1e-05 m from a node"),
     ],
-)  # fmt: skip
+)
 def test_statement(say: Callable[[mb.Scene], Any], finding: str) -> None:
     s = scene()
     say(s)
@@ -102,7 +102,7 @@ def test_all_problems_at_once() -> None:
     c.load((0, 1 / mb.t), frame="body")
     found = problems(s)
     expected = ("section = None", "elements = -1", "order = 5", "axis2 = [2.0, 0.0, 0.0]", "velocity = (1, 2, 3, 4) has shape (4,)", "axis = [0.0, 0.0, 0.0]",
-                "0.0001 m from a node", "frame = 'body'", "f2 = t**(-1)")  # fmt: skip
+                "0.0001 m from a node", "frame = 'body'", "f2 = t**(-1)")
     for words in expected:
         assert [p for p in found if words in p], words
     assert len(found) == len(expected)

@@ -30,13 +30,13 @@ def scene(space: str = "auto", curve: Any = wave) -> mb.Scene:
 
 
 READ = ("a.at(0.3).position", "b.at(1.0).velocity", "b.at(0.2).stress_resultants", "b.at(1.2, 0.4).rotation", "J.force",
-        "b.velocity")  # fmt: skip
+        "b.velocity")
 
 
 @pytest.mark.parametrize(("space", "solver", "stresses"), [
     ("auto", mb.RadauIIA(3, rtol=1e-4), True), ("spatial", mb.RadauIIA(2, rtol=1e-3), True),
     ("auto", mb.IDA(rtol=1e-4, max_order=2), False),
-], ids=["Radau", "Radau in space", "IDA"])  # fmt: skip
+], ids=["Radau", "Radau in space", "IDA"])
 def test_a_loaded_result_is_the_result(space: str, solver: Any, stresses: bool, tmp_path: Path) -> None:
     r = scene(space).simulate(0.02, solver=solver, outputs=5)
     assert any(name.startswith("a.M3") for name in r.solution.names) == stresses

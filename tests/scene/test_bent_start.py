@@ -18,7 +18,7 @@ def four_bar(degrees=3.0, where="C", kind="beam", section=SECTION, **first):
     made = s.beam if kind == "beam" else s.link
     options = {"section": section} if kind == "beam" else {"mass": 0.1}
     crank, coupler, rocker = (made(name, *ends, **options) for name, ends in
-                              (("crank", (A, B)), ("coupler", (B, C)), ("rocker", (D, C))))  # fmt: skip
+                              (("crank", (A, B)), ("coupler", (B, C)), ("rocker", (D, C))))
     tilt = np.deg2rad(degrees)
     axes = dict.fromkeys("ABCD", (0, 0, 1)) | {where: (np.sin(tilt), 0, np.cos(tilt))}
     s.revolute("A", s.ground, crank, at=A, axis=axes["A"], **first)
@@ -34,7 +34,7 @@ def test_a_misaligned_four_bar_of_beams_starts_at_speed_from_its_drawn_pose(wher
     r = s.simulate(0.1, accuracy=1e-4)
     assert r.warnings == ()
     assert r.start.changes == ["the beams start bending, because no rigid motion of them has the rates given: they begin with "
-                               "velocities of least elastic power"]  # fmt: skip
+                               "velocities of least elastic power"]
     assert r.drift.position[0] < 1e-12
     assert r.drift.velocity[0] < 1e-10
     np.testing.assert_allclose(r["A"].rate[0], 2.0, rtol=1e-9)

@@ -54,7 +54,7 @@ def test_the_same_loop_in_the_plane_is_not() -> None:
         (lambda s: s.revolute("E", s.ground, "crank", at=(0, 0), axis=(1, 0, 1)), "is neither in the plane nor normal to it"),
         (lambda s: setattr(s, "gravity", np.array([0, 0, 1.0])), "gravity has the z component 1 m/s^2"),
     ],
-)  # fmt: skip
+)
 def test_why_a_scene_is_not_planar(change: Any, reason: str) -> None:
     from mbdae.system.model.model import build
 

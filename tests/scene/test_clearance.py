@@ -116,7 +116,7 @@ def test_sensors_of_the_contact(turned: mb.Result) -> None:
     {"scene": crank("spatial")}, pytest.param({"solver": mb.IDA()}, marks=pytest.mark.slow), {"form": mb.Index3()},
     {"scene": crank().recursive()},
     {"scene": crank(loose="").replace("B", model=mb.Clearance(0.0201, 0.02, HERTZ, COULOMB))},
-], ids=["in space", "IDA", "index 3", "recursive", "replaced"])  # fmt: skip
+], ids=["in space", "IDA", "index 3", "recursive", "replaced"])
 def test_the_same_motion_by_another_way(turned: mb.Result, other: dict[str, Any]) -> None:
     r = other.pop("scene", crank()).simulate(0.1, accuracy=1e-6, **other)
     assert np.max(np.abs(r["slider"].position - turned["slider"].position)) < 1e-6
@@ -184,7 +184,7 @@ def problems(scene: mb.Scene) -> str:
     (lambda: mb.Clearance(0.0201, 0.02, 1e9), "model.normal = 1000000000.0 is no normal law"),
     (lambda: mb.Clearance(0.0201, 0.02, HERTZ, friction=0.3), "model.friction = 0.3 is no friction law"),
     (lambda: mb.Clearance(0.0201, 0.02, HERTZ, length=0.0), "model.length = 0 m is not positive"),
-])  # fmt: skip
+])
 def test_wrong_clearances_are_refused_by_name(model: Any, words: str) -> None:
     text = problems(crank(loose="").replace("B", model=model()))
     assert "revolute 'B'" in text

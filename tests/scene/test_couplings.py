@@ -35,7 +35,7 @@ def wheels() -> mb.Scene:
     (None, "of = None is no dict: say which joint's coordinate each of a, b is"), ("A", "of = 'A' is no dict"),
     ({}, "of = {} must have the keys a, b and no others"),
     (5, "of = 5"),
-])  # fmt: skip
+])
 def test_coordinates_of_a_coupling(of: Any, words: str) -> None:
     with pytest.raises(mb.LawError, match=words):
         Equal("g", of)
@@ -59,7 +59,7 @@ def test_coordinates_of_a_coupling(of: Any, words: str) -> None:
     (lambda s: s.point_on_plane("g", s.ground, "a", at=(0, 0, 0), axis=(0, 0, 1), axis_x=(0, 0, -1)), "is along axis"),
     (lambda s: s.joint(mb.Distance, "g", s.ground, "a", at=(1, 0, 0)), "length is missing; use s.distance(...), which"),
     (lambda s: s.cylindrical("g", s.ground, "a", at=(0, 0, 0), axis=(0, 0, 1), angle=1.0), "give prescribed={'angle': ...}"),
-])  # fmt: skip
+])
 def test_refused_once_and_by_name(state: Callable[[mb.Scene], Any], words: str) -> None:
     s = wheels()
     state(s)
@@ -114,7 +114,7 @@ def test_a_bearing_pressed_by_a_given_force(model: Any) -> None:
     s = mb.Scene("brake")
     s.rigid_body("b", 1.0, 0.1, at=(0, 0))
     s.revolute("A", s.ground, "b", at=(0, 0), rate0=4.0, friction=mb.Coulomb(0.1, 0.01), radius=0.1, normal_force=5.0,
-               model=model)  # fmt: skip
+               model=model)
     assert abs(s.simulate(0.1)["A"].rate[-1] - 3.95) < 1e-6  # 4 - 0.1 * 5 N * 0.1 m / 0.1 kg m2 * 0.1 s
 
 

@@ -22,7 +22,7 @@ def block(friction: Any = DRY, model: Any = None, normal_force: Any = None, tilt
     s = mb.Scene("block", gravity=(G * np.sin(tilt), -G * np.cos(tilt), 0))
     body = s.rigid_body("block", 2.0, 0.1, at=(0, 0))
     s.prismatic("slide", s.ground, body, at=(0, 0), axis=(1, 0, 0), rate0=rate0, model=model, friction=friction,
-                normal_force=normal_force)  # fmt: skip
+                normal_force=normal_force)
     return s
 
 
@@ -144,7 +144,7 @@ def test_equilibrium_of_a_turning_frame_has_friction() -> None:
 
 @pytest.mark.parametrize(("solver", "model"), [
     (mb.RadauIIA(3, rtol=1e-8), mb.Recursive()), pytest.param(mb.IDA(rtol=1e-9), None, marks=pytest.mark.slow)],
-    ids=repr)  # fmt: skip
+    ids=repr)
 def test_stick_slip(solver: Any, model: Any) -> None:
     """Positions, velocities and the deflection of the bristles against an independent integration."""
     given = data("lugre_stick_slip")
@@ -332,7 +332,7 @@ def test_reaction_that_is_shared_is_refused() -> None:
         ({"friction": DRY, "radius": 0.1, "model": mb.Recursive()}, "a recursive joint has none among .* use model=mb.Kin"),
         ({"friction": DRY, "radius": 0.1, "model": mb.Clearance(0.11, 0.1, mb.Hertz(1e8))}, r"say model=mb.Clear.*friction="),
     ],
-)  # fmt: skip
+)
 def test_bad_friction_of_a_revolute(said: dict[str, Any], words: str) -> None:
     s = mb.Scene("bad")
     s.revolute("pin", s.ground, s.rigid_body("disk", 1.0, 0.1, at=(0, 0)), at=(0, 0), **said)
@@ -349,7 +349,7 @@ def test_bad_friction_of_a_revolute(said: dict[str, Any], words: str) -> None:
         ({"normal_force": 1.0}, "normal_force = 1 N does nothing without friction="),
         ({"friction": DRY, "model": mb.Recursive()}, r"use model=mb.Kinematic\(\) or a given normal_force"),
     ],
-)  # fmt: skip
+)
 def test_bad_friction_of_a_prismatic(said: dict[str, Any], words: str) -> None:
     s = mb.Scene("bad")
     s.prismatic("slide", s.ground, s.rigid_body("block", 1.0, 0.1, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), **said)
@@ -380,7 +380,7 @@ def test_weight_presses_whichever_body_is_the_ground(model: Any, ground_first: b
     start = 3.0 if ground_first else -3.0
     law = {"planar": mb.Planar, "cylindrical": mb.Cylindrical, "prismatic": mb.Prismatic}[joint]
     s.joint(law, "J", *pair, at=(0, 0, 0), axis=axis, model=model, friction={coordinate: mb.Coulomb(0.2, 1e-3)},
-            start_rate={coordinate: start}, **further)  # fmt: skip
+            start_rate={coordinate: start}, **further)
     r = s.simulate(0.5, accuracy=1e-7)
     assert abs(getattr(r["J"], f"{coordinate}_rate")[-1]) == pytest.approx(3 - 0.2 * G * 0.5, rel=1e-6)
 
@@ -392,7 +392,7 @@ def test_a_cross_is_pressed_normal_to_its_own_pin() -> None:
         s.rigid_body("body", 2.0, (0.1, 0.1, 0.1), at=(0, 0, 0))
         s.universal("U", s.ground, "body", at=(0, 0, 0), axis=(0, 0, 1), pin=(1, 0, 0), radius=0.03,
                     friction={"angle_k": mb.Coulomb(0.3, 1e-3)}, start_rate={"angle_k": 5.0}, prescribed={"angle_l": 0.0},
-                    model=mb.Classical())  # fmt: skip
+                    model=mb.Classical())
         lost = 5.0 - s.simulate(0.2, accuracy=1e-7)["U"].angle_k_rate[-1]
         assert lost == pytest.approx(0.3 * 2 * G * 0.03 / 0.1 * 0.2 if presses else 0.0, rel=1e-5, abs=1e-6)
 

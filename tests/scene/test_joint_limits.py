@@ -65,7 +65,7 @@ def tube(**given: Any) -> mb.Scene:
         (lambda: tube(limits={"angle": (-1, 1)}, stop={"displacement": STOP}), "limits = (-1, 1) rad have no stop"),
         (lambda: rod(limits=(-1, 1), stop=STOP, model=mb.Clearance(0.02, 0.019, mb.Hertz(1e9))), "limits of a joint with clearance"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_told(scene, finding):
     with pytest.raises((mb.SceneError, mb.StartError)) as caught:
         scene().check()

@@ -77,7 +77,7 @@ def test_a_nut_falls_down_its_thread() -> None:
 @pytest.mark.parametrize("options", [
     {"spring": 0.2, "damper": 0.01, "start": 0.5, "start_rate": 3.0}, {"load": 0.3 * mb.t}, {"prescribed": 3 * mb.t**2},
     {"friction": mb.Coulomb(0.1, 1e-2), "radius": 0.02, "normal_force": 5.0},
-])  # fmt: skip
+])
 def test_options_of_one_coordinate(options: dict[str, Any]) -> None:
     def make(model: Any) -> mb.Scene:
         s = nut(model=model, **options)
@@ -95,7 +95,7 @@ def test_options_of_one_coordinate(options: dict[str, Any]) -> None:
     {"prescribed": {"angle": mb.t**2}, "load": {"reach": 2.0}},
     {"prescribed": {"reach": 0.1 * mb.t**2}, "friction": {"angle": mb.Coulomb(0.2, 1e-2)}, "radius": 0.1,
      "normal_force": {"angle": 3.0}},
-])  # fmt: skip
+])
 @pytest.mark.parametrize("sides", [("ground", "load"), ("load", "ground")])
 def test_options_of_two_coordinates(options: dict[str, Any], sides: tuple[str, str]) -> None:
     same_in_all_models(lambda model: crane(*sides, model=model, **options), end)
@@ -151,7 +151,7 @@ def test_couplings_act_on_its_coordinates() -> None:
     ({"reach_rate": 2.0}, "no argument 'reach_rate'; to start with a rate of its coordinate give start_rate={'reach': ...}"),
     ({"friction": {"angle": mb.Coulomb(0.1, 1e-3)}}, "friction in a bearing needs the radius of its pin"),
     ({"start": {"angle": 1.0}, "prescribed": {"angle": mb.t}}, "its angle is prescribed, which fixes the start already; omit"),
-])  # fmt: skip
+])
 def test_what_a_joint_has_not_is_named(options: dict[str, Any], wrong: str) -> None:
     with pytest.raises(mb.SceneError) as error:
         crane(**options).check()

@@ -20,7 +20,7 @@ import mbdae as mb
 
 t = mb.t
 KINDS = {"fraction": Fraction, "decimal": Decimal, "float32": np.float32, "int64": np.int64, "0-d array": np.array,
-         "SymPy's": sp.Integer, "symengine's": se.Integer, "longdouble": np.longdouble, "float16": np.float16}  # fmt: skip
+         "SymPy's": sp.Integer, "symengine's": se.Integer, "longdouble": np.longdouble, "float16": np.float16}
 
 
 class Bowl(mb.Joint):
@@ -40,7 +40,7 @@ def machine(n: Any) -> mb.Scene:
     ball = s.rigid_body("ball", n(1), (n(1), n(1), n(1)), at=[n(3), n(0), n(0)], velocity=(n(0), n(0), n(1)))
     bead = s.point_mass("bead", n(1), (n(5), n(0), n(0)), velocity=(n(0), n(1), n(0)))
     s.revolute("R", s.ground, rod, at=(n(0), n(0), n(0)), axis=(n(0), n(2), n(0)), spring=n(3), damper=n(1), torque=n(2) * t,
-               angle0=n(0), model=mb.Kinematic(scaling=n(2)))  # fmt: skip
+               angle0=n(0), model=mb.Kinematic(scaling=n(2)))
     s.spherical("S", rod, ball, at=(n(2), n(0), n(0)))
     s.add(Bowl("bowl", s.ground, bead, at=(n(5), n(0), n(0)), axis=(n(0), n(0), n(3)), radius=n(2)))
     s.force("F", ball, (n(1), t, n(0)), at=(n(4), n(0), n(0)))
@@ -86,12 +86,12 @@ def test_nothing_of_the_users_is_kept() -> None:
     s.add(law)
     s.weld("W", s.ground, place)
     before = pickle.dumps([s.statements, s.gravity, [(vars(b.drawn), b.inertia) for b in s.bodies],
-                           [(c.laws[0].at, c.laws[0].axis) for c in s.connections], s["bowl"].laws[0].radius])  # fmt: skip
+                           [(c.laws[0].at, c.laws[0].axis) for c in s.connections], s["bowl"].laws[0].radius])
     for a in (at, axis, R, speed, place.point):
         a += 7
     law.radius, law.name, law.l = 9.0, "other", None
     assert before == pickle.dumps([s.statements, s.gravity, [(vars(b.drawn), b.inertia) for b in s.bodies],
-                                   [(c.laws[0].at, c.laws[0].axis) for c in s.connections], s["bowl"].laws[0].radius])  # fmt: skip
+                                   [(c.laws[0].at, c.laws[0].axis) for c in s.connections], s["bowl"].laws[0].radius])
 
 
 def test_one_law_may_be_added_to_two_scenes() -> None:
@@ -127,7 +127,7 @@ def wrong() -> mb.Scene:
 @pytest.mark.parametrize("use", [
     lambda s: s.check(), lambda s: s.simulate(1.0), lambda s: s.draw(), lambda s: s.system(), lambda s: s.equilibrium(),
     lambda s: s.linearize(), lambda s: s.replace(model=mb.Classical()), lambda s: s.recursive(), lambda s: mb.report(s),
-])  # fmt: skip
+])
 def test_what_was_wrong_stays(use: Any) -> None:
     with pytest.raises(mb.SceneError, match="link 'rod': mass = 'heavy' is not a number; give a number from 0 in kg"):
         use(wrong())
@@ -140,7 +140,7 @@ def test_a_statement_that_python_refuses_leaves_nothing_behind() -> None:
                          "did you mean 'spring'? its arguments are name, k, l, at, axis"),
                         (lambda: s.revolute("R", s.ground, rod), "Scene.revolute(): missing a required argument: 'at'"),
                         (lambda: s.weld("R", s.ground, rod, (0, 0), (1, 1), 3), "Scene.weld(): too many positional arguments"),
-                        ):  # fmt: skip
+                        ):
         with pytest.raises(TypeError, match=re.escape(words)):
             said()
     assert (len(s.statements), len(s.connections), s.problems) == (1, 0, [])
@@ -176,7 +176,7 @@ def test_bodies_of_another_scene_are_named_as_such() -> None:
         (lambda: np.floor(2 * t), sp.floor(2 * t)), (lambda: math.ceil(t), sp.ceiling(t)), (lambda: np.mod(t, 2), sp.Mod(t, 2)),
         (lambda: np.float64(2) * t, 2.0 * t), (lambda: np.square(t), t**2), (lambda: np.hypot(t, 1), sp.sqrt(t**2 + 1)),
     ],
-)  # fmt: skip
+)
 def test_numpys_functions_work(by_numpy: Any, by_sympy: Any) -> None:
     assert by_numpy() == by_sympy
 
@@ -185,7 +185,7 @@ def test_numpys_functions_work(by_numpy: Any, by_sympy: Any) -> None:
     lambda: math.sin(t), lambda: math.sin(2 * t), lambda: float(t), lambda: np.maximum(t, 0), lambda: np.where(t > 1, 1, 0),
     lambda: 1 if 2 * t > 1 else 0, lambda: max(t, 1), lambda: np.sign(t - 1), lambda: np.clip(t, 0, 1), lambda: np.round(t),
     lambda: np.asarray([t, 0], dtype=float), lambda: np.interp(t, [0, 1], [0, 1]), lambda: np.arctan2(t, 1),
-])  # fmt: skip
+])
 def test_what_needs_a_value_says_what_to_write(use: Any) -> None:
     with pytest.raises(mb.OptionError, match=r"write .*sympy\.") as caught:
         use()
@@ -216,7 +216,7 @@ def test_arrays_of_expressions_and_functions_of_python() -> None:
     s = mb.Scene("s")
     s.rigid_body("rod", 1, (1, 1, 1))
     values = {"P": sp.Piecewise((1, t < 1)), "Q": t > 1, "R": 10**400 * t, "S": sp.Integral(sp.sin(t), t), "T": sp.Matrix([t]),
-              "U": sp.Symbol("w") * t, "V": sp.I * t, "W": sp.zoo * t, "X": sp.Function("f")(t)}  # fmt: skip
+              "U": sp.Symbol("w") * t, "V": sp.I * t, "W": sp.zoo * t, "X": sp.Function("f")(t)}
     for name, value in values.items():
         s.torque(name, "rod", (0, 0, value))
         assert s.problems.pop().startswith(f"torque '{name}': value[2] = "), name

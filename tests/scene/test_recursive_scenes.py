@@ -132,7 +132,7 @@ def test_default_comparison_has_the_models_side_by_side() -> None:
     w = mb.compare(spring_chain(2).replace(model=mb.Kinematic()), 0.1, accuracies=[1e-5])
     labels = {row.label for row in w.runs}
     assert {"RadauIIA(3) Index3", "RadauIIA(3) ODE Recursive", "IDA ODE Recursive", "CVODE (Adams) ODE Recursive",
-            "RadauIIA(3) GGL Classical"} <= labels  # fmt: skip
+            "RadauIIA(3) GGL Classical"} <= labels
     assert w.pairwise.largest[0] < 1e-3
 
 
@@ -162,7 +162,7 @@ def test_the_choice_of_a_solver_is_told(damper: float, label: str, why: str, tmp
     file = tmp_path / "chosen_by_default.py"
     file.write_text(f"import mbdae as mb\nt_end = 0.5\n\n\ndef scene():\n    s = mb.Scene('p', gravity=(0, -9.81, 0))\n"
                     f"    rod = s.link('rod', (0, 0), (1, 0), mass=1.0)\n    s.revolute('hinge', s.ground, rod, at=(0, 0), "
-                    f"damper={damper}, model=mb.Recursive())\n    return s\n")  # fmt: skip
+                    f"damper={damper}, model=mb.Recursive())\n    return s\n")
     assert main(["run", str(file), "--accuracy", "1e-7"]) == 0
     assert f"solver chosen: {why}" in capsys.readouterr().out
 

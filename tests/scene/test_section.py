@@ -11,7 +11,7 @@ from mbdae.scene.shapes import Section
 
 STEEL = {"E": 210e9, "nu": 0.3, "rho": 7850.0}
 GIVEN = {"EA": 1e6, "GA2": 3e5, "GA3": 4e5, "GJ": 80.0, "EI2": 100.0, "EI3": 200.0, "mass_per_length": 2.0,
-         "rotary_inertia": 1e-4}  # fmt: skip
+         "rotary_inertia": 1e-4}
 
 
 def test_circle():
@@ -64,7 +64,7 @@ def test_numbers_are_compliances():
 @pytest.mark.parametrize(("name", "value"), [(n, v) for n in GIVEN for v in (0, -1.0) if n != "rotary_inertia"] + [
     ("rotary_inertia", (1, -1, 1)), ("rotary_inertia", (1, 2)), ("mass_per_length", math.inf), ("damping", -0.1), ("EA", "stiff"),
     ("GJ", math.nan),
-])  # fmt: skip
+])
 def test_values_that_are_refused(name, value):
     with pytest.raises(OptionError, match=name):
         Section(**{**GIVEN, name: value})
@@ -79,7 +79,7 @@ def test_all_wrong_values_are_told_at_once():
     ("circular", {"radius": 0}, "radius = 0 m"), ("tube", {"outer": 0.01, "inner": 0.01}, "inner = 0.01 m"),
     ("rectangular", {"width": -1, "height": 1}, "width = -1 m"), ("circular", {"radius": 1, "nu": 0.6}, "nu = 0.6"),
     ("circular", {"radius": 1, "E": 0}, "E = 0 Pa"),
-])  # fmt: skip
+])
 def test_shapes_that_are_refused(shape, sizes, message):
     with pytest.raises(OptionError, match=message):
         getattr(Section, shape)(**{**STEEL, **sizes})

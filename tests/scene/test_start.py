@@ -50,7 +50,7 @@ def violation(p: Prepared) -> float:
     ("crank", "angle", "rate"),
     [({"angle0": 0.4}, 0.4, 0.0), ({"angle0": 0.4, "rate0": -2.0}, 0.4, -2.0), ({"rate0": 3.0}, 0.0, 3.0),
      ({"angle": 0.2 + 5 * mb.t}, 0.2, 5.0), ({"angle": sp.sin(3 * mb.t)}, 0.0, 3.0)],
-)  # fmt: skip
+)
 def test_what_is_held_stays(space: str, crank: dict[str, object], angle: float, rate: float) -> None:
     p = prepare(four_bar(space, **crank))
     assert coordinate(p, "A") == pytest.approx((angle, rate), abs=1e-11)
@@ -127,7 +127,7 @@ def test_contradicting_velocity_is_projected_and_reported() -> None:
     start = prepare(s).start
     assert start.u == pytest.approx([0, 0.5, 0.5], abs=1e-6)  # nearest in kinetic energy to (1, 1, 0)
     assert start.changes == ["the given velocity of 'bob' contradicts the joints and was changed by 1.118 m/s and 0.5 "
-                             "rad/s to fit them"]  # fmt: skip
+                             "rad/s to fit them"]
 
 
 def test_consistent_velocity_is_left_alone() -> None:

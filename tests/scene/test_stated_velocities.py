@@ -118,7 +118,7 @@ def test_what_contradicts_is_told_and_the_rest_stays(speed: float, model: mb.Joi
     s.revolute("B", s.ground, "right", at=(2, 0), model=model)
     p = prepare(s)
     assert p.start.changes == [f"the given velocity of 'wrong' contradicts the joints and was changed by {speed:.4g} m/s and 0 "
-                               f"rad/s to fit them"]  # fmt: skip
+                               f"rad/s to fit them"]
     np.testing.assert_allclose(velocity(p, "right"), ([0, speed, 0], [0, 0, speed]), atol=speed * ROUND_OFF)
     np.testing.assert_allclose(velocity(p, "wrong"), np.zeros((2, 3)), atol=speed * ROUND_OFF)
 

@@ -48,7 +48,7 @@ def test_ida_takes_loose_tolerances_on_soft_beams_and_with_order_2():
 
 
 @pytest.mark.parametrize(("scene", "t_end"), [(slider_crank(8, 1), 0.05), (steel_pendulum(1000), 0.3)],
-                         ids=["slider-crank", "pendulum"])  # fmt: skip
+                         ids=["slider-crank", "pendulum"])
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
 def test_stiff_scenes_are_as_accurate_as_asked_or_warn(scene, t_end, accuracy):
     r, times = scene.simulate(t_end, accuracy), np.linspace(0, t_end, 1001)

@@ -90,7 +90,7 @@ SAID = {
     "friction with a constructor": lambda s, rod: s.revolute("X", rod, s.link("more", (1, 0), (2, 0), mass=1.0), at=(1, 0),
                                                               friction=OWN["Smooth"](10), radius=0.1),
     "a law of a module": lambda s, rod: s.add(Cubic("X", s.ground, rod.at(0.5), at=(1, 0), stiffness=0.1)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SAID)
@@ -190,21 +190,21 @@ def everything() -> mb.Scene:
     """All statements, joint models and laws of the package."""
     s = mb.Scene("all", gravity=(0, -9.81, 0), space="spatial")
     a = s.rigid_body("a", 1.0, np.diag([0.1, 0.2, 0.25]), at=(0.1, 0.2, 1 / 3), rotation=np.eye(3), velocity=(0.1, 0, 2e-7),
-                     angular_velocity=(0, 0, 1e-3))  # fmt: skip
+                     angular_velocity=(0, 0, 1e-3))
     b = s.link("b", (0, 0), (1, 0.1), (2, 0), mass_per_length=np.float64(0.7))
     p = s.point_mass("p", 2, (3, 0, 0), velocity=(0, 1))
     pulse = sp.Piecewise((0, mb.t < 0.1), (sp.Piecewise((sp.sin(mb.t), sp.And(mb.t < 2, sp.Not(mb.t > 1))), (1, True)), True))
     s.revolute("r1", s.ground, a, at=a.at((0, 0, 0)), axis=(1, 1, 0), model=mb.Classical(2.0, 0.5), angle0=0.1, rate0=1,
         spring=0.3, damper=1)
     s.revolute("r2", "a", b, at=(0, 0), torque=sp.Max(mb.t, sp.Mod(mb.t, sp.Rational(1, 3))) + sp.floor(7.1 * mb.t),
-               friction=mb.LuGre(0.2, 0.3, 0.01, 1e3, 10.0, 0.1, 1.5, False), radius=0.1)  # fmt: skip
+               friction=mb.LuGre(0.2, 0.3, 0.01, 1e3, 10.0, 0.1, 1.5, False), radius=0.1)
     s.revolute("r3", s.ground, b, at=(2, 0), model=mb.Clearance(0.0101, 0.01, mb.Hertz(1e8, 0.1), friction=mb.Coulomb(0.1,
         0.01), length=0.1))
     s.prismatic("p1", s.ground, "a", (0, 0), (0, 0, 1), position=pulse, model=mb.Recursive())
     s.prismatic("p2", s.ground, b, at=(0, 0), axis=(1, 0, 0), force=mb.t**2, friction=mb.Coulomb(0.1, 1e-3), normal_force=3)
     s.spherical("s", a, b, at=(1, 0, 0))
     s.contact("b1", "a", b.at(0.5), mb.Cylinder(at=(0, 0, 3), axis=(1, 1, 0), radius=0.2, length=0.4), mb.Sphere(radius=1 / 3),
-              normal=mb.Hertz(1e8, 0.1), friction=mb.Coulomb(0.1, 0.01))  # fmt: skip
+              normal=mb.Hertz(1e8, 0.1), friction=mb.Coulomb(0.1, 0.01))
     s.weld("w", s.ground, a)
     s.distance("d", a, b, at_k=(0, 0), at_l=(1, 2))
     s.fixed_orientation("f", a, b)
@@ -215,7 +215,7 @@ def everything() -> mb.Scene:
     s.add(mb.Revolute("own", s.ground, b, at=(1, 0), axis=(0, 1, 0), drive=sp.tanh(mb.t)))
     s.cylindrical("c1", "a", b, at=(0, 0, 1), axis=(1, 0, 0), start={"angle": 0.3}, spring={"displacement": 2.0, "angle": 1e-3},
                   load={"angle": mb.t}, friction={"angle": mb.Coulomb(0.1, 1e-3)}, radius=0.01,
-                  normal_force={"angle": 3})  # fmt: skip
+                  normal_force={"angle": 3})
     s.screw("c2", "a", b, (0, 0, 1), axis=(0, 1, 0), lead=-0.004, model=mb.Recursive(), start_rate=2)
     s.universal("c3", "a", b, at=(0, 0, 1), axis=(0, 1, 0), axis_l=(1, 1, 0), pin=(0, 0, 2), prescribed={"angle_k": pulse})
     s.planar("c4", "a", b, (0, 0, 1), (0, 1, 0), axis_x=(1, 0, 0), damper={"x": 0.1}, model=mb.Classical())
@@ -228,7 +228,7 @@ def everything() -> mb.Scene:
     s.differential("g4", "r1", "r2", carrier="c4")
     beam = s.beam("beam", (0, 5), (1, 6), (2, 5), section=mb.Section.tube(0.1, 0.05, 2e9, 0.3, 1000), curve="arc", elements=3,
         order=3,
-                  axis2=(0, 0, 1), velocity=(0, 0, 0.1))  # fmt: skip
+                  axis2=(0, 0, 1), velocity=(0, 0, 0.1))
     beam.load((0, mb.t, 1), frame="section", name="load")
     s.state("e1", rate=1 / 3 - s.sensor("r1.angle") * s.sensor("e2"), start=0.1, size=2)
     s.signal("e2", sp.Max(s.sensor("a.position[1]"), mb.t / 7))
@@ -261,7 +261,7 @@ def test_every_statement_comes_back_to_the_last_bit() -> None:
 @pytest.mark.parametrize("solver", [
     mb.IDA(1e-5, max_order=4), mb.IDA(atol=1e-4), mb.CVODE(method="BDF", max_order=3), mb.RadauIIA(2, 1e-4, [1e-5] * 2),
     mb.RadauIIA(3, step=0.01, newton=1e-9), mb.HHT(0.1, step=0.01), mb.GeneralizedAlpha(0.5, accuracy=1e-4),
-], ids=repr)  # fmt: skip
+], ids=repr)
 def test_solvers_come_back(solver: Any) -> None:
     stored = storage._info_of(solver)
     options = stored["options"]
@@ -273,7 +273,7 @@ def test_solvers_come_back(solver: Any) -> None:
 @pytest.mark.parametrize(("old", "new"), [
     ("mbdae.joints.revolute:Revolute", "mbdae:Revolute"), ("mbdae.scene.components:Kinematic", "mbdae:Kinematic"),
     ("own.laws:Revolute", "own.laws:Revolute"), ("mbdaextra:Revolute", "mbdaextra:Revolute"),
-])  # fmt: skip
+])
 def test_files_that_name_the_module_of_a_law_are_read(old: str, new: str) -> None:
     assert without_module(old) == new
     if new.startswith("mbdae:"):

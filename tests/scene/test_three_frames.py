@@ -41,7 +41,7 @@ def test_weights_on_a_rope(tmp_path: Path) -> None:
     s.rigid_body("pulley", 1.0, 0.01, at=(0, 10))
     s.weld("fixed", s.ground, "pulley")
     s.add(Rope("left", light, "pulley", at=(0, -1), at_l=(0, 10), m=heavy, at_m=(0.2, -2),
-               length=11 + np.hypot(0.2, 12)))  # fmt: skip
+               length=11 + np.hypot(0.2, 12)))
     r = s.simulate(0.5, accuracy=1e-8)
     straight = 9.81 * 2 / 4 * 0.5**2 / 2
     assert r["A"].displacement[-1] == pytest.approx(straight, rel=2e-3)  # the other side hangs at a slight angle

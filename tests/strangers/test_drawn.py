@@ -21,7 +21,7 @@ from strangers.story import Input, Said, Story, build, script
 FOUND = sorted((Path(__file__).parent / "found").glob("*.py"))
 LONG = ("light_contact",)  #: another contact that failed is among the others
 FEW = settings(max_examples=1, derandomize=True, deadline=None, database=None, phases=[Phase.generate],
-               suppress_health_check=list(HealthCheck))  # fmt: skip
+               suppress_health_check=list(HealthCheck))
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -47,7 +47,7 @@ def test_a_drawn_scene_stated_in_another_way_moves_alike(family):
 
 
 @pytest.mark.parametrize("path", [pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (path.stem in LONG))
-                                  for path in FOUND])  # fmt: skip
+                                  for path in FOUND])
 def test_what_once_failed(path):
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
@@ -63,7 +63,7 @@ SWING = Story("swing", (
                                       ((-np.inf, "0"), (0.2, "1"), (0.25, "0")), scale=8.0)}),
     Said("rigid_body", {"name": "b2", "mass": 0.5, "inertia": (0.01, 0.03, 0.03), "at": (1.2, 0.0, 0.0)}),
     Said("spherical", {"name": "K", "k": "b1", "l": "b2", "at": (1.0, 0.0, 0.0)}),
-), 0.5, 1e-5, (0.0, 0.0, -9.81))  # fmt: skip
+), 0.5, 1e-5, (0.0, 0.0, -9.81))
 
 
 def test_the_script_is_the_scene(tmp_path):
@@ -93,7 +93,7 @@ def test_the_checks_notice_another_motion():
 def test_scenes_shrink_to_what_can_be_read():
     """The smallest loop with a slide that has a stop, and its script."""
     story = find(FAMILIES["tree"], lambda s: any("Stop" in str(a) for a in s.statements), random=random.Random(1),
-                 settings=settings(FEW, max_examples=300, phases=[Phase.generate, Phase.shrink]))  # fmt: skip
+                 settings=settings(FEW, max_examples=300, phases=[Phase.generate, Phase.shrink]))
     assert len(story.statements) == 2
     assert len(script(story).splitlines()) < 20
 

@@ -26,7 +26,7 @@ def test_a_start_that_hangs_on_the_order_would_be_seen():
     """A joint that starts a thousandth farther makes another start."""
     story = next(story for story in opened(1) if start_of(story) is not None)
     farther = story.but(statements=tuple(a.but(angle0=a.args["angle0"] + 1e-3) if "angle0" in a.args else a
-                                         for a in story.statements))  # fmt: skip
+                                         for a in story.statements))
     one, other = start_of(story), start_of(stated(farther, "reversed"))
     assert max(np.max(np.abs(one[name] - other[name])) for name in one) > 1e-4
 

@@ -87,7 +87,7 @@ def gone(tmp_path: Path) -> Iterator[None]:
     ("sleeps", signal.SIGTERM), pytest.param("computes", signal.SIGKILL, marks=linux),
     pytest.param("sleeps", signal.SIGKILL, marks=pytest.mark.slow),
     pytest.param("computes", signal.SIGTERM, marks=[linux, pytest.mark.slow]),
-])  # fmt: skip
+])
 def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path, how: str, number: int) -> None:
     process = started(tmp_path, how)
     assert wait_for(lambda: (tmp_path / "point.3").exists())

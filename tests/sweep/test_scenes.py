@@ -53,7 +53,7 @@ def test_points_of_a_batch_are_those_of_their_own_scenes():
 
 @pytest.mark.parametrize("grid", [
     {"B.damper": [0.1, 0.2]}, {"B.spring": [0.5, 3.0], "A.damper": [0.2, 0.4]}, {"a.mass": [0.5, 1.2], "B.spring": [1.5, 4.0]},
-])  # fmt: skip
+])
 def test_stiffness_and_damping_vary_in_batches(grid):
     """They are constants of the equations of a single run."""
     found = here(arm(), grid, accuracy=1e-8)
@@ -100,7 +100,7 @@ def test_a_point_that_fails_is_named(monkeypatch):
 @pytest.mark.parametrize(("grid", "wrong"), [
     ({"a.mass": [-1.0, 0.5], "b.mass": [0.4, 0.7]}, [0, 1]), ({"b.mass": [0.4, -0.7], "a.mass": [0.5]}, [1]),
     ({"A.damper": [-1.0, 0.05], "b.mass": [0.5]}, [0]), ([{"a.mass": -1.0, "B.spring": 2.0, "b.mass": 0.5}], [0]),
-])  # fmt: skip
+])
 def test_a_wrong_value_of_any_name_fails_as_simulate_refuses_it(grid, wrong):
     """A statement with a wrong value is kept with another value in its place: the next name may not be changed in that scene."""
     found = here(arm(), grid)
@@ -248,7 +248,7 @@ def test_failed_points_again(tmp_path):
     ([{"a.mass": [1, 2]}], {}, r"'a.mass' = \[1, 2\] is not a number"),
     ([{"a.mass": 1.0}, {"b.mass": 1.0}], {}, "give a mapping of names such as"), (GRID, {"t_end": None}, "t_end"),
     (GRID, {"accuracy": 3}, "accuracy = 3"), (GRID, {"outputs": [5.0]}, "outputs"), (GRID, {"workers": 0}, "workers = 0"),
-])  # fmt: skip
+])
 def test_bad_options(grid, options, told):
     with pytest.raises(mb.OptionError, match=told):
         mb.sweep(arm(), grid, **{"t_end": 1.0} | options)
@@ -302,7 +302,7 @@ def driven(kind):
         s.controller("c", f, every=0.01, reads=["J.angle", "J.rate"], sets=["u"], memory=0.0)
     pieces = sympy.Piecewise((0, mb.t < 0.3), (2, True))
     torque = {"feedback": feedback, "limited": sympy.Max(-5, sympy.Min(5, feedback)), "piecewise": pieces,
-              "table": mb.table([0, 0.3, 0.6, 2], [0, 5, -3, 0])}.get(kind, "u")  # fmt: skip
+              "table": mb.table([0, 0.3, 0.6, 2], [0, 5, -3, 0])}.get(kind, "u")
     s.revolute("J", s.ground, rod, at=(0, 0), torque=torque)
     return s
 

@@ -95,7 +95,7 @@ def test_a_changed_job_is_refused(what: str, tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.parametrize(("first", "second"), [
     (closing(1.0), closing(2.0)), (functools.partial(job, power=1.0), functools.partial(job, power=2.0)), (twice, thrice),
-])  # fmt: skip
+])
 def test_another_job_is_refused(first: Any, second: Any, tmp_path: Path) -> None:
     swept(first, tmp_path / "s")
     with pytest.raises(mb.OptionError, match="holds another sweep"):
@@ -186,7 +186,7 @@ def test_an_edited_comparison_is_computed_again_from_there(tmp_path: Path) -> No
 def test_a_map_knows_the_function_of_its_scene_and_its_rows(tmp_path: Path) -> None:
     def run(scene: Any) -> Any:
         return mb.extremes(scene, 0.1, vary={"mass": [1.0, 2.0]}, runs=[mb.Run(mb.RadauIIA(3), mb.GGL())], accuracy=1e-3,
-                           resume=tmp_path / "m.json")  # fmt: skip
+                           resume=tmp_path / "m.json")
 
     def other(mass: float = 1.0) -> mb.Scene:
         return pendulum(mass if mass == 1.0 else 5 * mass)

@@ -50,7 +50,7 @@ RUNS = {
     "GGL, IDA": (mb.GGL(), mb.IDA()), "GGL, Radau": (mb.GGL(), mb.RadauIIA(3)), "Index3": (mb.Index3(), mb.RadauIIA(2)),
     "Index1, CVODE": (mb.Index1(), mb.CVODE()), "constant steps": (mb.Index1(), mb.RadauIIA(3, step=5e-3)),
     "HHT": (mb.GGL(), mb.HHT()), "GeneralizedAlpha": (mb.Index3(), mb.GeneralizedAlpha(step=5e-3)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.usefixtures("wrong")

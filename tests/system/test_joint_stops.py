@@ -86,7 +86,7 @@ def test_turns_are_counted_in_space(model):
     axis = np.array([0.3, 0.2, 1.0])
     J = np.array([0.1, 0.1, 0.2])
     s.revolute("J", s.ground, s.rigid_body("a", 1.0, J, at=(0, 0, 0)), at=(0, 0, 0), axis=axis, model=model, rate0=speed,
-               limits=(-limit, limit), stop=mb.Stop(k))  # fmt: skip
+               limits=(-limit, limit), stop=mb.Stop(k))
     r = s.simulate(4.0, accuracy=1e-6)
     inertia = axis**2 @ J / (axis @ axis)
     assert r.prepared.contacts[0].mass == pytest.approx(inertia)
@@ -99,7 +99,7 @@ def test_limits_of_two_coordinates():
     s = mb.Scene("tube")
     s.cylindrical("J", s.ground, s.rigid_body("a", 1.0, (0.1, 0.1, 0.2), at=(0, 0, 0)), at=(0, 0, 0), axis=(0, 0, 1),
                   start_rate={"displacement": 1.0, "angle": 30.0}, limits={"displacement": (-0.1, 0.2), "angle": (-2, 10)},
-                  stop={"displacement": mb.Stop(1e5), "angle": mb.Stop(1e6)})  # fmt: skip
+                  stop={"displacement": mb.Stop(1e5), "angle": mb.Stop(1e6)})
     for variant in (s, s.replace("J", model=mb.Classical())):
         r = variant.simulate(1.0, accuracy=1e-6)
         assert r["J"].displacement[-1] == pytest.approx(bouncing(1.0, -0.1, 0.2, 1.0, math.pi * math.sqrt(1e-5)), abs=1e-6)
@@ -111,7 +111,7 @@ def test_limits_of_two_coordinates():
 GRAZING = {
     "default": {}, "IDA": {"solver": mb.IDA}, "CVODE": {"solver": mb.CVODE, "form": mb.Index1()},
     "Radau5": {"solver": mb.RadauIIA(5)}, "index 3": {"solver": mb.RadauIIA(3), "form": mb.Index3()},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("way", [pytest.param(way, marks=[pytest.mark.slow] * (way == "CVODE")) for way in GRAZING])
@@ -173,7 +173,7 @@ def test_inertia_is_that_of_the_position_where_the_stop_acts():
     """At its dead centre nothing moves the slider: the mass at the start is infinite, the impact happens all the same."""
     assert prepare(slider_crank(0.0)).contacts[0].mass > 1e6
     runs = [slider_crank(0.0).simulate(0.5, accuracy=1e-5, **way)
-            for way in ({}, {"solver": mb.IDA}, {"solver": mb.CVODE, "form": mb.Index1()})]  # fmt: skip
+            for way in ({}, {"solver": mb.IDA}, {"solver": mb.CVODE, "form": mb.Index1()})]
     for r in runs:
         assert len(r["D"].contacts) == 1
         assert r.stats.shortest_contact >= 5
@@ -224,7 +224,7 @@ def reference(t_end):
 def pendulum(model):
     s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
     s.revolute("J", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), model=model, limits=(LIMIT, None),
-               stop=mb.Stop(STIFF))  # fmt: skip
+               stop=mb.Stop(STIFF))
     return s
 
 

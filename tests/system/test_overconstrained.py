@@ -34,7 +34,7 @@ def test_energy_is_kept_over_a_turn(name):
 
 
 @pytest.mark.parametrize("solver", [mb.IDA(), mb.RadauIIA(2), mb.RadauIIA(3, step=0.02), mb.GeneralizedAlpha(step=2e-3)],
-                         ids=lambda solver: solver.label)  # fmt: skip
+                         ids=lambda solver: solver.label)
 def test_every_solver_changes_the_rows_of_bennetts_linkage(solver):
     """The rows that hold at the start lose their rank within a turn, all rows together never do."""
     s = MECHANISMS["Bennett"].scene(5)
@@ -56,7 +56,7 @@ def test_joint_models_and_forms_agree(name):
     runs = [scene.simulate(0.6, accuracy=1e-8, solver=mb.RadauIIA(3)),
             scene.recursive().simulate(0.6, accuracy=1e-8, solver=mb.RadauIIA(3)),
             scene.replace(*hinges, model=mb.Classical()).simulate(0.6, accuracy=1e-8, solver=mb.RadauIIA(3)),
-            scene.simulate(0.6, accuracy=1e-8, form=mb.Index1(), solver=mb.CVODE())]  # fmt: skip
+            scene.simulate(0.6, accuracy=1e-8, form=mb.Index1(), solver=mb.CVODE())]
     for body in scene.bodies:
         for r in runs[1:]:
             np.testing.assert_allclose(r[body.name].velocity, runs[0][body.name].velocity, atol=1e-6)
@@ -72,7 +72,7 @@ def test_a_drive_turns_both_ends_of_a_cardan_shaft_alike():
     for i, axis in enumerate(axes):
         across = np.cross([0, 1.0, 0], axis)
         shafts.append(s.rigid_body(f"shaft {i}", 1.0, (0.01, 0.01, 0.002), at=(points[i] + points[i + 1]) / 2,
-                                   rotation=np.column_stack([across, [0, 1, 0], axis])))  # fmt: skip
+                                   rotation=np.column_stack([across, [0, 1, 0], axis])))
     s.revolute("in", s.ground, shafts[0], at=points[0], axis=axes[0], angle=4 * mb.t)
     s.add(Universal("first", shafts[0], shafts[1], at=points[1], axis=axes[0]))
     s.add(Universal("second", shafts[2], shafts[1], at=points[2], axis=axes[2]))
@@ -173,7 +173,7 @@ def plate_on_rods():
 @pytest.mark.parametrize(("make", "freedoms", "redundant"), [
     (tightrope, 0, 0), (lambda: three_cranks(0.3), 1, 1), (lambda: three_cranks(0.31), 0, 0), (lambda: three_cranks(0.301), 0, 0),
     (plate_on_rods, 2, 2),
-])  # fmt: skip
+])
 @pytest.mark.parametrize("beside", [False, True])
 def test_what_moves_to_first_order_only_is_no_freedom(make, freedoms, redundant, beside):
     """Locked structures stay locked, also where a body beside them moves: a position from which loops cannot move is singular."""

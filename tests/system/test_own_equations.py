@@ -52,7 +52,7 @@ def test_solvers_by_object_class_and_name(solver):
 
 
 @pytest.mark.parametrize(("make", "index"), [(lambda: pendulum("index3"), 3), (lambda: pendulum("ggl"), 2), (jay, 2),
-                                             (lambda: circle("index1"), 1), (amplifier, 1), (decay, 1)])  # fmt: skip
+                                             (lambda: circle("index1"), 1), (amplifier, 1), (decay, 1)])
 def test_a_wrong_index_is_named_before_the_run(make, index):
     right = make()
     for declared in (1, 2, 3):

@@ -70,7 +70,7 @@ def test_jacobian_is_exact(scene: Callable[[], mb.Scene], sparse: bool) -> None:
             part = pattern.toarray()
         for j, column in enumerate(np.eye(system.n)):
             moved = (lambda h, c=column: F(float(t[0]), y + h * c, yp)) if which == 0 else (
-                lambda h, c=column: F(float(t[0]), y, yp + h * c))  # fmt: skip
+                lambda h, c=column: F(float(t[0]), y, yp + h * c))
             slope = differenced(moved)
             assert np.max(np.abs(part[:, j] - slope)) < 2e-10 * (1 + np.max(np.abs(slope))), system.names[j]
 

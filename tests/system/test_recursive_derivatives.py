@@ -26,7 +26,7 @@ def inputs(prepared: Prepared, tree: Tree, plan: TreePlan, rng: np.random.Genera
     t, q, u = random_state(prepared, rng)
     W = e.workspace(t, q, u, rng.normal(size=u.shape))[0]
     return {str(symbol): complex(rng.normal() if place[0] in ("wu", "wq") else W[e.moved.slot(e.numbering, tree, place)])
-            for symbol, place in plan.places.items()}  # fmt: skip
+            for symbol, place in plan.places.items()}
 
 
 def evaluated(plan: TreePlan) -> Callable[[dict[str, Any]], dict[str, complex]]:
@@ -90,7 +90,7 @@ def stiffness(prepared: Prepared, state: tuple[Array, Array, Array], geometric: 
         return np.asarray(np.sum((b if geometric else b0) * M, axis=1) + SPRING * q)
 
     columns = [sum(w * (rows(q + (k + 1) * h * d) - rows(q - (k + 1) * h * d)) for k, w in enumerate(weights)) / h
-               for d in np.eye(len(q))]  # fmt: skip
+               for d in np.eye(len(q))]
     return np.array(columns).T
 
 

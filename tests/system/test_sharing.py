@@ -35,7 +35,7 @@ def cornered(space: str) -> mb.Scene:
 
 
 @pytest.mark.parametrize(("make", "space", "left"), [(straight, "auto", 2), (straight, "spatial", 5), (cornered, "auto", 0),
-                                                     (cornered, "spatial", 0)])  # fmt: skip
+                                                     (cornered, "spatial", 0)])
 def test_the_same_motion_with_fewer_unknowns(make: Any, space: str, left: int, monkeypatch: Any) -> None:
     s = make(space)
     shared = s.system(mb.GGL())

@@ -43,7 +43,7 @@ def derived(statement):
         (lambda f, x: se.Piecewise((1, x > 20 * f.w), (se.tanh(x / f.w), True)), ["saturating"]),  # equal to round-off beyond 20
         (lambda f, x: se.Piecewise((x**2, x > 0), (0, True)), ["kink"]),
     ],
-)  # fmt: skip
+)
 def test_arguments_of_a_statement(statement, kinds):
     assert sorted(s.kind for s in known_switches(derived(statement))) == kinds
 
@@ -60,7 +60,7 @@ def test_arguments_are_those_of_the_functions():
 @pytest.mark.parametrize(("angle", "kinds"), [
     (lambda law, k, l: let(l.heading - k.heading), []), (lambda law, k, l: let(let(l.heading) - k.heading + 0.3), []),
     (lambda law, k, l: let((l.r - k.r) @ k.x / law.w), ["periodic"]),
-    (lambda law, k, l: let(let(l.heading) * 7), ["periodic"])])  # fmt: skip
+    (lambda law, k, l: let(let(l.heading) * 7), ["periodic"])])
 def test_the_sine_of_an_angle_between_bodies_has_no_scale_of_its_own(angle, kinds):
     """However its parts are named; that of a length over a width has."""
 

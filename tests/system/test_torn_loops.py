@@ -61,7 +61,7 @@ def test_it_is_told_at_every_size(size):
 
 
 OWN = {"IDA": {"solver": mb.IDA(rtol=1e-7)}, "Radau": {"solver": mb.RadauIIA(3, rtol=1e-8)},
-       "accelerations only": {"form": mb.Index1(), "solver": mb.CVODE(rtol=1e-8)}}  # fmt: skip
+       "accelerations only": {"form": mb.Index1(), "solver": mb.CVODE(rtol=1e-8)}}
 
 
 @pytest.mark.parametrize("options", OWN.values(), ids=list(OWN))

@@ -57,7 +57,7 @@ def long() -> mb.Scene:
 @pytest.mark.parametrize(("scene", "whole"), [
     (lambda: tree(mb.Scene("a", gravity=(0, 0, -9.81))), ONE), (lambda: tree(mb.Scene("a"), 6), ONE), (prescribed, ONE),
     (loose, (False, True, False)), (long, (True, False, True)),
-])  # fmt: skip
+])
 def test_accelerations_solve_the_residual(scene, whole):
     system = scene().recursive().system(mb.ODE())
     kinds = [fields["kind"] for fields, *_ in system.assembly.evaluation.of_rates.steps]

@@ -72,7 +72,7 @@ def test_the_jacobian_is_that_of_differences(scene):
 @pytest.mark.parametrize("solver", [pytest.param(mb.RadauIIA(3), marks=pytest.mark.slow), None])
 def test_runs_agree_with_kinematic_joints(scene, solver):
     runs = [scene(model).simulate(0.2, accuracy=1e-6, solver=None) if solver is None else
-            scene(model).simulate(0.2, solver=mb.RadauIIA(3, rtol=1e-8)) for model in (R, mb.Kinematic())]  # fmt: skip
+            scene(model).simulate(0.2, solver=mb.RadauIIA(3, rtol=1e-8)) for model in (R, mb.Kinematic())]
     for name in ("b5", "b9"):
         np.testing.assert_allclose(runs[0][name].position, runs[1][name].position, atol=3e-6)
     forces = [r["held"].force for r in runs]

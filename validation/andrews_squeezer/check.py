@@ -11,7 +11,7 @@ from scenes import andrews, data
 
 claim = Claim("andrews_squeezer", "the angles of Andrews' squeezer at 0.03 s, and the forces closing its loops", 1e-8, "relative",
               "problem: IVP test set; values computed independently of mbdae in one coordinate; the published digits hold to "
-              "about 1e-9")  # fmt: skip
+              "about 1e-9")
 
 
 def motion(solver: Any) -> list[Found]:
@@ -22,7 +22,7 @@ def motion(solver: Any) -> list[Found]:
     absolute = np.array([q[0], q[0] + q[1], q[2], q[3] + q[4], q[4], q[5] + q[6], q[6]])
     closing = np.concatenate([r[name].force[-1, :2] for name in ("P3", "P4", "P6")])
     return [Found(largest(r.q[-1, 2::3] / absolute, 1.0), quantity="angles"),
-            Found(largest(closing, d["lam"]) / largest(d["lam"]), 1e-5, quantity="closing forces")]  # fmt: skip
+            Found(largest(closing, d["lam"]) / largest(d["lam"]), 1e-5, quantity="closing forces")]
 
 
 def cases() -> list[Case]:

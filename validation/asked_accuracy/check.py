@@ -18,7 +18,7 @@ from mbdae.system.sampling import distance
 
 claim = Claim("asked_accuracy", "on random scenes of 1 to 20 bodies no run is more than three times off what was asked without a "
               "warning", 3.0, "times asked",
-              "Radau IIA at 1e-11 on the same scene, 501 times; the scenes are made from seeds")  # fmt: skip
+              "Radau IIA at 1e-11 on the same scene, 501 times; the scenes are made from seeds")
 ACCURACIES = (1e-3, 1e-5, 1e-7)
 NEEDLESS = 0.05  #: share of runs within the accuracy that may warn
 
@@ -63,7 +63,7 @@ def judge(seeds: Sequence[int], accuracies: Iterable[float] = ACCURACIES) -> lis
             Found(float(np.mean([run.warned for run in found if run.ratio <= 1])), allowed(NEEDLESS, seeds), "share",
                   "needless warnings"),
             Found(median, 1.0, quantity="median error"),
-            Found(0.01 / median, 1.0, "1", "wasted accuracy, 0.01 / median")]  # fmt: skip
+            Found(0.01 / median, 1.0, "1", "wasted accuracy, 0.01 / median")]
 
 
 def cases() -> list[Case]:

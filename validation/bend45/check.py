@@ -8,7 +8,7 @@ from runner import Case, Claim, Found
 from scenes import data
 
 claim = Claim("bend45", "the 45 degree bend of Bathe and Bolourchi with 8 quadratic elements; errors of order 2p", 5e-5,
-              "of the tip's distance", "converged shooting of the rod equations, 1e-11, computed independently")  # fmt: skip
+              "of the tip's distance", "converged shooting of the rod equations, 1e-11, computed independently")
 SECTION = "GJ=G*polar I (8.3333e5), shear 5/6"
 
 
@@ -33,7 +33,7 @@ def observed(order: int, elements: int) -> Found:
 
 def cases() -> list[Case]:
     quadratic = [Case(f"P = {P:g}, 8 quadratic elements", "equilibrium", lambda P=P: displaced(P, 8, 2, claim.tolerance))
-                 for P in (300.0, 450.0, 600.0)]  # fmt: skip
+                 for P in (300.0, 450.0, 600.0)]
     cubic = Case("P = 600, 16 cubic elements", "equilibrium", lambda: displaced(600.0, 16, 3, 2e-9))
     return [*quadratic, cubic, *(Case(f"order of the error, p = {p}", "equilibrium", lambda p=p, n=n: observed(p, n), slow=p < 3)
-                                 for p, n in ((1, 8), (2, 8), (3, 8)))]  # fmt: skip
+                                 for p, n in ((1, 8), (2, 8), (3, 8)))]

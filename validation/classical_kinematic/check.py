@@ -12,7 +12,7 @@ from scenes import ground_resonance
 import mbdae as mb
 
 claim = Claim("classical_kinematic", "classical and kinematic revolutes give the same lag angles in ground resonance", 1e-9,
-              "relative", "the kinematic model of the same scene with the same steps")  # fmt: skip
+              "relative", "the kinematic model of the same scene with the same steps")
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "joint_models.py"
 
 

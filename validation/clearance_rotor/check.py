@@ -16,7 +16,7 @@ from mbdae.system.base import Array
 
 claim = Claim("clearance_rotor", "flexible rotor: whirl, critical speeds, unbalance; orbit in a bearing with clearance", 1e-2,
               "relative", "speed and radii: the paper; other data chosen here; values computed independently of mbdae by "
-              "Euler-Bernoulli elements in the plane across the shaft")  # fmt: skip
+              "Euler-Bernoulli elements in the plane across the shaft")
 FREQUENCIES = {"tube": (TUBE, 1e-2), "no shear": (SLENDER, 1e-4)}  #: section and tolerance
 CRITICAL = 5e-3
 BALANCE = 1e-3  #: energy error over what friction dissipates
@@ -95,11 +95,11 @@ def orbit(law: str) -> list[Found]:
 def cases() -> list[Case]:
     known = data(claim.name)
     linear = [Case(f"{e['case']}, {name}", "linearize", lambda e=e, name=name: whirl(e, name))
-              for e in known["linear"] for name in FREQUENCIES]  # fmt: skip
+              for e in known["linear"] for name in FREQUENCIES]
     speeds = [Case(e["case"], "linearize", lambda e=e: critical(e), slow=True) for e in known["linear"]]
     unbalanced = [Case("springs " + " ".join(f"{k:g}" for k in e["kR"]), "RadauIIA(3)", lambda e=e: unbalance(e),
                        slow=e["kR"][0] == 1e6)
-                  for e in known["unbalance"]]  # fmt: skip
+                  for e in known["unbalance"]]
     orbits = [Case(f"clearance, {law}", "RadauIIA(3)", lambda law=law: orbit(law), slow=True)
               for law in ("coulomb", "lugre")]
     return linear + speeds + unbalanced + orbits

@@ -14,7 +14,7 @@ import mbdae as mb
 
 claim = Claim("clearance_slider_crank", "soft contact in joints with clearance converges over a turn; contact tends to the ideal "
               "joint; free bodies keep their momentum", 1e-8, "m", "the same scene by another method and at a tighter "
-              "tolerance; the same scene with ideal joints; conservation laws")  # fmt: skip
+              "tolerance; the same scene with ideal joints; conservation laws")
 PARTS = {"B": "crank pin", "C": "piston pin", "BC": "both pins"}
 CELLS = [(1e-3, 1e6), (1e-4, 1e9), (1e-5, 1e9), (1e-6, 1e11), (1e-8, 1e9), (1e-8, 1e13), (0.0, 1e6), (0.0, 1e11), (0.0, 1e13)]
 SLOW = 1e12  # N/m^1.5, cells that take longer
@@ -29,17 +29,17 @@ def convergence(play: str) -> list[Found]:
     best, *others = (slider_crank(play).simulate(turn(), solver=solver) for solver in solvers)
     x = best["slider"].position
     return [Found(largest(r["slider"].position, x), quantity=f"{r.info.solver.label}, rtol {r.info.solver.rtol:.0e}",
-                  note=f"{r.stats.steps} steps, {sum(len(r[j].contacts) for j in play)} contacts") for r in others]  # fmt: skip
+                  note=f"{r.stats.steps} steps, {sum(len(r[j].contacts) for j in play)} contacts") for r in others]
 
 
 def spaces() -> list[Found]:
     """The spatial model against the planar one over a quarter of a turn, after several impacts in both joints."""
     flat, spatial = (slider_crank("BC", space=space).simulate(turn() / 4, solver=mb.RadauIIA(3, rtol=1e-10))
-                     for space in ("auto", "spatial"))  # fmt: skip
+                     for space in ("auto", "spatial"))
     forces = [r["B"].normal_force for r in (flat, spatial)]
     return [Found(largest(flat["slider"].position, spatial["slider"].position), quantity="slider"),
             Found(largest(flat["B"].orbit, spatial["B"].orbit), quantity="pin in its race"),
-            Found(largest(*forces) / largest(forces[0]), 1e-4, "relative", "contact force")]  # fmt: skip
+            Found(largest(*forces) / largest(forces[0]), 1e-4, "relative", "contact force")]
 
 
 def envelope(clearance: float, stiffness: float) -> Found:
@@ -62,15 +62,15 @@ def conserved(spatial: bool, length: float | None) -> list[Found]:
     return [Found(largest(linear, linear[0]) / largest(linear[0]), 1e-10, "relative", "momentum"),
             Found(largest(angular, angular[0]) / largest(angular[0]), 1e-10, "relative", "moment of momentum"),
             Found(float(gained), 1e-9, "relative", "energy gained", note=note),
-            Found(largest(r.energy.balance) / energy[0], 1e-7, "relative", "energy balance")]  # fmt: skip
+            Found(largest(r.energy.balance) / energy[0], 1e-7, "relative", "energy balance")]
 
 
 def cases() -> list[Case]:
     both = "RadauIIA(3), IDA"
     found = [Case(f"soft contact, clearance at {name}", both, lambda play=play: convergence(play), True)
-             for play, name in PARTS.items()]  # fmt: skip
+             for play, name in PARTS.items()]
     found.append(Case("space against plane", "RadauIIA(3)", spaces, slow=True))
     found += [Case(f"c = {c:g} m, k = {k:g} N/m^1.5", "RadauIIA(3)", lambda c=c, k=k: envelope(c, k), k > SLOW) for c, k in CELLS]
     pairs: dict[str, tuple[Any, ...]] = {"plane": (False, None), "space": (True, None), "space, tilting pin": (True, 0.05)}
     return found + [Case(f"two free bodies, {name}", "RadauIIA(3)", lambda how=how: conserved(*how), name != "plane")
-                    for name, how in pairs.items()]  # fmt: skip
+                    for name, how in pairs.items()]

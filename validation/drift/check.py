@@ -10,7 +10,7 @@ from runs import with_both
 import mbdae as mb
 
 claim = Claim("drift", "the stabilised form keeps every joint closed over 10 s at accuracy 1e-8", 1e-9, "m",
-              "none needed: the constraints themselves, |g| and |G u| at every step")  # fmt: skip
+              "none needed: the constraints themselves, |g| and |G u| at every step")
 JOINTS = {
     "revolute": lambda s, a, b: s.revolute("J", a, b, at=(1, 0, 0), axis=(0, 1, 1)),
     "driven revolute": lambda s, a, b: s.revolute("J", a, b, at=(1, 0, 0), axis=(0, 1, 0), angle=0.5 * mb.t),
@@ -40,7 +40,7 @@ def violation(solver: Any, joint: str) -> list[Found]:
     r = two_bodies(joint).simulate(10.0, solver=solver.at_accuracy(1e-8, "GGL"), outputs=1001)
     inside = r(r.solution.t)
     return [Found(inside.drift.position.max(), quantity="positions"),
-            Found(inside.drift.velocity.max(), 1e-8, "m/s", "velocities")]  # fmt: skip
+            Found(inside.drift.velocity.max(), 1e-8, "m/s", "velocities")]
 
 
 def cases() -> list[Case]:

@@ -12,7 +12,7 @@ from scenes import data, dzhanibekov
 import mbdae as mb
 
 claim = Claim("dzhanibekov", "a free body flips about its middle axis at the right times and keeps its momentum", 1e-6, "1",
-              "flips: closed form in elliptic functions; rotation: computed independently of mbdae, DOP853 at 3e-14")  # fmt: skip
+              "flips: closed form in elliptic functions; rotation: computed independently of mbdae, DOP853 at 3e-14")
 
 
 def motion(solver: Any) -> list[Found]:
@@ -23,7 +23,7 @@ def motion(solver: Any) -> list[Found]:
     momentum = np.einsum("tij,tj->ti", rotation, rate * np.array([1.0, 2.0, 3.0]))
     return [Found(largest(rotation.reshape(-1, 9), d["R"]), quantity="rotation matrix"),
             Found(largest(rate, d["omega"]), unit="rad/s", quantity="angular velocity"),
-            Found(largest(momentum, momentum[0]), unit="kg m^2/s", quantity="angular momentum kept")]  # fmt: skip
+            Found(largest(momentum, momentum[0]), unit="kg m^2/s", quantity="angular momentum kept")]
 
 
 def flips(solver: Any) -> Found:

@@ -8,7 +8,7 @@ from runner import Case, Claim, Found
 from scenes import data
 
 claim = Claim("elastica_tip_load", "sag, shortening and tip angle of a cantilever under P L^2 / EI from 1 to 10", 1e-5,
-              "of its length, rad", "closed form by elliptic integrals (problem of Mattiasson 1981)")  # fmt: skip
+              "of its length, rad", "closed form by elliptic integrals (problem of Mattiasson 1981)")
 
 
 def bent(row: dict[str, float], elements: int, order: int, space: str) -> Found:
@@ -23,4 +23,4 @@ def cases() -> list[Case]:
     return [Case(f"P L^2 / EI = {row['PL2_EI']:g}, {name} elements", space,
                  lambda row=row, mesh=mesh, space=space: bent(row, *mesh, space))
             for name, mesh, space in (("16 quadratic", (16, 2), "auto"), ("8 cubic", (8, 3), "spatial"))
-            for row in data("elastica_tip_load")["rows"]]  # fmt: skip
+            for row in data("elastica_tip_load")["rows"]]

@@ -16,7 +16,7 @@ from mbdae.extremes.ways import asked_values
 
 claim = Claim("extremes", "at extreme masses, stiffnesses, speeds, clearances, steps and near singular positions no run is "
               "silently wrong", 0.0, "silent misses",
-              "two methods, each controlled far below the accuracy asked, that agree; else a run is not judged")  # fmt: skip
+              "two methods, each controlled far below the accuracy asked, that agree; else a run is not judged")
 SCENES = Path(__file__).parent / "scenes"
 #: scene -> what a quick map varies; `vary` of the file is the whole one
 QUICK: dict[str, dict[str, Any]] = {
@@ -51,7 +51,7 @@ def silent(name: str, vary: dict[str, Any] | None = None, runs: Sequence[mb.Run]
 def _places(name: str) -> dict[str, tuple[str, float]]:
     """Parameter and value of every place of the whole map of a scene, by name."""
     return {f"{parameter} = {value:g}": (parameter, value)
-            for parameter, values in asked_values(scene_file(name).vary).items() for value in values}  # fmt: skip
+            for parameter, values in asked_values(scene_file(name).vary).items() for value in values}
 
 
 def places(name: str, chosen: Iterable[str]) -> Found:
@@ -64,9 +64,9 @@ def places(name: str, chosen: Iterable[str]) -> Found:
 
 def cases() -> list[Case]:
     quick = [Case(f"{name}, some values", "IDA, RadauIIA(3)", lambda name=name: silent(name, QUICK[name], _runs(name)),  # type: ignore[misc]
-                  name not in ("recursive", "contact")) for name in QUICK]  # fmt: skip
+                  name not in ("recursive", "contact")) for name in QUICK]
     whole = [Case(f"values of the map, {name}", "all", partial(places, name), slow=True, parts=list(_places(name)))
-             for name in QUICK]  # fmt: skip
+             for name in QUICK]
     return [*quick, *whole]
 
 

@@ -16,7 +16,7 @@ import mbdae as mb
 
 claim = Claim("flapping_wing", "the flapping wing turns through with rigid and with elastic links, equal with every joint model",
               1e-7, "rad", "rigid: three intersections of two circles in closed form; elastic: the kinematic joint model of the "
-              "same scene, the same scene refined, and the rigid one")  # fmt: skip
+              "same scene, the same scene refined, and the rigid one")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "flapping_wing.py"
 ANGLES = ("L4", "L8", "L9")
 STEP = 5e-4  # s, constant, where runs are compared step by step
@@ -80,7 +80,7 @@ def turns(solver: Any, sense: int) -> list[Found]:
     mirrored = [largest(r["L" + name].angle, -r["R" + name].angle) for name in wing().HINGES]
     return [Found(max(errors), 1e-8, quantity="hinge angles"),
             Found(max(mirrored), 1e-8, quantity="right half, mirrored"),
-            Found(inside.drift.position.max(), 1e-10, "m, rad", "constraints at every step")]  # fmt: skip
+            Found(inside.drift.position.max(), 1e-10, "m, rad", "constraints at every step")]
 
 
 # -- elastic links
@@ -126,7 +126,7 @@ def stiffening(factor: float) -> Found:
     """Difference of the angles from the rigid wing, times the factor of the stiffness: the motion is linear in the compliance."""
     t_end = 0.1
     elastic, rigid = (wing().scene(flexible=flexible, stiffness=factor).simulate(t_end, solver=mb.RadauIIA(3, step=STEP))
-                      for flexible in (True, False))  # fmt: skip
+                      for flexible in (True, False))
     return Found(factor * max(largest(elastic[n].angle, rigid[n].angle) for n in ANGLES), 0.02)
 
 
@@ -151,7 +151,7 @@ def space() -> list[Found]:
     found = [Found(max(largest(flat[n].angle, spatial[n].angle) for n in ANGLES), 1e-9, quantity="angles")]
     for frame in (False, True):
         found.append(Found(abs(multipliers(frame) - 42), 0.5, "rows",
-                           f"multipliers, {'elastic frame' if frame else 'on the ground'}"))  # fmt: skip
+                           f"multipliers, {'elastic frame' if frame else 'on the ground'}"))
     return found
 
 
@@ -163,20 +163,20 @@ def paper_size() -> list[Found]:
     r = s.simulate(wing().t_end, accuracy=1e-4)
     said = f"{v} velocities, {r.stats.steps} steps, {r.stats.cpu_s:.1f} s CPU of the last of {r.info.runs} runs"
     return [Found(abs((v - 3 * (q - v)) / 3 - 211), 0.5, "points", "nodal points", note=said),
-            Found(r.accuracy.estimated or 0.0, 1e-4, "relative", "estimated error")]  # fmt: skip
+            Found(r.accuracy.estimated or 0.0, 1e-4, "relative", "estimated error")]
 
 
 def cases() -> list[Case]:
     found = [case for sense, name in ((1, "forwards"), (-1, "backwards"))
-             for case in with_both(f"rigid, cranks {name}", lambda solver, way=sense: turns(solver, way), sense < 0)]  # fmt: skip
+             for case in with_both(f"rigid, cranks {name}", lambda solver, way=sense: turns(solver, way), sense < 0)]
     for model in ("II", "recursive", "classical"):
         runs = {"equal steps": lambda model=model: equal_steps(model), "adaptive": lambda model=model: adaptive(model)}
         found += [Case(f"elastic, case {model} against I, {how}", "RadauIIA(3)", run, model != "II" or how == "adaptive")
-                  for how, run in runs.items()]  # fmt: skip
+                  for how, run in runs.items()]
     found += [Case(f"elastic, {factor:g} times as stiff", "RadauIIA(3)", lambda factor=factor: stiffening(factor),
-                   factor != 1e6) for factor in (1.0, 1e4, 1e6)]  # fmt: skip
+                   factor != 1e6) for factor in (1.0, 1e4, 1e6)]
     found += [Case(f"energy, {how}", "RadauIIA(3)", lambda rtol=rtol: balance(rtol), slow=rtol is not None)
-              for how, rtol in (("constant step", None), ("rtol 1e-8", 1e-8))]  # fmt: skip
+              for how, rtol in (("constant step", None), ("rtol 1e-8", 1e-8))]
     return [*found, Case("elements and accuracy", "RadauIIA(3)", refinement, slow=True),
             Case("space", "RadauIIA(3)", space, slow=True),
-            Case("paper's size", "RadauIIA(3)", paper_size, slow=True)]  # fmt: skip
+            Case("paper's size", "RadauIIA(3)", paper_size, slow=True)]

@@ -13,7 +13,7 @@ from mbdae.system.prepare import Prepared, prepare
 
 claim = Claim("flexible_ground_resonance", "four elastic blades of three cubic elements: growth, recursive joints", 1e-2,
               "relative", "growth rates of linearised equations in modes of the blades, computed independently of mbdae; "
-              "numbers of unknowns from the paper")  # fmt: skip
+              "numbers of unknowns from the paper")
 EI = 1e4  #: N m^2
 SAME = 1e-6  #: largest difference of the two joint models, of the largest lag angle
 FEWER = 20  #: unknowns: the paper's 199 with constraints and 179 without
@@ -81,4 +81,4 @@ def cases() -> list[Case]:
     both = [Case(f"joint models, {space}", "RadauIIA(2)", lambda space=space: models(space), space == "spatial")
             for space in ("planar", "spatial")]
     return [Case("growth by fit", "RadauIIA(3)", fitted), Case("growth by linearisation", "eigenvalues", linearised), *both,
-            Case("unknowns", "none", fewer)]  # fmt: skip
+            Case("unknowns", "none", fewer)]

@@ -19,7 +19,7 @@ from mbdae.system.dae import DAE
 p = phi2, x3, *q = sp.symbols("phi2 x3 q1 q2 q3 q4")
 #: typical magnitudes: coordinates, velocities, multipliers (N), stabilising multipliers
 SCALE = {"p": [1.0, 0.5, 1e-3, 1e-4, 1e-5, 1e-5], "v": [100.0, 20.0, 0.3, 0.03, 3e-3, 3e-3],
-         "lambda": [500.0] * 2, "mu": [1.0] * 2}  # fmt: skip
+         "lambda": [500.0] * 2, "mu": [1.0] * 2}
 
 
 def operators(d: dict[str, float]) -> dict[str, Any]:

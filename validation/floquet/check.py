@@ -14,7 +14,7 @@ from mbdae.system.base import Array
 
 claim = Claim("floquet", "growth rates of four lagging blades on an elastic support, by s.floquet", 1e-6, "1/s",
               "eigenvalues of the linear equations in minimal coordinates (one axis of support, and equal dampers), computed "
-              "independently of mbdae; with unequal dampers a fit to the nonlinear motion")  # fmt: skip
+              "independently of mbdae; with unequal dampers a fit to the nonlinear motion")
 GIVEN = data(claim.name)["given"]
 PERIOD = 2 * np.pi / GIVEN["Omega"]
 FITTED = 1e-2  #: relative
@@ -24,7 +24,7 @@ TIGHT = mb.RadauIIA(3, rtol=1e-11, atol=1e-15)
 
 
 def rotor(axes: int, dampers: Sequence[float], across: float = GIVEN["damping"], model: Any = None, space: str = "auto",
-          lag: float = 0.0) -> mb.Scene:  # fmt: skip
+          lag: float = 0.0) -> mb.Scene:
     """A hub on slides along x, and along y with the damping `across` (N s/m); dampers (N m s) of the lag hinges."""
     s = mb.Scene("rotor", space=space)
     block = s.rigid_body("block", GIVEN["block"], 1.0 if axes == 1 else (1.0, 1.0, 1.0), at=(0, 0))
@@ -57,7 +57,7 @@ def spectrum(axes: int) -> list[Found]:
     off = np.abs(np.sort(f.exponents.real) - np.sort(known[:, 0])) if len(f.exponents) == count else np.array([np.nan])
     multipliers = np.abs(turned(f.exponents) - turned(known @ [1, 1j]))
     return [Found(float(off.max()), quantity="all growth rates"),
-            Found(float(multipliers.max()), quantity="all multipliers", unit="-")]  # fmt: skip
+            Found(float(multipliers.max()), quantity="all multipliers", unit="-")]
 
 
 def turned(exponents: Array) -> Array:
@@ -88,10 +88,10 @@ def cases() -> list[Case]:
     runs = [(e["axes"], e["c_zeta"], e["growth"]) for e in d["lag_damper_sweep"]]
     found = [Case(f"axes {axes}, lag dampers {damper:g} N m s", "Floquet",
                   lambda axes=axes, damper=damper, known=known: growth(axes, damper, known, mb.Recursive(), "planar"))
-             for axes, damper, known in runs]  # fmt: skip
+             for axes, damper, known in runs]
     across = d["linear"]["growth_2axis_damper_x_only"]
     found.append(Case("axes 2, support damped along x only", "Floquet",
-                      lambda: growth(2, 0.0, across, mb.Recursive(), "planar", across=0.0)))  # fmt: skip
+                      lambda: growth(2, 0.0, across, mb.Recursive(), "planar", across=0.0)))
     models = [(mb.Kinematic(), "planar"), (mb.Classical(), "planar"), (mb.Recursive(), "spatial"), (mb.Kinematic(), "spatial")]
     for model, space in models:
         label = f"axes 1, {type(model).__name__.lower()} joints, {space}"
@@ -100,4 +100,4 @@ def cases() -> list[Case]:
     found += [Case(f"axes {axes}, all", "Floquet", lambda axes=axes: spectrum(axes)) for axes in (1, 2)]
     return found + [Case(f"axes {axes}, {name}", "Floquet, RadauIIA(3)", lambda axes=axes, own=own: fitted(axes, own),
                          slow=(axes, name) != (1, "one damper failed"))
-                    for axes in (1, 2) for name, own in FAILED.items()]  # fmt: skip
+                    for axes in (1, 2) for name, own in FAILED.items()]

@@ -13,7 +13,7 @@ import mbdae as mb
 CONTACTS, PHASES = 12, (0.0, 0.3, 0.6, 0.9)
 
 claim = Claim("grazing", "contacts that hardly touch are not stepped over, or the run says that they may be", 0.5,
-              "contacts missed without a warning", "an oscillator meets each wall once a period")  # fmt: skip
+              "contacts missed without a warning", "an oscillator meets each wall once a period")
 
 
 def missed(accuracy: float, solver: Any, stiffness: float) -> Found:
@@ -30,4 +30,4 @@ def cases() -> list[Case]:
     asked += [("IDA", mb.IDA(), accuracy, 1e7) for accuracy in (1e-3, 1e-5, 1e-7)]
     asked += [("RadauIIA(2)", mb.RadauIIA(2), 1e-3, 1e7)]
     return [Case(f"accuracy {accuracy:g}, k = {k:g}", name, lambda a=accuracy, s=solver, k=k: missed(a, s, k),
-                 slow=name != "RadauIIA(3)" or k != 1e7 or accuracy < 1e-3) for name, solver, accuracy, k in asked]  # fmt: skip
+                 slow=name != "RadauIIA(3)" or k != 1e7 or accuracy < 1e-3) for name, solver, accuracy, k in asked]

@@ -33,4 +33,4 @@ def _named(runs: list[Run], verdict: str) -> str:
 
 def cases() -> list[Case]:
     return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)),
-            Case("runs", "all", judge, slow=True, parts=WHOLE)]  # fmt: skip
+            Case("runs", "all", judge, slow=True, parts=WHOLE)]

@@ -43,16 +43,16 @@ def ways(problem: Problem) -> list[tuple[str, dict[str, Any], float]]:
     """Solvers and forms that apply, each with its smallest accuracy."""
     found = [("default", {}, 1e-8), ("default", {}, 1e-8), ("RadauIIA(3)", {"solver": mb.RadauIIA(3)}, 1e-7),
              ("RadauIIA(5)", {"solver": mb.RadauIIA(5)}, 1e-7), ("RadauIIA(2)", {"solver": mb.RadauIIA(2)}, 1e-5),
-             ("IDA", {"solver": mb.IDA()}, 1e-6)]  # fmt: skip
+             ("IDA", {"solver": mb.IDA()}, 1e-6)]
     if not problem.stiff:
         found += [("DOP853", {"solver": mb.DOP853()}, 1e-8), ("CVODE", {"solver": mb.CVODE()}, 1e-7),
-                  ("CVODE BDF", {"solver": mb.CVODE(method="BDF")}, 1e-6)]  # fmt: skip
+                  ("CVODE BDF", {"solver": mb.CVODE(method="BDF")}, 1e-6)]
     if not problem.adaptive:
         found += [("HHT", {"solver": mb.HHT()}, 1e-3), ("GeneralizedAlpha", {"solver": mb.GeneralizedAlpha()}, 1e-3)]
     if problem.constrained:
         found += [("RadauIIA(3), Index3", {"solver": mb.RadauIIA(3), "form": mb.Index3()}, 1e-5),
                   ("IDA, Index1", {"solver": mb.IDA(), "form": mb.Index1()}, 1e-6),
-                  ("RadauIIA(3), GGL", {"solver": mb.RadauIIA(3), "form": mb.GGL()}, 1e-7)]  # fmt: skip
+                  ("RadauIIA(3), GGL", {"solver": mb.RadauIIA(3), "form": mb.GGL()}, 1e-7)]
     return found
 
 

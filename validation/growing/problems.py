@@ -44,7 +44,7 @@ class Problem:
         """y (k, n) at times (s)."""
         begin = self.start(self.seed if seed is None else seed)
         found = solve_ivp(self.rates, (0, self.t_end), begin, method="Radau" if self.stiff else "DOP853",
-                          rtol=1e-10 if self.stiff else 3e-14, atol=self.atol, t_eval=times)  # fmt: skip
+                          rtol=1e-10 if self.stiff else 3e-14, atol=self.atol, t_eval=times)
         return np.asarray(found.y.T)
 
     def growth(self) -> float:
@@ -86,7 +86,7 @@ def rod(rng: np.random.Generator) -> Problem:
 
     return Problem("rod", e, scene, log(4 / e) / rate + float(rng.uniform(0, 1)) / rate,
                    lambda t, y: [y[1], (k * sin(y[0]) - damper * y[1]) / J], lambda seed: [seed, 0.0],
-                   lambda r: r["hinge"].angle[:, None], lambda y: y[:, :1], stiff=damper > 10 * sqrt(J * k))  # fmt: skip
+                   lambda r: r["hinge"].angle[:, None], lambda y: y[:, :1], stiff=damper > 10 * sqrt(J * k))
 
 
 def column(rng: np.random.Generator) -> Problem:
@@ -111,12 +111,12 @@ def column(rng: np.random.Generator) -> Problem:
         for j in range(n):
             body = s.link(f"rod {j}", (0, j * L), (0, (j + 1) * L), mass=m)
             s.revolute(f"J{j}", s.ground if below is None else below, body, at=(0, j * L), spring=K,
-                       **({"angle0": e} if j == 0 else {"angle0": 0.0}), **options)  # fmt: skip
+                       **({"angle0": e} if j == 0 else {"angle0": 0.0}), **options)
             below = body
         return s
 
     return Problem("column", e, scene, log(2 / e) / rate, rates, lambda seed: [seed] * n + [0.0] * n,
-                   lambda r: np.cumsum([r[f"J{j}"].angle for j in range(n)], axis=0).T, lambda y: y[:, :n])  # fmt: skip
+                   lambda r: np.cumsum([r[f"J{j}"].angle for j in range(n)], axis=0).T, lambda y: y[:, :n])
 
 
 def _springs(n: int) -> Array:
@@ -155,11 +155,11 @@ def saddle(rng: np.random.Generator) -> Problem:
         return s
 
     return Problem("saddle", e, scene, log(0.5 / e) / rate, rates, lambda seed: [0.0, 0.0, u0, 2 * rate * seed],
-                   lambda r: r["bead"].position[:, :2], lambda y: y[:, :2], lengths=True, tightest=1e-7)  # fmt: skip
+                   lambda r: r["bead"].position[:, :2], lambda y: y[:, :2], lengths=True, tightest=1e-7)
 
 
 def _slider(name: str, e: float, t_end: float, force: Callable[[Any, Any], Any], rates: Callable[[float, Array], Any],
-            rng: np.random.Generator, **more: Any) -> Problem:  # fmt: skip
+            rng: np.random.Generator, **more: Any) -> Problem:
     """One mass on a straight guide under a force of position and speed."""
     beside, options = int(rng.integers(1 << 30)), _model(rng)
 
@@ -172,7 +172,7 @@ def _slider(name: str, e: float, t_end: float, force: Callable[[Any, Any], Any],
         return s
 
     return Problem(name, e, scene, t_end, rates, lambda seed: [seed, 0.0],
-                   lambda r: r["guide"].displacement[:, None], lambda y: y[:, :1], lengths=True, **more)  # fmt: skip
+                   lambda r: r["guide"].displacement[:, None], lambda y: y[:, :1], lengths=True, **more)
 
 
 def well(rng: np.random.Generator) -> Problem:
@@ -180,7 +180,7 @@ def well(rng: np.random.Generator) -> Problem:
     e, k, c = _seed(rng), float(10 ** rng.uniform(-1, 2)), float(rng.choice([0.0, rng.uniform(0, 2)]))
     rate = (-c + sqrt(c * c + 4 * k)) / 2
     return _slider("well", e, log(1 / e) / rate + 3 / sqrt(k), lambda x, v: k * (x - x**3) - c * v,
-                   lambda t, y: [y[1], k * (y[0] - y[0] ** 3) - c * y[1]], rng)  # fmt: skip
+                   lambda t, y: [y[1], k * (y[0] - y[0] ** 3) - c * y[1]], rng)
 
 
 def self_excited(rng: np.random.Generator) -> Problem:
@@ -190,9 +190,9 @@ def self_excited(rng: np.random.Generator) -> Problem:
     t_end = log(2 / e) / rate + 8 / w
     if rng.uniform() < 0.5:
         return _slider("van der Pol", e, t_end, lambda x, v: mu * w * (1 - x**2) * v - w * w * x,
-                       lambda t, y: [y[1], mu * w * (1 - y[0] ** 2) * y[1] - w * w * y[0]], rng)  # fmt: skip
+                       lambda t, y: [y[1], mu * w * (1 - y[0] ** 2) * y[1] - w * w * y[0]], rng)
     return _slider("Rayleigh", e, t_end, lambda x, v: mu * w * (1 - (v / w) ** 2) * v - w * w * x,
-                   lambda t, y: [y[1], mu * w * (1 - (y[1] / w) ** 2) * y[1] - w * w * y[0]], rng)  # fmt: skip
+                   lambda t, y: [y[1], mu * w * (1 - (y[1] / w) ** 2) * y[1] - w * w * y[0]], rng)
 
 
 def ramp(rng: np.random.Generator) -> Problem:
@@ -205,7 +205,7 @@ def ramp(rng: np.random.Generator) -> Problem:
         return k * tanh((t - when) / width)
 
     return _slider("ramp", e, t_end, lambda x, v: of(mb.t, sp.tanh) * x - k * x**3,
-                   lambda t, y: [y[1], of(t, np.tanh) * y[0] - k * y[0] ** 3], rng)  # fmt: skip
+                   lambda t, y: [y[1], of(t, np.tanh) * y[0] - k * y[0] ** 3], rng)
 
 
 def mathieu(rng: np.random.Generator) -> Problem:
@@ -227,7 +227,7 @@ def top(rng: np.random.Generator) -> Problem:
         w, x, y, z = q / np.linalg.norm(q)
         return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
                          [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])  # fmt: skip
+                         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
     def rates(t: float, y: Array) -> Array:
         p, W = y[:4], y[4:]
@@ -241,7 +241,7 @@ def top(rng: np.random.Generator) -> Problem:
         s, R = mb.Scene("top", gravity=(0, 0, -G)), matrix(np.array(start(e)[:4]))
         axis = R @ [0, 0, 1.0]
         body = s.rigid_body("top", m, R @ np.diag(J) @ R.T, at=tuple(l * axis), velocity=(0, 0, 0),
-                            angular_velocity=tuple(spin * axis))  # fmt: skip
+                            angular_velocity=tuple(spin * axis))
         s.spherical("tip", s.ground, body, at=(0, 0, 0))
         return s
 
@@ -269,12 +269,12 @@ def hilltop(rng: np.random.Generator) -> Problem:
         s = mb.Scene("hilltop", gravity=(0, -G, 0), space="planar")
         ball = s.rigid_body("ball", m, 0.4 * m * small**2, at=(rest * sin(e), rest * cos(e)))
         s.contact("drum", s.ground, ball, mb.Cylinder(at=(0, 0), radius=big, length=0.4), mb.Sphere(radius=small),
-                  normal=mb.Hertz(K))  # fmt: skip
+                  normal=mb.Hertz(K))
         return s
 
     return Problem("hilltop", e, scene, log(0.3 / e) / rate, rates, lambda seed: [rest * sin(seed), rest * cos(seed), 0.0, 0.0],
                    lambda r: r["ball"].position[:, :2], lambda y: y[:, :2], constrained=False, adaptive=True, lengths=True,
-                   tightest=1e-6, atol=[1e-24, 1e-13, 1e-24, 1e-12])  # fmt: skip
+                   tightest=1e-6, atol=[1e-24, 1e-13, 1e-24, 1e-12])
 
 
 PROBLEMS = (rod, rod, column, saddle, well, self_excited, self_excited, ramp, mathieu, top, hilltop)

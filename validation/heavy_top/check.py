@@ -11,7 +11,7 @@ from scenes import data, heavy_top
 
 claim = Claim("heavy_top", "a top spinning at 150 rad/s is followed over 2 s", 1e-6, "m",
               "problem: Bruls and Cardona 2010; values computed independently of mbdae: rotation matrix as nine unknowns, "
-              "DOP853 at 3e-14")  # fmt: skip
+              "DOP853 at 3e-14")
 
 
 def motion(solver: Any) -> list[Found]:
@@ -19,7 +19,7 @@ def motion(solver: Any) -> list[Found]:
     d = data("heavy_top")["own"]
     r = simulated(heavy_top(), d["t"], claim.tolerance, solver)
     return [Found(largest(r["top"].position, d["x"]), quantity="position"),
-            Found(largest(r["top"].rotation.reshape(-1, 9), d["R"]), 1e-5, "1", "rotation matrix")]  # fmt: skip
+            Found(largest(r["top"].rotation.reshape(-1, 9), d["R"]), 1e-5, "1", "rotation matrix")]
 
 
 def cases() -> list[Case]:

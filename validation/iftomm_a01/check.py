@@ -10,7 +10,7 @@ from runs import largest, simulated, with_both
 from scenes import a01, data
 
 claim = Claim("iftomm_a01", "the point pendulum of IFToMM A01 is followed over 10 s", 1e-8, "m",
-              "problem: IFToMM multibody benchmark library; values: closed form in Jacobi's elliptic functions")  # fmt: skip
+              "problem: IFToMM multibody benchmark library; values: closed form in Jacobi's elliptic functions")
 
 
 def position(solver: Any) -> Found:

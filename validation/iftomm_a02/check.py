@@ -13,7 +13,7 @@ from scenes import data, n_four_bar
 import mbdae as mb
 
 claim = Claim("iftomm_a02", "the N-four-bar passes its flat positions on the right branch over 10 s, or warns",
-              1e-6, "m", "problem: IFToMM multibody benchmark library; values: its one-coordinate equation, DOP853")  # fmt: skip
+              1e-6, "m", "problem: IFToMM multibody benchmark library; values: its one-coordinate equation, DOP853")
 #: bars, accuracies asked for in each form, from loose to tight
 RUNS = [
     (2, {"GGL": (1e-3, 1e-6), "Index3": (1e-3,)}),
@@ -47,7 +47,7 @@ def reach(n: int, runs: dict[str, tuple[float, ...]]) -> list[Found]:
     worst = max((error for (form, _), error in errors.items() if form == best[0]), default=math.nan)
     return [Found(errors[best], quantity=f"best reached ({best[0]})", note="error in m: " + ", ".join(told)),
             Found(errors[best] / worst, 0.5, "1", f"best over largest ({best[0]})"),
-            Found(silent, 10.0, "times asked", "largest error without a warning")]  # fmt: skip
+            Found(silent, 10.0, "times asked", "largest error without a warning")]
 
 
 def cases() -> list[Case]:

@@ -12,7 +12,7 @@ import interrupted_scenes as scenes
 from runner import Case, Claim, Found
 
 claim = Claim("interrupted", "a run that is kept in a folder and killed at random times returns the bits of one that was not",
-              0.0, "runs", "the same run, kept too, without a kill")  # fmt: skip
+              0.0, "runs", "the same run, kept too, without a kill")
 KILLS, FEW = 20, 3
 KEPT = ("DOP853, breaks and friction", "Radau IIA, rows in force", "Radau IIA, impacts", "generalised-alpha, index 3", "IDA")
 QUICK = ("Radau IIA, impacts", "IDA")  #: the states the others keep: tests/integrators/test_checkpoints.py
@@ -48,4 +48,4 @@ def cases() -> list[Case]:
             *(Case(f"{kills} {how.name}", "all", partial(different, kills=kills, how=how), slow=True, parts=names, each=True)
               for kills, how, names in kinds),
             *(Case(f"{count} {'full disks' if full else 'Ctrl-C'}", "all", partial(disturbed, count=count, full=full), slow=True,
-                   parts=list(work.WORK), each=True) for count, full in ((SIGNALS, False), (DISKS, True)))]  # fmt: skip
+                   parts=list(work.WORK), each=True) for count, full in ((SIGNALS, False), (DISKS, True)))]

@@ -45,7 +45,7 @@ LAWS: dict[str, Any] = {
     "universal": (Universal, {}), "planar": (Planar, {}), "spherical": (Spherical, {}), "free": (Free, {}),
     "point_on_line": (PointOnLine, {}), "point_on_plane": (PointOnPlane, {}), "fixed_orientation": (FixedOrientation, {}),
     "cam": (Cam, {"stroke": STROKE}), "boom": (Boom, {}),
-}  # fmt: skip
+}
 MODELS = (mb.Kinematic(), mb.Classical(), mb.Recursive())
 FORCE = (Wave(0.8, 0.3, -0.5, 2.0), Wave(-1.1), Wave(0.4, -0.7))  #: the same in all chains: expressions are compiled once
 TORQUE = (Wave(-0.6), Wave(0.2, 0.5, 0.9, 3.0), Wave(0.7, -0.4))
@@ -72,7 +72,7 @@ def drawn(rng: np.random.Generator, kinds: Sequence[str], outer: str, driven: in
         centre = at + 0.4 * unit(rng)
         on = rng.uniform(2, 10, size), rng.uniform(0.1, 1, size), rng.normal(size=size)
         links.append(Link(kind, side, at, axes, mass, inertia, centre, rotation, *on,
-                          {size - 1: DRIVE} if i == driven and size else {}))  # fmt: skip
+                          {size - 1: DRIVE} if i == driven and size else {}))
         at = centre + 0.4 * unit(rng)
     return Chain(tuple(links), 9.81 * unit(rng), FORCE, at, TORQUE)
 
@@ -130,7 +130,7 @@ def scene_of(chain: Chain, models: Sequence[Any], q: np.ndarray | None = None, v
         s.joint(law, f"J{i}", k, l, at=link.at, axis=link.axes[:, 2], axis_x=link.axes[:, 0], model=model, **numbers,
                 prescribed={names[n]: text(wave) for n, wave in link.drives.items()} or None,
                 start={names[n]: q[at][n] for n in range(len(names)) if n not in link.drives} or None, start_rate=start or None,
-                **{option: dict(zip(names, getattr(link, option), strict=True)) or None for option in options})  # fmt: skip
+                **{option: dict(zip(names, getattr(link, option), strict=True)) or None for option in options})
         before = body
     s.force("push", before, [text(w) for w in chain.push], at=chain.tip)
     s.torque("twist", s["b0"], [text(w) for w in chain.twist], frame="body")
@@ -138,7 +138,7 @@ def scene_of(chain: Chain, models: Sequence[Any], q: np.ndarray | None = None, v
 
 
 def unknowns(chain: Chain, prepared: Prepared, bodies: Sequence[Moving], q: np.ndarray,
-             v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+             v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities of all nodes of a prepared scene, in a state of the chain."""
     model = prepared.model
     all_q, all_u = np.zeros(model.nq), np.zeros(model.nu)
@@ -201,7 +201,7 @@ def off(found: Mechanics, reference: Mechanics) -> tuple[float, float]:
     known = ~np.isnan(found.coordinates)
     size = max(np.max(np.abs(reference.bodies)), np.max(np.abs(reference.coordinates)))
     apart = max(np.max(np.abs(found.bodies - reference.bodies)),
-                np.max(np.abs(found.coordinates - reference.coordinates)[known], initial=0.0))  # fmt: skip
+                np.max(np.abs(found.coordinates - reference.coordinates)[known], initial=0.0))
     return apart / size, np.max(np.abs(found.joints - reference.joints)) / np.max(np.abs(reference.joints))
 
 

@@ -15,7 +15,7 @@ from mbdae.system.prepare import prepare
 
 claim = Claim("joints", "every joint gives the same accelerations, reactions and runs in every model it admits, and those of "
               "closed forms",
-              1e-11, "relative", "equations of motion of chains by hand, DOP853 at rtol 1e-11; closed forms")  # fmt: skip
+              1e-11, "relative", "equations of motion of chains by hand, DOP853 at rtol 1e-11; closed forms")
 STATES, ACCURACY, T_END = 50, 1e-8, 0.5
 CLOSED = 1e-8  #: relative, of closed forms
 SIDES = ("lkl", "klk")
@@ -40,7 +40,7 @@ def same_state(kind: str) -> list[Found]:
             worst[0] = np.maximum(worst[0], np.max([off(one, found[0]) for one in found[1:]], axis=0))
             worst[1] = np.maximum(worst[1], np.max([off(one, reference) for one in found], axis=0))
     return [Found(worst[i, j], quantity=f"{what}, {where}") for j, what in enumerate(("accelerations", "joint forces"))
-            for i, where in enumerate(("between models", "from the reference"))]  # fmt: skip
+            for i, where in enumerate(("between models", "from the reference"))]
 
 
 def starts_and_runs(kind: str) -> list[Found]:
@@ -70,4 +70,4 @@ def cases() -> list[Case]:
     forms = {"shafts with joints of Cardan": shafts.errors, "screw jack": jack.errors, "gears": gears.errors}
     return [*(Case(name, "default", lambda errors=errors: closed(errors), slow=True) for name, errors in forms.items()),
             Case(f"{STATES} states", models, same_state, slow=True, parts=list(KINDS), each=True),
-            Case("runs", models, starts_and_runs, slow=True, parts=list(KINDS), each=True)]  # fmt: skip
+            Case("runs", models, starts_and_runs, slow=True, parts=list(KINDS), each=True)]

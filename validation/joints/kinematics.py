@@ -31,7 +31,7 @@ class Relative:
         B, w, d = self.R.T, self.w, self.d
         turning = np.cross(w, np.cross(w, d) - self.d1)
         return Relative(-B @ d, B, B @ (np.cross(w, d) - self.d1), -B @ w,
-                        B @ (np.cross(self.w1, d) + np.cross(w, self.d1) - self.d2 - turning), -B @ self.w1)  # fmt: skip
+                        B @ (np.cross(self.w1, d) + np.cross(w, self.d1) - self.d2 - turning), -B @ self.w1)
 
 
 def about(axis: int, angle: float) -> np.ndarray:
@@ -65,7 +65,7 @@ def universal(q, v, a):
     A = about(0, q[0])
     pin = A @ Y
     return Relative(0 * X, A @ about(1, q[1]), 0 * X, X * v[0] + pin * v[1], 0 * X,
-                    X * a[0] + pin * a[1] + np.cross(X, pin) * v[0] * v[1])  # fmt: skip
+                    X * a[0] + pin * a[1] + np.cross(X, pin) * v[0] * v[1])
 
 
 def planar(q, v, a):

@@ -99,7 +99,7 @@ class Chain:
         """Of every joint: which of the positions and of the rates of the chain are its own."""
         ends = np.cumsum([link.joint.sizes for link in self.links], axis=0)
         return [tuple(slice(e - n, e) for e, n in zip(end, link.joint.sizes, strict=True))
-                for end, link in zip(ends.tolist(), self.links, strict=True)]  # fmt: skip
+                for end, link in zip(ends.tolist(), self.links, strict=True)]
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -111,13 +111,13 @@ class Chain:
         """Of every angle and displacement: number of its position and of its rate, spring, damper, load."""
         return [(at.start + i, rate.start + i, link.spring[i], link.damper[i], link.load[i])
                 for link, (at, rate) in zip(self.links, self.parts, strict=True)
-                for i in range(len(link.joint.scalars))]  # fmt: skip
+                for i in range(len(link.joint.scalars))]
 
     @cached_property
     def driven(self) -> dict[tuple[int, int], Wave]:
         """Prescribed coordinates by the numbers of their position and rate."""
         return {(at.start + i, rate.start + i): wave
-                for link, (at, rate) in zip(self.links, self.parts, strict=True) for i, wave in link.drives.items()}  # fmt: skip
+                for link, (at, rate) in zip(self.links, self.parts, strict=True) for i, wave in link.drives.items()}
 
     def motion(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[Moving]:
         """All bodies."""
@@ -135,7 +135,7 @@ class Chain:
             velocity = speed + np.cross(wp, d) + d1
             second = acceleration + np.cross(before.w1, d) + np.cross(wp, np.cross(wp, d)) + 2 * np.cross(wp, d1) + d2
             before = Moving(turn, point + x, velocity + np.cross(spin, x), spin,
-                            second + np.cross(spun, x) + np.cross(spin, np.cross(spin, x)), spun, place, point)  # fmt: skip
+                            second + np.cross(spun, x) + np.cross(spin, np.cross(spin, x)), spun, place, point)
             centre = link.centre
             found.append(before)
         return found

@@ -46,7 +46,7 @@ def errors() -> Iterator[tuple[str, float]]:
              "pin by default": (shafts(None), c, 1), "forks in one plane": (shafts(NORMAL, of_second), 1.0, 2),
              "forks in one plane, turned": (shafts(in_plane, NORMAL), 1.0, 2),
              "forks at right angles": (shafts(NORMAL, NORMAL), c**2, 2),
-             "forks at right angles, turned": (shafts(in_plane, of_second), c**-2, 2)}  # fmt: skip
+             "forks at right angles, turned": (shafts(in_plane, of_second), c**-2, 2)}
     for name, (s, factor, crosses) in cases.items():
         r = s.simulate(T_END, accuracy=1e-9, outputs=25)
         a = SPEED * r.t

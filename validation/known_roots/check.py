@@ -10,7 +10,7 @@ from runner import Case, Claim, Found, allowed
 
 claim = Claim("known_roots", "every root of a linearisation lies within the bound of its error, `stable` is never wrong, "
               "undecided in at most 5 % and in no conservative scene, and the median bound is at most 1e3 errors or 1e-10 of the "
-              "root", 0.0, "scenes", "the same equations by hand, eigenvalues by mpmath in 80 digits")  # fmt: skip
+              "root", 0.0, "scenes", "the same equations by hand, eigenvalues by mpmath in 80 digits")
 QUICK, WHOLE = range(30), range(300)
 UNDECIDED = 0.05
 
@@ -27,9 +27,9 @@ def judge(seeds: Sequence[int]) -> list[Found]:
             Found(len(wrong), note=f"wrong verdicts: {', '.join(wrong) or 'none'}"),
             Found(vague, note=f"undecided: {', '.join(str(v.seed) for v in undecided) or 'none'}; {sure} of them conservative"),
             Found(float(np.median(tight) < 1),
-                  note=f"bounds of at most 1e3 errors or 1e-10 of the root: {np.mean(tight):.0%}")]  # fmt: skip
+                  note=f"bounds of at most 1e3 errors or 1e-10 of the root: {np.mean(tight):.0%}")]
 
 
 def cases() -> list[Case]:
     return [Case(f"{len(QUICK)} scenes", "linearize", lambda: judge(QUICK)),
-            Case("scenes", "linearize", judge, slow=True, parts=WHOLE)]  # fmt: skip
+            Case("scenes", "linearize", judge, slow=True, parts=WHOLE)]

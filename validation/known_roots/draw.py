@@ -116,7 +116,7 @@ def cart(d: Draw) -> Known:
     model, J = d.model(), 1.0 if s.space == "auto" else (1.0, 1.0, 1.0)
     body, bob = s.rigid_body("cart", mc, J, at=(0, 0)), s.rigid_body("bob", m, J, at=(0, up))
     s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0, 0), model=model, **({"spring": k} if k else {}),
-                **({"damper": c} if c else {}))  # fmt: skip
+                **({"damper": c} if c else {}))
     s.revolute("R", body, bob, at=(0, 0), model=model, **({"spring": kp} if kp else {}), **({"damper": cp} if cp else {}))
     M, C, K = zeros(2), zeros(2), zeros(2)
     M[0][0], M[1][1], M[0][1] = mpf(mc) + mpf(m), 1 + mpf(m), -up * mpf(m)

@@ -8,7 +8,7 @@ from runner import Case, Claim, Found
 from scenes import data
 
 claim = Claim("lateral_buckling_cantilever", "a cantilevered strip on edge loses its lowest frequency at the buckling load", 0.03,
-              "relative", "Timoshenko and Gere: 4.0126 sqrt(EI_soft GJ) / L^2, raised by the sag before (1 to 3 %)")  # fmt: skip
+              "relative", "Timoshenko and Gere: 4.0126 sqrt(EI_soft GJ) / L^2, raised by the sag before (1 to 3 %)")
 
 
 def lowest(load: float, elements: int, order: int) -> float:
@@ -42,4 +42,4 @@ def buckles(elements: int, order: int) -> Found:
 
 def cases() -> list[Case]:
     return [Case("6 cubic elements", "linearize", lambda: buckles(6, 3)),
-            Case("12 quadratic elements", "linearize", lambda: buckles(12, 2), slow=True)]  # fmt: skip
+            Case("12 quadratic elements", "linearize", lambda: buckles(12, 2), slow=True)]

@@ -11,7 +11,7 @@ from timed_inputs.tables import found
 
 claim = Claim("local_laws", "barriers, wells, stops, kinks and brakes of users' laws, at any width in space, are right within "
               "three times the accuracy asked, or the run says that they are not; none is refused", 0.0, "runs",
-              "equations of motion by hand, DOP853 of SciPy at rtol 1e-12 with short steps where the law is narrow")  # fmt: skip
+              "equations of motion by hand, DOP853 of SciPy at rtol 1e-12 with short steps where the law is narrow")
 QUICK, WHOLE = range(6), range(100)
 
 
@@ -22,4 +22,4 @@ def judge(seeds: Sequence[int]) -> list[Found]:
 
 def cases() -> list[Case]:
     return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)),
-            Case("runs", "all", judge, slow=True, parts=WHOLE)]  # fmt: skip
+            Case("runs", "all", judge, slow=True, parts=WHOLE)]

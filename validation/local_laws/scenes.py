@@ -93,7 +93,7 @@ def slide(rng: Rng) -> Problem:
 
     fastest = 1.2 * np.sqrt(v**2 + (0 if braking else 2 * field.deepest / m))
     problem = Problem(f"slide, {stated}", build, [], T, np.array([0, v]), rhs,
-                      lambda t, y, u: {"p.displacement": y[0], "p.rate": y[1]}, constrained)  # fmt: skip
+                      lambda t, y, u: {"p.displacement": y[0], "p.rate": y[1]}, constrained)
     return local(problem, field, fastest, lambda y: y[0])
 
 
@@ -121,7 +121,7 @@ def pendulum(rng: Rng) -> Problem:
 
     fastest = 1.2 * np.sqrt(w0**2 + 2 * field.deepest / J)
     problem = Problem("pendulum, tip" if tip else "pendulum, angle", build, [], T, np.array([0, w0]), rhs,
-                      lambda t, y, u: {"h.angle": y[0], "h.rate": y[1]}, constrained)  # fmt: skip
+                      lambda t, y, u: {"h.angle": y[0], "h.rate": y[1]}, constrained)
     return local(problem, field, fastest, lambda y: np.sin(y[0]))
 
 
@@ -146,7 +146,7 @@ def point(rng: Rng) -> Problem:
 
     fastest = 1.2 * np.sqrt(v**2 + 2 * field.deepest / m)
     problem = Problem("mass point", build, [], T, np.array([-1, off, v, 0]), rhs,
-                      lambda t, y, u: {"b.position": [y[0], y[1], 0], "b.velocity": [y[2], y[3], 0]})  # fmt: skip
+                      lambda t, y, u: {"b.position": [y[0], y[1], 0], "b.velocity": [y[2], y[3], 0]})
     return local(problem, field, fastest, lambda y: np.hypot(y[0], y[1]))
 
 

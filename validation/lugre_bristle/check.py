@@ -20,7 +20,7 @@ END, SPACING = 0.5, 1e-3  # s
 TIMES = np.linspace(0.0, END, round(END / SPACING) + 1)
 
 claim = Claim("lugre_bristle", "the bristle as a stage unknown has order 3, paper Eq. 55 corrected order 2, as printed none",
-              0.25, "order", "LSODA at 1e-12; the order between halved steps")  # fmt: skip
+              0.25, "order", "LSODA at 1e-12; the order between halved steps")
 
 
 def velocity(t: Any) -> Any:
@@ -70,7 +70,7 @@ def stage_unknown(h: float) -> Array:
 def reference() -> Array:
     """z at TIMES."""
     run = solve_ivp(lambda t, z: [rate(float(velocity(t)), z[0])], (0, END), [0.0], method="LSODA", t_eval=TIMES, rtol=1e-12,
-                    atol=1e-18, max_step=1e-4)  # fmt: skip
+                    atol=1e-18, max_step=1e-4)
     return np.asarray(run.y[0])
 
 
@@ -94,4 +94,4 @@ def printed() -> Found:
 def cases() -> list[Case]:
     return [Case("stage unknown, order 3", "RadauIIA(2)", lambda: order(stage_unknown, 3, 2.5e-4)),
             Case("Eq. 55 corrected, order 2", "trapezoid", lambda: order(trapezoidal, 2, 2.5e-4)),
-            Case("Eq. 55 as printed, order 0", "trapezoid", printed)]  # fmt: skip
+            Case("Eq. 55 as printed, order 0", "trapezoid", printed)]

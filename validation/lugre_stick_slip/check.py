@@ -11,7 +11,7 @@ from runs import largest, simulated, with_both
 from scenes import data, steady_sliding, stick_slip
 
 claim = Claim("lugre_stick_slip", "friction on a prismatic joint sticks and slips as LuGre's law says", 1e-3, "s",
-              "parameters: Canudas de Wit, Olsson, Astrom, Lischinsky 1995; values computed independently of mbdae")  # fmt: skip
+              "parameters: Canudas de Wit, Olsson, Astrom, Lischinsky 1995; values computed independently of mbdae")
 ACCURACY = 3e-5
 SLIPPING = 0.01  #: m/s, the velocity whose crossing counts as an instant of slip
 
@@ -31,7 +31,7 @@ def motion(solver: Any) -> list[Found]:
             Found(largest(r["slide"].displacement[at], d["x"]), 1e-5, "m", "displacement"),
             Found(largest(r["slide"].rate[at], d["v"]), 1e-5, "m/s", "velocity"),
             Found(largest(z, d["z"]) / max(d["z"]), 1e-3, "relative", "deflection of the bristles"),
-            Found(largest(-r["slide"].force[at, 0], d["F"]) / max(d["F"]), 1e-2, "relative", "friction force")]  # fmt: skip
+            Found(largest(-r["slide"].force[at, 0], d["F"]) / max(d["F"]), 1e-2, "relative", "friction force")]
 
 
 def curve(solver: Any) -> Found:

@@ -65,7 +65,7 @@ def judge(a: argparse.Namespace, kept: dict[str, Any]) -> None:
     covers = Covers(ROOT, a.covers)
     with ProcessPoolExecutor(a.processes, initializer=_begin) as pool:
         jobs = [pool.submit(_judged, one.name, file, mutant, *_chosen(covers, one, file, mutant, a.at_most))
-                for one, file, mutant in left]  # fmt: skip
+                for one, file, mutant in left]
         for job in as_completed(jobs):
             try:
                 v = job.result()

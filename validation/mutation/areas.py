@@ -76,7 +76,7 @@ AREAS = (
           "results/test_nearer.py",
           "scene/test_check.py", "results/test_contact_stability.py", "system/test_needed.py",
           "system/test_recursive_motion.py", "test_ties.py")),
-)  # fmt: skip
+)
 
 
 def area(name: str) -> Area:

@@ -21,7 +21,7 @@ from mutation.mutators import Mutant, is_valid, mutants
 from mutation.page import reason
 
 COPIED = ("mbdae", "tests", "validation", "examples", "docs", "benchmarks", ".ci", "pyproject.toml", "README.md",
-          "CONTRIBUTING.md", "CHANGELOG.md", "hatch_build.py", "LICENSE")  # fmt: skip
+          "CONTRIBUTING.md", "CHANGELOG.md", "hatch_build.py", "LICENSE")
 MOST_CPU, MOST_WALL = 600.0, 3600.0  #: s, of all tests of a mutant: more is a test that does not end
 MOST_BYTES = 8 * 2**30  #: of memory; more is asked for by mistakes in sizes
 FIRST = 20  #: tests that are tried before the others are even collected
@@ -123,7 +123,7 @@ class Copy:
         before = _children()
         with (self.folder / "said.txt").open("w+", encoding="utf-8") as out:
             process = subprocess.Popen(command, cwd=self.folder, env=env, stdin=subprocess.DEVNULL, stdout=out,
-                                       stderr=out, start_new_session=True, preexec_fn=partial(_bounded, cpu))  # fmt: skip
+                                       stderr=out, start_new_session=True, preexec_fn=partial(_bounded, cpu))
             code = _waited(process)
             out.seek(0)
             text = out.read()

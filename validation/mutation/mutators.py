@@ -14,14 +14,14 @@ from pathlib import Path
 
 COMPARED = {ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">"), ast.Eq: ("==", "!="),
             ast.NotEq: ("!=", "=="), ast.Is: ("is", "is not"), ast.IsNot: ("is not", "is"), ast.In: ("in", "not in"),
-            ast.NotIn: ("not in", "in")}  # fmt: skip
+            ast.NotIn: ("not in", "in")}
 COMBINED = {ast.Add: ("+", "-"), ast.Sub: ("-", "+"), ast.Mult: ("*", "/"), ast.Div: ("/", "*")}
 IN_C = (  # what stands there, what takes its place
     (r" < ", " <= "), (r" <= ", " < "), (r" > ", " >= "), (r" >= ", " > "), (r" == ", " != "), (r" != ", " == "),
     (r" \+ ", " - "), (r" - ", " + "), (r" \* ", " / "), (r" / ", " * "), (r" && ", " || "), (r" \|\| ", " && "),
     (r" \+= ", " -= "), (r" -= ", " += "), (r"(?<=[=(,] )-(?=\w)", ""), (r"\breturn 0;", "return 1;"),
     (r"\breturn 1;", "return 0;"),
-)  # fmt: skip
+)
 LARGE = 20  #: whole numbers above it: one more of them would change next to nothing
 LEFT_OUT_IN_C = re.compile(r"^( +)([\w>.\[\]*+-]+ [-+*/]?= [^;]*|\w+\([^;]*\)|continue|break);", re.MULTILINE)
 

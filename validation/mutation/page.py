@@ -46,7 +46,7 @@ def table(judged: list[dict[str, Any]], equivalent: list[dict[str, str]]) -> str
     alive = sorted(set(said))
     lines += ["", "Survivors:", ""] if alive else []
     lines += [f"- `{file}`, `{_short(code)}`: `{_short(old)}` -> `{_short(new) or ' '}`{because and ': ' + because}"
-              for file, code, old, new, because in alive]  # fmt: skip
+              for file, code, old, new, because in alive]
     return "\n".join(lines) + "\n"
 
 

@@ -10,7 +10,7 @@ from runs import largest, simulated, with_both
 from scenes import data, n_points
 
 claim = Claim("n_pendulum_point", "chains of 2 to 10 point masses are followed", 1e-7, "m",
-              "computed independently of mbdae: equations in the N absolute angles, DOP853 at 3e-14")  # fmt: skip
+              "computed independently of mbdae: equations in the N absolute angles, DOP853 at 3e-14")
 
 
 def positions(solver: Any, n: int) -> Found:

@@ -13,9 +13,9 @@ import mbdae as mb
 
 claim = Claim("n_pendulum_rods", "chains of 2 to 20 rods are followed in the plane and in space", 1e-7, "rad",
               "computed independently of mbdae: equations in the N absolute angles, DOP853 at 3e-14, which differs by less "
-              "than 1e-9 from a looser run at the times compared")  # fmt: skip
+              "than 1e-9 from a looser run at the times compared")
 CHAINS = [(2, "planar"), (5, "planar"), (10, "planar"), (20, "planar"), (2, "spatial"), (5, "spatial"), (10, "spatial"),
-          (20, "spatial")]  # fmt: skip
+          (20, "spatial")]
 RECURSIVE = CHAINS[:-1]  #: 20 joints in space are too many for one program: they would stay kinematic
 
 
@@ -31,7 +31,7 @@ def cases() -> list[Case]:
     recursive = [case for chain in RECURSIVE
                  for case in with_both(f"{chain[0]} rods, {chain[1]}, recursive joints",
                                        lambda solver, chain=chain: angles(solver, *chain, mb.Recursive()),
-                                       chain[0] > 5, [mb.CVODE()])]  # fmt: skip
+                                       chain[0] > 5, [mb.CVODE()])]
     return recursive + [case for chain in CHAINS
                         for case in with_both(f"{chain[0]} rods, {chain[1]}", lambda solver, chain=chain: angles(solver, *chain),
-                                              slow=chain[0] > 5 and chain != (20, "planar"))]  # fmt: skip
+                                              slow=chain[0] > 5 and chain != (20, "planar"))]

@@ -39,7 +39,7 @@ class Input:
         """Value, rate and second derivative at t."""
         s, c, w = np.sin(self.frequency * t + 1), np.cos(self.frequency * t + 1), self.frequency
         return np.array([self.constant + self.slope * t + self.height * s, self.slope + self.height * w * c,
-                         -self.height * w * w * s])  # fmt: skip
+                         -self.height * w * w * s])
 
 
 @dataclass(frozen=True)

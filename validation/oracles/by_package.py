@@ -21,7 +21,7 @@ LAWS: dict[str, Any] = {
     "revolute": joints.Revolute, "prismatic": joints.Prismatic, "cylindrical": joints.Cylindrical, "screw": joints.Screw,
     "universal": joints.Universal, "planar": joints.Planar, "spherical": joints.Spherical, "free": joints.Free,
     "point_on_line": joints.PointOnLine, "point_on_plane": joints.PointOnPlane, "fixed_orientation": joints.FixedOrientation,
-}  # fmt: skip
+}
 MODELS = ("kinematic", "classical", "recursive", "mixed")
 OPTIONS = ("spring", "damper", "load")
 
@@ -34,10 +34,10 @@ def text(wave: Wave) -> Any:
 def models_of(tree: Tree, model: str) -> list[Any]:
     """The model of every joint; joints that do not admit one are kinematic."""
     cycle = {"kinematic": [mb.Kinematic()], "classical": [mb.Classical()], "recursive": [mb.Recursive()],
-             "mixed": [mb.Recursive(), mb.Kinematic(), mb.Classical()]}[model]  # fmt: skip
+             "mixed": [mb.Recursive(), mb.Kinematic(), mb.Classical()]}[model]
     chosen = [cycle[i % len(cycle)] for i in range(len(tree.branches))]
     return [mb.Kinematic() if isinstance(m, mb.Classical) and b.of.rotates else m
-            for m, b in zip(chosen, tree.branches, strict=True)]  # fmt: skip
+            for m, b in zip(chosen, tree.branches, strict=True)]
 
 
 def scene_of(tree: Tree, model: str, number: int = 0) -> mb.Scene:
@@ -45,7 +45,7 @@ def scene_of(tree: Tree, model: str, number: int = 0) -> mb.Scene:
     s = mb.Scene(f"tree {number}", gravity=tuple(tree.gravity), space="planar" if tree.flat else "spatial")
     bodies = [s.point_mass(f"b{i}", b.mass, at=b.centre) if b.inertia is None else
               s.rigid_body(f"b{i}", b.mass, b.inertia, at=b.centre, rotation=b.rotation)
-              for i, b in enumerate(tree.branches)]  # fmt: skip
+              for i, b in enumerate(tree.branches)]
     bodies.append(s.ground)
     for i, (b, chosen) in enumerate(zip(tree.branches, models_of(tree, model), strict=True)):
         k, l = (bodies[b.parent], bodies[i]) if b.outer == "l" else (bodies[i], bodies[b.parent])
@@ -56,10 +56,10 @@ def scene_of(tree: Tree, model: str, number: int = 0) -> mb.Scene:
         on = {option: {name: x for name, x in zip(names, getattr(b, option), strict=True) if x} or None for option in OPTIONS}
         s.joint(LAWS[b.kind], f"J{i}", k, l, at=b.at, axis=b.axes[:, 2], axis_x=b.axes[:, 0], model=chosen,
                 prescribed={names[n]: text(DRIVE) for n in b.driven} or None, **on,
-                **({"lead": LEAD} if b.kind == "screw" else {}))  # fmt: skip
+                **({"lead": LEAD} if b.kind == "screw" else {}))
     for i, spring in enumerate(tree.springs):
         s.spring(f"S{i}", bodies[spring.k], bodies[spring.l], spring.at_k, spring.at_l, stiffness=spring.stiffness,
-                 damping=spring.damping, length=spring.length)  # fmt: skip
+                 damping=spring.damping, length=spring.length)
     if tree.pushed is not None:
         force = [*map(text, FORCE[:2]), 0 if tree.flat else text(FORCE[2])]
         s.force("push", bodies[tree.pushed[0]], force, at=tree.pushed[1])
@@ -129,7 +129,7 @@ def off(tree: Tree, prepared: Prepared, state: State, exact: Answer) -> dict[str
     rows = [row.name for row in prepared.with_all_rows.rows]
     driven = [(multipliers[rows.index(name)], value) for name, value in _drives(tree, exact).items() if name in rows]
     found = {"accelerations": far(a[known], expected[known], size), "reactions": far(shown, wrench, force),
-             "drives": max((far(*pair, force) for pair in driven), default=0.0)}  # fmt: skip
+             "drives": max((far(*pair, force) for pair in driven), default=0.0)}
     system = system_for(prepared)
     if system.rhs is not None and not prepared.rows:
         nb, out = prepared.all_bodies.numbering, np.empty(system.n)
@@ -142,7 +142,7 @@ def off(tree: Tree, prepared: Prepared, state: State, exact: Answer) -> dict[str
 def _drives(tree: Tree, exact: Answer) -> dict[str, float]:
     """Forces of prescribed coordinates by the names of their rows."""
     return {f"J{i}.{LAWS[tree.branches[i].kind].drive_name(tree.branches[i].of.steps[n][0])}": force
-            for (i, n), force in exact.drives.items()}  # fmt: skip
+            for (i, n), force in exact.drives.items()}
 
 
 def _expected(tree: Tree, prepared: Prepared, exact: Answer) -> tuple[Array, Array]:

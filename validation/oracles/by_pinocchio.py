@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from oracles.trees import DRIVE, FORCE, GROUND, LEAD, TORQUE, Answer, Array, Branch, State, Tree
 
 JOINTS = {("turn", 0): pin.JointModelRX, ("turn", 1): pin.JointModelRY, ("turn", 2): pin.JointModelRZ,
-          ("slide", 0): pin.JointModelPX, ("slide", 1): pin.JointModelPY, ("slide", 2): pin.JointModelPZ}  # fmt: skip
+          ("slide", 0): pin.JointModelPX, ("slide", 1): pin.JointModelPY, ("slide", 2): pin.JointModelPZ}
 
 
 @dataclass

@@ -14,7 +14,7 @@ from oracles.random_loops import closing, off, random_loop
 from oracles.trees import random_state, random_tree
 
 claim = Claim("oracles", "random trees and loops have the accelerations and reactions of references that share no code",
-              1e-9, "relative", "trees: Pinocchio; loops: dense equations by hand, solved by the rank of their rows")  # fmt: skip
+              1e-9, "relative", "trees: Pinocchio; loops: dense equations by hand, solved by the rank of their rows")
 TREES, LOOPS = range(300), range(150)
 ABSENT = "Pinocchio is not installed: pip install 'mbdae[oracle]'"
 
@@ -57,4 +57,4 @@ def trees(seeds: Iterable[int]) -> list[Found]:
 def cases() -> list[Case]:
     models = ", ".join(MODELS)
     return [Case("trees", models, trees, slow=True, parts=TREES),
-            Case("loops", models, partial(worst, loop_off), slow=True, parts=LOOPS)]  # fmt: skip
+            Case("loops", models, partial(worst, loop_off), slow=True, parts=LOOPS)]

@@ -14,7 +14,7 @@ from mbdae.system.model.nodes import joint_axes
 from oracles.bodies import GROUND, Body, Input, Joint, Load, Mechanism, Spring, State, perpendicular
 
 LETTERS = {"R": "revolute", "P": "prismatic", "S": "spherical", "U": "universal", "D": "distance", "W": "weld",
-           "O": "fixed_orientation"}  # fmt: skip
+           "O": "fixed_orientation"}
 
 FORCE = (Input(0.8, 0.3, -0.5, 2.0), Input(-1.1), Input(0.4, -0.7))  #: the same in all: expressions are compiled once
 TORQUE = (Input(-0.6), Input(0.2, 0.5, 0.9, 3.0), Input(0.7, -0.4))
@@ -75,7 +75,7 @@ def around(rng, mechanism):
     if first != last:
         springs.append(Spring("between", first, last, near(first), near(last), rng.uniform(5, 20), rng.uniform(0.1, 1), 0.3))
     loads = (Load("push", n // 2, FORCE, near(n // 2) if bodies[n // 2].inertia is not None else bodies[n // 2].at),
-             Load("twist", first, TORQUE, following=True))  # fmt: skip
+             Load("twist", first, TORQUE, following=True))
     return replace(mechanism, springs=tuple(springs), loads=loads, gravity=9.81 * unit(rng))
 
 
@@ -132,7 +132,7 @@ class Drawn:
     def nearer(self, share):
         """The same, that far from where it is drawn: not every loop closes anywhere."""
         joints = (j if j.drive is None else replace(j, drive=j.drive.moved((share - 1) * j.drive(0.0)[0]))
-                  for j in self.mechanism.joints)  # fmt: skip
+                  for j in self.mechanism.joints)
         return Drawn(replace(self.mechanism, joints=tuple(joints)), {k: share * v for k, v in self.hold.items()}, self.velocities)
 
 
@@ -157,7 +157,7 @@ def flattened(start):
     springs = tuple(replace(s, at=flat * s.at, at_l=flat * s.at_l) for s in m.springs)
     none = Input()
     loads = tuple(replace(load, at=flat * load.at, value=(*load.value[:2], none)) if load.at is not None else
-                  replace(load, value=(none, none, load.value[2])) for load in m.loads)  # fmt: skip
+                  replace(load, value=(none, none, load.value[2])) for load in m.loads)
     m = replace(m, bodies=tuple(bodies), joints=joints, springs=springs, loads=loads, gravity=flat * m.gravity)
     return Drawn(m, start.hold, start.velocities * np.array([1.0, 1, 0, 0, 0, 1]))
 
@@ -180,7 +180,7 @@ def scene_of(mechanism, models=None, hold=None, velocities=None, space="auto", n
             made.append(s.point_mass(b.name, b.mass, at=b.at, velocity=u[:3]))
         else:
             made.append(s.rigid_body(b.name, b.mass, b.inertia, at=b.at, rotation=b.rotation, velocity=u[:3],
-                                     angular_velocity=u[3:]))  # fmt: skip
+                                     angular_velocity=u[3:]))
     made.append(s.ground)
     for joint in mechanism.joints:
         add_joint(s, joint, made[joint.k], made[joint.l], (models or {}).get(joint.name), (hold or {}).get(joint.name))

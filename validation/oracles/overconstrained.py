@@ -23,7 +23,7 @@ def chained(rng, letters, places, axes, pins=None, springs=(0,), drives=(), plac
     bodies = tuple(a_body(rng, f"b{i}", (places[i] + places[i + 1]) / 2 + 0.1 * rng.normal(size=3)) for i in range(n))
     ends = [GROUND, *range(n), GROUND]
     joints = [a_joint(rng, a, f"J{i}", ends[i], ends[i + 1], places[i], axes[i], **({"pin": turn @ pins[i]} if a == "U" else {}))
-              for i, a in enumerate(letters)]  # fmt: skip
+              for i, a in enumerate(letters)]
     return Mechanism(bodies, acted(rng, joints, springs, drives))
 
 

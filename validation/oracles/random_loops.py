@@ -135,7 +135,7 @@ def solved(mechanism, prepared, t, q, u, closed=1e-9):
     joints = [j for j in mechanism.joints if j.kind in COORDINATE]
     of_joints = {j.name: loops.coordinate(mechanism, state, j, motion.a)[2] for j in joints}
     of_joints |= {f"{j.name}.{name}": loops.displacement(mechanism, state, j, axis, motion.a)[2] for j in mechanism.joints
-                  for name, axis in zip("xyz", np.eye(3), strict=True) if j.kind == "fixed_orientation"}  # fmt: skip
+                  for name, axis in zip("xyz", np.eye(3), strict=True) if j.kind == "fixed_orientation"}
     return state, motion, node_accelerations(prepared, state, motion.a, of_joints)
 
 
@@ -158,7 +158,7 @@ def off(m, p):
     shown = wrenches(p, States(np.array([begin.t]), begin.q[None], begin.u[None], begin.s[None], None))[0]
     at = [c.name for c in p.model.scene.connections]
     return {"accelerations": far(begin.acceleration, expected), "contradiction": motion.contradiction,
-            "reactions": reactions_off(m, motion, shown[[at.index(j.name) for j in m.joints]])}  # fmt: skip
+            "reactions": reactions_off(m, motion, shown[[at.index(j.name) for j in m.joints]])}
 
 
 def agree(m, p):

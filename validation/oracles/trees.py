@@ -31,7 +31,7 @@ KINDS = {
     "universal": Kind((("angle_k", "turn", X), ("angle_l", "turn", Y))), "planar": Kind((*ALONG[:2], ("angle", "turn", Z))),
     "spherical": Kind((), True), "point_on_line": Kind((("displacement", "slide", Z),), True), "weld": Kind(),
     "point_on_plane": Kind(ALONG[:2], True), "free": Kind(ALONG, True), "fixed_orientation": Kind(ALONG),
-}  # fmt: skip
+}
 FLAT = ("revolute", "prismatic", "planar", "weld")
 LARGE = ("revolute", "revolute", "revolute", "prismatic", "screw", "universal", "cylindrical", "weld")
 
@@ -170,7 +170,7 @@ def random_tree(seed: int) -> Tree:
 
 
 def _branch(rng: np.random.Generator, kind: str, parent: int, before: Sequence[Branch], flat: bool,
-            driven: bool = True) -> Branch:  # fmt: skip
+            driven: bool = True) -> Branch:
     size, mass = len(KINDS[kind].steps), float(10 ** rng.uniform(-0.5, 0.5))
     at = (np.zeros(3) if parent == GROUND else before[parent].centre) + 0.4 * unit(rng, flat)
     point = kind in ("prismatic", "fixed_orientation", "weld") and parent != GROUND and rng.random() < 0.15
@@ -182,7 +182,7 @@ def _branch(rng: np.random.Generator, kind: str, parent: int, before: Sequence[B
     driven = driven and size > 0 and rng.random() < 0.2
     return Branch(kind, parent, "l" if point or rng.random() < 0.6 else "k", at, _axes(rng, kind, flat), mass, inertia,
                   at if point else at + 0.4 * unit(rng, flat), _turned(rng, flat), on * rng.uniform(2, 10, size),
-                  on * rng.uniform(0.1, 1, size), on * rng.normal(size=size), (size - 1,) if driven else ())  # fmt: skip
+                  on * rng.uniform(0.1, 1, size), on * rng.normal(size=size), (size - 1,) if driven else ())
 
 
 def _inertia(rng: np.random.Generator, mass: float) -> Array:

@@ -113,7 +113,7 @@ def cases() -> list[Planar]:
     found: list[Any] = [
         (lambda a=a: on_edge(*a), a[0] < 1) for a in
         ((0.9, 0.05, 0.002, 1.0), (1.1, 0.05, 0.002, 1.0), (1.5, 0.05, 0.002, 1.0), (0.6, 0.08, 0.002, 1.5),
-         (1.02, 0.06, 0.0015, 0.7))]  # fmt: skip
+         (1.02, 0.06, 0.0015, 0.7))]
     found += [(lambda a=a, d=d: column(a, d), a < 1) for a, d in ((0.97, 0.0), (1.03, 0.0), (0.8, 1.1), (2.0, 0.7))]
     found += [(lambda a=a: under_its_weight(a), a < 1) for a in (0.95, 1.05)]
     found += [(lambda a=a: spinning(a), a != 1) for a in range(3)]
@@ -122,5 +122,5 @@ def cases() -> list[Planar]:
     out = [Planar(c.name, c.make, c.right, "body") if "free body" in c.name else c for c in out]
     turning = [(5.0, False, True), (60.0, False, True), (0.97 * limit, True, True), (1.03 * limit, True, False)]
     out += [Planar(f"{len(out) + i:02d} blade", lambda r=r, w=w: blade(r, thin, w), "stable" if good else "unstable", "hub")
-            for i, (r, w, good) in enumerate(turning)]  # fmt: skip
+            for i, (r, w, good) in enumerate(turning)]
     return out

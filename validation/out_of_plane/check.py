@@ -12,7 +12,7 @@ import mbdae as mb
 
 claim = Claim("out_of_plane", "planar scenes of beams and free bodies that are unstable against motions out of the plane say so "
               "once, others are called stable without a word", 0.0, "scenes", "closed forms: Euler, lateral buckling, Greenhill, "
-              "a free body, strings; Ritz's method for a turning blade")  # fmt: skip
+              "a free body, strings; Ritz's method for a turning blade")
 
 
 def said(case: Planar) -> tuple[str | None, int]:

@@ -14,7 +14,7 @@ from runner import Case, Claim, Found
 import mbdae as mb
 
 claim = Claim("overconstrained", "over-constrained mechanisms have the right freedoms in every pose and keep their energy", 1e-5,
-              "relative", "freedoms of the textbook mechanisms; the kinetic energy they start with")  # fmt: skip
+              "relative", "freedoms of the textbook mechanisms; the kinetic energy they start with")
 POSES, ACCURACY = 20, 1e-6
 
 
@@ -30,7 +30,7 @@ def turned(name: str, seed: int) -> list[Found]:
     e = r.energy
     return [Found(wrong, 0, "", "freedoms and redundant rows that are wrong"), Found(len(r.warnings), 0, "", "warnings"),
             Found(float(np.max(np.abs(e.balance)) / np.max(e.kinetic)), quantity="energy"),
-            Found(float(np.max(r.drift.position)) / r.prepared.length, quantity="violation of all rows")]  # fmt: skip
+            Found(float(np.max(r.drift.position)) / r.prepared.length, quantity="violation of all rows")]
 
 
 def poses(name: str, seeds: Iterable[int]) -> list[Found]:

@@ -15,7 +15,7 @@ claim = Claim("own_equations", "problems of the test sets for initial value and 
               "with every solver that admits them: no unknown, multipliers included, is more than three times the accuracy off "
               "without a word; a wrong index is named", 0.0, "runs",
               "closed forms, SciPy's Radau at 2e-13 on the ordinary differential equations, RadauIIA(5) at 1e-11 where there are "
-              "none, which has the published digits of the amplifier and the ring")  # fmt: skip
+              "none, which has the published digits of the amplifier and the ring")
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9)
 NEEDLESS = 0.25  #: share of runs with an error within the accuracy that may say that it is not
 
@@ -27,7 +27,7 @@ def honest(names: Sequence[str], accuracies: Sequence[float]) -> list[Found]:
     met = [one for one in found if one.ratio <= 1]
     return [Found(len(silent), 0, "runs", f"silent of {len(found)}", note="; ".join(map(str, silent))),
             Found(float(np.mean([one.needless for one in met])), NEEDLESS, "share", "needless warnings",
-                  "; ".join(f"{one.solver} at {one.accuracy:g}: {one.ratio:.2g}" for one in met if one.needless))]  # fmt: skip
+                  "; ".join(f"{one.solver} at {one.accuracy:g}: {one.ratio:.2g}" for one in met if one.needless))]
 
 
 def published(make: Callable[[], mb.DAE], rtol: float, t_end: float, values: np.ndarray) -> Found:  # type: ignore[name-defined]

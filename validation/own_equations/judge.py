@@ -13,7 +13,7 @@ import mbdae as mb
 from mbdae.results.accuracy import UnknownsDistance
 
 SOLVERS = (mb.IDA(), mb.CVODE(), mb.CVODE(method="BDF"), mb.DOP853(), mb.RadauIIA(2), mb.RadauIIA(3), mb.RadauIIA(5),
-           mb.GeneralizedAlpha(), mb.HHT(), None)  # fmt: skip
+           mb.GeneralizedAlpha(), mb.HHT(), None)
 WALL = 20.0  #: s of wall time of a run, after which it has said that it did not end
 
 

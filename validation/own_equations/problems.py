@@ -36,7 +36,7 @@ def explicit(f: Callable[[float, Array], Array], y0: Array, **options: Any) -> A
 
 
 def by_scipy(f: Callable[[float, Array], Array], y0: Array, t_end: float, atol: Any = 1e-14,
-             full: Callable[[Array, Array], Array] = lambda t, y: y) -> Callable[[Array], Array]:  # fmt: skip
+             full: Callable[[Array, Array], Array] = lambda t, y: y) -> Callable[[Array], Array]:
     """The reference by SciPy's Radau; full: all unknowns from the times (k,) and the states (k, m)."""
     @cache
     def solved() -> Any:
@@ -97,7 +97,7 @@ def amplifier_parts(t: float, y: Array) -> Array:
     first, second = (1e-6 * np.expm1(v / 0.026) for v in (y[1] - y[2], y[4] - y[5]))
     return np.array([(y[0] - base) / 1000, y[1] / 4500 - 6 / 9000 + 0.01 * first, y[2] / 9000 - first,
                      (y[3] - 6) / 9000 + 0.99 * first, y[4] / 4500 - 6 / 9000 + 0.01 * second, y[5] / 9000 - second,
-                     (y[6] - 6) / 9000 + 0.99 * second, y[7] / 9000])  # fmt: skip
+                     (y[6] - 6) / 9000 + 0.99 * second, y[7] / 9000])
 
 
 def amplifier() -> Any:
@@ -117,7 +117,7 @@ def hires_rates(t: float, y: Array) -> Array:
     return np.array([-1.71 * y[0] + 0.43 * y[1] + 8.32 * y[2] + 0.0007, 1.71 * y[0] - 8.75 * y[1],
                      -10.03 * y[2] + 0.43 * y[3] + 0.035 * y[4], 8.32 * y[1] + 1.71 * y[2] - 1.12 * y[3],
                      -1.745 * y[4] + 0.43 * y[5] + 0.43 * y[6], -pair + 0.69 * y[3] + 1.71 * y[4] - 0.43 * y[5] + 0.69 * y[6],
-                     pair - 1.81 * y[6], -pair + 1.81 * y[6]])  # fmt: skip
+                     pair - 1.81 * y[6], -pair + 1.81 * y[6]])
 
 
 HIRES = np.array([1, 0, 0, 0, 0, 0, 0, 0.0057])
@@ -127,7 +127,7 @@ def ring_rates(t: float, y: Array) -> Array:
     """Ring modulator with parasitic capacitors of 2e-12 F."""
     one, two = 0.5 * np.sin(2e3 * np.pi * t), 2 * np.sin(2e4 * np.pi * t)
     voltages = np.array([y[2] - y[4] - y[6] - two, -y[3] + y[5] - y[6] - two, y[3] + y[4] + y[6] + two,
-                         -y[2] - y[5] + y[6] + two])  # fmt: skip
+                         -y[2] - y[5] + y[6] + two])
     q = 40.67286402e-9 * np.expm1(np.minimum(17.7493332 * voltages, 300))
     return np.array([
         (y[7] - 0.5 * y[9] + 0.5 * y[10] + y[13] - y[0] / 25e3) / 1.6e-8,
@@ -137,7 +137,7 @@ def ring_rates(t: float, y: Array) -> Array:
         (0.5 * y[0] - y[2] - 17.3 * y[9]) / 5e-4,
         (-0.5 * y[0] + y[3] - 17.3 * y[10]) / 5e-4, (0.5 * y[1] - y[4] - 17.3 * y[11]) / 5e-4,
         (-0.5 * y[1] + y[5] - 17.3 * y[12]) / 5e-4, (-y[0] + one - 86.3 * y[13]) / 2e-3, (-y[1] - 636.3 * y[14]) / 2e-3,
-    ])  # fmt: skip
+    ])
 
 
 def ring() -> Any:
@@ -199,7 +199,7 @@ def fekete() -> Any:
     rates = push + 2 * start * pull[:, None]
     zeros = np.zeros(3 * n)
     return mb.DAE(residual, np.concatenate([start.ravel(), zeros, pull, np.zeros(n)]),
-                  np.concatenate([zeros, rates.ravel(), np.zeros(2 * n)]), index=2)  # fmt: skip
+                  np.concatenate([zeros, rates.ravel(), np.zeros(2 * n)]), index=2)
 
 
 def swinging(form: str) -> Callable[[Array], Array]:
@@ -244,12 +244,12 @@ PROBLEMS: dict[str, Problem] = {
     "Jay": Problem(jay, 1.0, jay_exact),
     "path": Problem(path, 2.0, path_exact),
     "Fekete": Problem(fekete, 5.0, by_radau(fekete, 5.0)),
-}  # fmt: skip
+}
 CAR = by_radau(lambda: car_axis("ggl"), 3.0)
 #: published values of the transistor amplifier at 0.2 s and of the ring modulator at 1e-3 s, the ends of the test set's runs
 AMPLIFIED = np.array([-0.5562145012262709e-2, 3.006522471903042, 2.849958788608128, 2.926422536206241, 2.704617865010554,
-                      2.761837778393145, 4.770927631616772, 1.236995868091548])  # fmt: skip
+                      2.761837778393145, 4.770927631616772, 1.236995868091548])
 RING = np.array([-0.2339057358486745e-1, -0.7367485485540825e-2, 0.2582956709291169, -0.4064465721283450, -0.4039455665149794,
                  0.2607966765422943, 0.1106761861269975, 0.2939904342435596e-6, -0.2840029933642329e-7, 0.7267198267264553e-3,
                  0.7929487196960840e-3, -0.7255283495698965e-3, -0.7941401968526521e-3, 0.7088495416976114e-4,
-                 0.2390059075236570e-4])  # fmt: skip
+                 0.2390059075236570e-4])

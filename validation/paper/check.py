@@ -14,7 +14,7 @@ from mbdae.audit.notation import Reader
 from mbdae.audit.verdicts import audit_equation
 
 claim = Claim("paper", "published formulas of revolute joints: verdicts, repairs and counted numbers are those found by hand", 0,
-              "differences", "the 55 formulas and two of the text compared with their derivation by hand")  # fmt: skip
+              "differences", "the 55 formulas and two of the text compared with their derivation by hand")
 #: from the audit by hand; the others are right
 BY_HAND = {
     "MISPRINT": ("T1", "3", "13", "24", "25", "27", "28", "34", "35", "36", "41", "51", "52", "T52", "55"),
@@ -42,7 +42,7 @@ REMARKS = {
     "13": "accents alone", "18": "leave a resultant", "19": "leave a resultant", "24": "accents alone", "25": "accents alone",
     "28": "accents alone", "44": "leave a moment", "46": "pulls where", "48": "pulls where", "53": "feeds energy",
     "54": "dissipative only for a constant one",
-}  # fmt: skip
+}
 WING, ROTOR = (module_of(Path(__file__).parents[1], name) for name in ("flapping_wing", "flexible_ground_resonance"))
 ROLES = "the roles of the races exchanged: k is the outer, l the inner one"
 
@@ -110,7 +110,7 @@ def repairs() -> list[Found]:
         again = replace(row.repaired, statements=tuple(Reader(str(s)).statement() for s in row.repaired.statements))
         wrong += [] if audit_equation(again, search=False).verdict == "RIGHT" else [number]
     return [Found(len(other), quantity="not those found by hand", note=", ".join(other)),
-            Found(len(wrong), quantity="not right themselves", note=", ".join(wrong))]  # fmt: skip
+            Found(len(wrong), quantity="not right themselves", note=", ".join(wrong))]
 
 
 def said() -> Found:
@@ -131,4 +131,4 @@ def numbers() -> list[Found]:
 
 def cases() -> list[Case]:
     return [Case("verdicts", "none", verdicts), Case("repairs", "none", repairs), Case("remarks", "none", said),
-            Case("claimed numbers", "none", numbers)]  # fmt: skip
+            Case("claimed numbers", "none", numbers)]

@@ -12,7 +12,7 @@ PERIOD = 1.9376  # s, of the rod below, released from the horizontal
 
 claim = Claim("pendulum_energy", "over 100 to 10000 periods Radau IIA loses at most rtol x periods of a pendulum's energy; BDF "
               "gains more, and the run says so", 1.0, "rtol x periods",
-              "none needed: the energy at the start, over the energy exchanged in a swing")  # fmt: skip
+              "none needed: the energy at the start, over the energy exchanged in a swing")
 
 
 def pendulum() -> mb.Scene:
@@ -53,7 +53,7 @@ def ida(periods: int) -> list[Found]:
     said = "; ".join(told(r)) or "nothing was said"
     gained = float(r.energy.balance[-1] > 0)
     return [Found(1.0 - float(bool(told(r))), 0.0, "1", "runs that do not tell", f"energy error {drift(r):.1e}; {said}"),
-            Found(1.0 - gained, 0.0, "1", "runs that lose energy")]  # fmt: skip
+            Found(1.0 - gained, 0.0, "1", "runs that lose energy")]
 
 
 def cases() -> list[Case]:
@@ -61,5 +61,5 @@ def cases() -> list[Case]:
     for periods in (100, 1000, 10000):
         slow = periods > 100
         found += [Case(f"{periods} periods", "RadauIIA(3)", lambda periods=periods: radau(periods), slow),  # type: ignore[misc]
-                  Case(f"{periods} periods", "IDA", lambda periods=periods: ida(periods), slow)]  # type: ignore[misc]  # fmt: skip
+                  Case(f"{periods} periods", "IDA", lambda periods=periods: ida(periods), slow)]  # type: ignore[misc]
     return [*found, Case("1000 periods, accuracy 1e-3", "RadauIIA(3)", lambda: asked(1000, 1e-3), slow=True)]

@@ -9,7 +9,7 @@ from runs import simulated, with_both
 from scenes import data, physical_pendulum
 
 claim = Claim("physical_pendulum", "a hinged rod has its exact period at amplitudes from 5 to 179 degrees", 1e-8, "relative",
-              "closed form: T = 4 sqrt(I / (m g d)) K(sin^2(amplitude / 2))")  # fmt: skip
+              "closed form: T = 4 sqrt(I / (m g d)) K(sin^2(amplitude / 2))")
 
 
 def period(solver: Any, amplitude: float, exact: float) -> Found:
@@ -21,4 +21,4 @@ def period(solver: Any, amplitude: float, exact: float) -> Found:
 def cases() -> list[Case]:
     d = data("physical_pendulum")
     return [case for pair in zip(d["amplitude_deg"], d["period_s"], strict=True)
-            for case in with_both(f"{pair[0]} degrees", lambda solver, pair=pair: period(solver, *pair))]  # fmt: skip
+            for case in with_both(f"{pair[0]} degrees", lambda solver, pair=pair: period(solver, *pair))]

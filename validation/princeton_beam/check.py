@@ -9,7 +9,7 @@ from runs import largest
 from scenes import data
 
 claim = Claim("princeton_beam", "the strip of Dowell and Traybar, 21 cases of weight and angle", 1e-6, "of its length",
-              "converged shooting of the rod equations, computed independently; section as in Bauchau et al. 2016")  # fmt: skip
+              "converged shooting of the rod equations, computed independently; section as in Bauchau et al. 2016")
 MESHES = {"4 cubic": (4, 3), "16 quadratic": (16, 2)}
 
 
@@ -28,6 +28,6 @@ def displaced(load: float, elements: int, order: int, angles: tuple[int, ...] | 
 
 def cases() -> list[Case]:
     found = [Case(f"P = {P:g} N, {name} elements", "equilibrium", lambda P=P, mesh=mesh: displaced(P, *mesh), slow=True)
-             for name, mesh in MESHES.items() for P in data("princeton_beam")["loads"]]  # fmt: skip
+             for name, mesh in MESHES.items() for P in data("princeton_beam")["loads"]]
     return [Case("P = 13.345 N, 15 and 75 degrees, 4 cubic elements", "equilibrium",
-                 lambda: displaced(13.345, 4, 3, (15, 75))), *found]  # fmt: skip
+                 lambda: displaced(13.345, 4, 3, (15, 75))), *found]

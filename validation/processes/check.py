@@ -21,7 +21,7 @@ from runner import Case, Claim, Found
 import mbdae as mb
 
 claim = Claim("processes", "forked processes, threads and clusters return the bits of one process, or are refused by name", 0.0,
-              "wrong", "the same runs in one process and one thread")  # fmt: skip
+              "wrong", "the same runs in one process and one thread")
 LONG = 5.0  #: end of the runs of two threads (s): long enough that both run at once
 PATIENCE = 60.0  #: time (s) after which a process counts as one that hangs
 HERE = Path(__file__).parent
@@ -30,7 +30,7 @@ METHODS: dict[str, tuple[Any, Any]] = {
     "IDA": (mb.IDA(rtol=1e-8), mb.Index1()), "Radau IIA": (mb.RadauIIA(3, rtol=1e-8), mb.GGL()),
     "CVODE": (mb.CVODE(rtol=1e-8), ELIMINATED), "DOP853": (mb.DOP853(rtol=1e-9), ELIMINATED),
     "HHT": (mb.HHT(step=2e-3), mb.GGL(algebraic=True)),
-}  # fmt: skip
+}
 
 
 def end_of(scene: mb.Scene) -> bytes:
@@ -84,7 +84,7 @@ def cold(forks: Sequence[int]) -> Found:
     wrong = list[int]()
     for i in forks:
         said = subprocess.run([sys.executable, str(HERE / "cold_fork.py"), f"{0.05 * i:g}"], capture_output=True, text=True,
-                              timeout=4 * PATIENCE, check=False, env=os.environ | {"MBDAE_CACHE": "off"})  # fmt: skip
+                              timeout=4 * PATIENCE, check=False, env=os.environ | {"MBDAE_CACHE": "off"})
         wrong += [i] if said.stdout.split() != ["0"] else []
     return Found(float(len(wrong)), note=f"of {len(forks)} forked processes: {', '.join(map(str, wrong)) or 'none'}")
 
@@ -138,4 +138,4 @@ def cases() -> list[Case]:
             Case("forks during imports", "simulate", cold, slow=True, parts=range(10)),
             *(Case("pairs of threads", name, partial(pairs, name), slow=True, parts=range(10)) for name in METHODS),
             Case("2 pairs of threads", "Radau IIA", lambda: pairs("Radau IIA", range(2))),
-            Case("a notebook", "clusters", notebook, slow=True)]  # fmt: skip
+            Case("a notebook", "clusters", notebook, slow=True)]

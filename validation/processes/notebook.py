@@ -91,7 +91,7 @@ def job(m):
 def main() -> None:
     """Execute the notebook in a folder of its own."""
     book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell)
-                                           for cell in (BEGIN, DASK, JOBLIB, FORK, REFUSED, SPAWN)])  # fmt: skip
+                                           for cell in (BEGIN, DASK, JOBLIB, FORK, REFUSED, SPAWN)])
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         Path(folder, "in_a_file.py").write_text(IN_A_FILE, encoding="utf-8")

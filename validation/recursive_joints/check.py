@@ -14,7 +14,7 @@ from runs import largest
 import mbdae as mb
 
 claim = Claim("recursive_joints", "recursive and kinematic joints give the same motion", 1e-8, "relative",
-              "the kinematic model of the same scene; the closed form of a wheel after 10 000 turns")  # fmt: skip
+              "the kinematic model of the same scene; the closed form of a wheel after 10 000 turns")
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "recursive_joints.py"
 TURNS, LONG = 1e4, 10.0  # -, s
 
@@ -33,7 +33,7 @@ def rotor(free: bool) -> list[Found]:
     """Relative difference of the lag angles at equal steps and adaptively."""
     difference = benchmark().lag_difference
     return [Found(difference(free, mb.RadauIIA(3, step=1e-3)), quantity="equal steps"),
-            Found(difference(free, mb.RadauIIA(3)), quantity="adaptive")]  # fmt: skip
+            Found(difference(free, mb.RadauIIA(3)), quantity="adaptive")]
 
 
 def loop() -> Found:
@@ -58,8 +58,8 @@ def cases() -> list[Case]:
     rotors = {"driven": False, "free": True}
     steps, tolerance = mb.RadauIIA(3, step=LONG / TURNS / 20), mb.IDA(rtol=1e-8)
     wheels = [("spatial", mb.Recursive(), tolerance, True), ("planar", mb.Recursive(), tolerance, True),
-              ("planar", mb.Kinematic(), tolerance, True), ("spatial", mb.Kinematic(), steps, False)]  # fmt: skip
+              ("planar", mb.Kinematic(), tolerance, True), ("spatial", mb.Kinematic(), steps, False)]
     return [*(Case(f"{name} rotor", "RadauIIA(3)", lambda free=free: rotor(free), not free) for name, free in rotors.items()),
             Case("four-bar in space against the plane", "RadauIIA(3)", loop, slow=True),
             *(Case(f"10 000 turns, {type(run[1]).__name__.lower()}, {run[0]}", run[2].label, lambda run=run: wheel(*run),
-                   slow=run[2] is steps) for run in wheels)]  # fmt: skip
+                   slow=run[2] is steps) for run in wheels)]

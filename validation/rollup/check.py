@@ -8,7 +8,7 @@ from runner import Case, Claim, Found
 from scenes import data
 
 claim = Claim("rollup", "a cantilever under the moment 2 pi n EI / L rolls up into n circles, whatever its slenderness", 2e-5,
-              "of its length", "closed form: x = sin(k s) / k, y = (1 - cos(k s)) / k, k = M / EI")  # fmt: skip
+              "of its length", "closed form: x = sin(k s) / k, y = (1 - cos(k s)) / k, k = M / EI")
 MESHES = {"quadratic": (2, 2e-5), "cubic": (3, 1e-8)}
 
 
@@ -25,7 +25,7 @@ def cases() -> list[Case]:
     found = [Case(f"one circle, slenderness {ratio:g}, 16 {name} elements", space,
                   lambda ratio=ratio, mesh=mesh, space=space: rolled(1, ratio, *mesh, space),
                   slow=space == "spatial" and (ratio != 10 or mesh != MESHES["cubic"]))
-             for name, mesh in MESHES.items() for space in ("auto", "spatial") for ratio in (10, 100, 10000)]  # fmt: skip
+             for name, mesh in MESHES.items() for space in ("auto", "spatial") for ratio in (10, 100, 10000)]
     found.append(Case("half a circle, 16 cubic elements", "auto", lambda: rolled(0.5, 100, 3, 1e-8, "auto")))
     found.append(Case("two circles, 16 cubic elements", "spatial", lambda: rolled(2, 100, 3, 1e-6, "spatial"), slow=True))
     return found

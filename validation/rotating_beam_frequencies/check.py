@@ -10,7 +10,7 @@ from scenes import data
 import mbdae as mb
 
 claim = Claim("rotating_beam_frequencies", "flap and lag frequencies of a beam on a turning hub, up to 12 sqrt(EI / (rho A L^4))",
-              1e-3, "relative", "Galerkin's method for the inextensible beam, computed independently")  # fmt: skip
+              1e-3, "relative", "Galerkin's method for the inextensible beam, computed independently")
 SECTION = mb.Section(1e8, 1e8, 1e8, 1e4, 1.0, 1.0, 1.0, (1e-8, 1e-8, 1e-8))  #: torsion and extension far above the rest
 
 
@@ -25,4 +25,4 @@ def frequencies(rate: str) -> list[Found]:
 def cases() -> list[Case]:
     rates = [rate for rate in data("rotating_beam_frequencies")["table"] if float(rate)]
     return [Case(f"rate {rate}, 8 cubic elements", "linearize", lambda rate=rate: frequencies(rate), rate not in ("1.0", "12.0"))
-            for rate in rates]  # fmt: skip
+            for rate in rates]

@@ -8,4 +8,4 @@ from runner.record import Record
 from runner.session import Asked, measured
 
 __all__ = ["Asked", "Case", "Check", "Claim", "Draw", "Found", "Measured", "Parts", "Record", "Row", "allowed", "claims", "load",
-           "measure", "measured", "module_of", "text", "to_dict", "verdict", "write"]  # fmt: skip
+           "measure", "measured", "module_of", "text", "to_dict", "verdict", "write"]

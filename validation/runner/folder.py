@@ -31,7 +31,7 @@ class Check:
         if unknown:
             some = ", ".join(str(part) for case in cases for part in case.parts[:3])
             raise OptionError(f"claim '{self.claim.name}' has no part {', '.join(sorted(unknown))}: "
-                              + (f"its parts are {some}, ..." if some else "it has no suites"))  # fmt: skip
+                              + (f"its parts are {some}, ..." if some else "it has no suites"))
         return measure(self.claim, cases, draw)
 
 

@@ -41,7 +41,7 @@ class Measured:
         """For JSON."""
         stated = asdict(self.claim)
         return {"claim": stated.pop("name"), **stated, "holds": self.holds, "cpu_s": self.cpu_s,
-                "rows": [row.to_dict() for row in self.rows]}  # fmt: skip
+                "rows": [row.to_dict() for row in self.rows]}
 
     @classmethod
     def of(cls, data: dict[str, Any]) -> Measured:
@@ -53,7 +53,7 @@ class Measured:
 def to_dict(measured: Sequence[Measured]) -> dict[str, object]:
     """For JSON."""
     return {"holds": all(m.holds for m in measured), "cpu_s": sum(m.cpu_s for m in measured), "made_with": made_with(),
-            "claims": [m.to_dict() for m in measured]}  # fmt: skip
+            "claims": [m.to_dict() for m in measured]}
 
 
 def text(m: Measured) -> str:
@@ -102,7 +102,7 @@ def markdown(measured: Sequence[Measured]) -> str:
     lines = ["# Validation", "", f"{verdict(measured)}. Made with {made_with()}."]
     for m in measured:
         lines += ["", f"## {m.claim.name}: {'holds' if m.holds else 'does not hold'}", "", m.claim.statement, "",
-                  f"Reference: {m.claim.origin}", "", _line(COLUMNS), _line(["---"] * len(COLUMNS))]  # fmt: skip
+                  f"Reference: {m.claim.origin}", "", _line(COLUMNS), _line(["---"] * len(COLUMNS))]
         lines += [_line(cells(row)) for row in m.rows]
         lines += ["", *(f"- {note}" for note in notes(m))] if notes(m) else []
     return "\n".join(lines) + "\n"
@@ -121,9 +121,9 @@ def html(measured: Sequence[Measured]) -> str:
         said = "".join(f"<li>{escape(note)}</li>" for note in notes(m))
         body.append(f"<h2>{escape(m.claim.name)}: {'holds' if m.holds else 'does not hold'}</h2>\n"
                     f"<p>{escape(m.claim.statement)}</p>\n<p class=origin>Reference: {escape(m.claim.origin)}</p>\n"
-                    f"<table><tr>{head}</tr>\n{rows}</table>" + (f"\n<ul>{said}</ul>" if said else ""))  # fmt: skip
+                    f"<table><tr>{head}</tr>\n{rows}</table>" + (f"\n<ul>{said}</ul>" if said else ""))
     return (f"<!doctype html>\n<html lang=en><meta charset=utf-8><title>Validation of mbdae</title>\n<style>{STYLE}</style>\n"
-            + "\n".join(body) + "\n</html>\n")  # fmt: skip
+            + "\n".join(body) + "\n</html>\n")
 
 
 def _html_row(row: Row) -> str:

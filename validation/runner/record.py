@@ -29,7 +29,7 @@ class Record:
         """Write what was found of a claim: of all its parts where there is no seed."""
         kind, drawn = ("whole", {}) if seed is None else ("drawn", {"seed": seed})
         found = {"holds": m.holds, "commit": self.commit, "date": time.strftime("%Y-%m-%d"), **drawn, "cpu_s": round(m.cpu_s, 1),
-                 "made_with": made_with()}  # fmt: skip
+                 "made_with": made_with()}
         self.results.setdefault(m.claim.name, {})[kind] = found
         write_file(self.path, json.dumps(self.results, indent=1, sort_keys=True) + "\n")
 

@@ -105,11 +105,11 @@ def _stopped(asked: Asked, order: Sequence[str], done: dict[str, Measured], runn
     verdict = f"; {', '.join(wrong)} did not hold" if wrong else " and held" if done else ""
     left = [name for name in order if name not in done]
     return (f"interrupted in claim {', '.join(running) or left[0]}: {len(done)} of {len(order)} were measured{verdict}; no pages "
-            f"are written; the rest: {asked.again(left)}")  # fmt: skip
+            f"are written; the rest: {asked.again(left)}")
 
 
 def _here(asked: Asked, order: Sequence[str], running: dict[str, Any], show: Callable[[], None],
-          found: Callable[[str, Measured], None]) -> None:  # fmt: skip
+          found: Callable[[str, Measured], None]) -> None:
     checks = [load(asked.folder, name, asked.hours, asked.out) for name in order]
     for name, check in zip(order, checks, strict=True):
         running[name] = check
@@ -119,7 +119,7 @@ def _here(asked: Asked, order: Sequence[str], running: dict[str, Any], show: Cal
 
 
 def _side_by_side(asked: Asked, order: Sequence[str], running: dict[str, Any], show: Callable[[], None],
-                  found: Callable[[str, Measured], None]) -> None:  # fmt: skip
+                  found: Callable[[str, Measured], None]) -> None:
     waiting = list(order)
     try:
         while waiting or running:
@@ -150,7 +150,7 @@ class _Process:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", "import sys; from runner.session import alone; alone(*sys.argv[1:])", *words],
                 stdin=subprocess.DEVNULL, stdout=self._said, stderr=subprocess.STDOUT, start_new_session=True,
-                env={**os.environ, **dict.fromkeys(ONE_THREAD, "1"), "PYTHONPATH": path})  # fmt: skip
+                env={**os.environ, **dict.fromkeys(ONE_THREAD, "1"), "PYTHONPATH": path})
 
     @property
     def ended(self) -> bool:

@@ -13,7 +13,7 @@ import mbdae as mb
 SPEEDS, WAYS, DAMPING, STIFFNESS = (1e-3, 1e-2, 0.1, 1.0, 10.0), (1e-3, 0.1, 10.0, 1e3), 0.3, 1e9
 
 claim = Claim("single_impacts", "an impact ends with the exact speed to ten times the accuracy, or the run says that it does not",
-              0.5, "silent errors", "closed form: (1 - d e) exp(d e) = (1 + d) exp(-d), d = damping times speed")  # fmt: skip
+              0.5, "silent errors", "closed form: (1 - d e) exp(d e) = (1 + d) exp(-d), d = damping times speed")
 
 
 def error_of(v0: float, way: float, accuracy: float, solver: Any) -> tuple[float, bool]:
@@ -41,4 +41,4 @@ def cases() -> list[Case]:
     solvers = [("default", None), ("IDA", mb.IDA()), ("RadauIIA(2)", mb.RadauIIA(2))]
     return [Case(f"accuracy {accuracy:g}", name, lambda solver=solver, accuracy=accuracy: grid(accuracy, solver),
                  slow=solver is not None or accuracy in (1e-4, 1e-6, 1e-7))
-            for name, solver in solvers for accuracy in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)]  # fmt: skip
+            for name, solver in solvers for accuracy in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)]

@@ -11,7 +11,7 @@ from scenes import data
 import mbdae as mb
 
 claim = Claim("spin_up_beam", "the spin-up manoeuvre of Simo and Vu-Quoc", 2e-3, "m",
-              "one spectral element, computed independently (3 digits); steady extension in closed form")  # fmt: skip
+              "one spectral element, computed independently (3 digits); steady extension in closed form")
 STEADY = 5e-7  #: m, of the steady extension
 
 
@@ -27,7 +27,7 @@ def manoeuvre(elements: int, order: int) -> list[Found]:
     extension = float(np.mean(u[r.t >= 15, 0]))
     return [Found(largest(u[at, 1], rows[:, 2]), quantity="transverse", note=f"{r.stats.steps} steps"),
             Found(largest(u[at, 0], rows[:, 1]), quantity="axial"),
-            Found(abs(extension - d["steady_axial_extension_closed_form"]), STEADY, quantity="steady extension")]  # fmt: skip
+            Found(abs(extension - d["steady_axial_extension_closed_form"]), STEADY, quantity="steady extension")]
 
 
 def steady() -> Found:
@@ -41,4 +41,4 @@ def steady() -> Found:
 def cases() -> list[Case]:
     return [Case("4 cubic elements", "RadauIIA(3)", lambda: manoeuvre(4, 3)),
             Case("8 cubic elements", "RadauIIA(3)", lambda: manoeuvre(8, 3), slow=True),
-            Case("steady extension, 4 cubic elements", "equilibrium", steady)]  # fmt: skip
+            Case("steady extension, 4 cubic elements", "equilibrium", steady)]

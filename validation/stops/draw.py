@@ -68,7 +68,7 @@ def driven(rng: Any) -> Problem:
     s.prismatic("d", s.ground, base, at=(0, 0), axis=(1, 0, 0), position=A * sp.sin(w * mb.t))
     s.prismatic("j", base, c, at=(0, 0), axis=(1, 0, 0), rate0=0.05, **stop.given())
     return Problem(s, lambda t, y: [y[1], stop.force(*y) / m + A * w * w * sin(w * t)], [0, 0.05], rng.uniform(1, 3),
-                   STEP * sqrt(m / stop.K))  # fmt: skip
+                   STEP * sqrt(m / stop.K))
 
 
 def swinging(rng: Any) -> Problem:
@@ -79,9 +79,9 @@ def swinging(rng: Any) -> Problem:
     a0, w0 = 0.9 * rng.uniform(stop.low, stop.high), rng.uniform(-5, 5)
     s = mb.Scene("swinging", gravity=(0, -G, 0))
     s.revolute("j", s.ground, s.link("c", (0, 0), (0, -l), mass=m), at=(0, 0), angle0=a0, rate0=w0,
-               torque=J * torque * sp.sin(w * mb.t), **stop.given())  # fmt: skip
+               torque=J * torque * sp.sin(w * mb.t), **stop.given())
     return Problem(s, lambda t, y: [y[1], stop.force(*y) / J - 1.5 * G / l * sin(y[0]) + torque * sin(w * t)], [a0, w0],
-                   rng.uniform(1, 3), STEP * sqrt(J / stop.K))  # fmt: skip
+                   rng.uniform(1, 3), STEP * sqrt(J / stop.K))
 
 
 def bouncing(rng: Any) -> Problem:
@@ -120,9 +120,9 @@ def grazing(rng: Any) -> Problem:
     k, q0, v0 = m * w * w, amplitude * sin(phase), amplitude * w * cos(phase)
     s = mb.Scene("grazing")
     s.prismatic("j", s.ground, s.rigid_body("c", m, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), spring=k, position0=q0, rate0=v0,
-                **stop.given())  # fmt: skip
+                **stop.given())
     return Problem(s, lambda t, y: [y[1], (stop.force(*y) - k * y[0]) / m], [q0, v0], rng.uniform(1, 3),
-                   min(STEP * sqrt(m / stop.K), GRAZING_STEP))  # fmt: skip
+                   min(STEP * sqrt(m / stop.K), GRAZING_STEP))
 
 
 KINDS = (driven, swinging, bouncing, chain, grazing)
@@ -133,7 +133,7 @@ def run(seed: int, accuracy: float, solver: Any) -> tuple[str, str]:
     kind = KINDS[seed % len(KINDS)]
     problem = kind(np.random.default_rng([41, seed]))
     exact = solve_ivp(problem.f, (0, problem.end), problem.y0, method="DOP853", rtol=1e-12, atol=1e-14, dense_output=True,
-                      max_step=problem.step).sol  # fmt: skip
+                      max_step=problem.step).sol
     r = problem.scene.recursive().simulate(problem.end, accuracy=accuracy, solver=solver)
     t = np.unique(np.r_[r.t, r.solution.t])
     off = float(np.max(distance(r.prepared, t, exact(t).T, r.solution(t)))) / accuracy

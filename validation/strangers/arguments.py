@@ -15,15 +15,15 @@ LINE = {"value": LENGTH, "load": FORCE, "stiffness": (1, 0, -2), "damping": (1, 
 TURN = {"value": NONE, "load": MOMENT, "stiffness": MOMENT, "damping": (1, 2, -1), "rate": RATE}
 POINTS = ("at", "at_k", "at_l")
 SPOKEN = {"spring": "stiffness", "damper": "damping", "load": "load", "torque": "load", "force": "load", "angle": "value",
-          "position": "value", "angle0": "value", "position0": "value", "rate0": "rate", "limits": "value"}  # fmt: skip
+          "position": "value", "angle0": "value", "position0": "value", "rate0": "rate", "limits": "value"}
 SLIDES = ("prismatic", "point_on_line")  #: joints whose axis is a direction of travel; that of others is one of turning
 PLAIN: dict[str, Unit] = {
     "mass": (1, 0, 0), "inertia": (1, 2, 0), "velocity": (0, 1, -1), "angular_velocity": RATE, "radius": LENGTH, "lead": LENGTH,
     "normal_force": FORCE, "length": LENGTH, "every": (0, 0, 1), "v_c": (0, 1, -1), "EA": FORCE, "GA2": FORCE, "GA3": FORCE,
     "GJ": (1, 3, -2), "EI2": (1, 3, -2), "EI3": (1, 3, -2), "mass_per_length": (1, -1, 0), "rotary_inertia": (1, 1, 0),
-    "outer": LENGTH, "inner": LENGTH}  # fmt: skip
+    "outer": LENGTH, "inner": LENGTH}
 LAWS: dict[str, dict[str, Unit]] = {"Hertz": {"stiffness": (1, -0.5, -2), "damping": (0, -1, 1)},
-                                    "Section": {"damping": (0, 0, 1)}}  # fmt: skip
+                                    "Section": {"damping": (0, 0, 1)}}
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def changed(story: Story, c: Change) -> Story:
     """The same story as seen in another frame and in other units."""
     kinds = {a.name: a.verb for a in story.statements}
     return story.but(gravity=c.vector(story.gravity, (0, 1, -2)), t_end=story.t_end * c.time,
-                     statements=tuple(_said(a, c, kinds) for a in story.statements))  # fmt: skip
+                     statements=tuple(_said(a, c, kinds) for a in story.statements))
 
 
 def _said(a: Said, c: Change, kinds: dict[str, str]) -> Said:
@@ -155,13 +155,13 @@ def _held(value: Made, c: Change, verb: str) -> Made:
     gain, rate_gain = _gains(words)
     a = value.args
     return Made(value.word, {"gain": a["gain"] * c.scale(gain), "rate_gain": a["rate_gain"] * c.scale(rate_gain),
-                             "target": a["target"] * c.scale(words["value"])})  # fmt: skip
+                             "target": a["target"] * c.scale(words["value"])})
 
 
 def _fed(value: Feed, c: Change, words: dict[str, Unit]) -> Feed:
     gain, rate_gain = _gains(words)
     limit = None if value.limit is None else value.limit * c.scale(words["load"])
     return replace(value, gain=value.gain * c.scale(gain), rate_gain=value.rate_gain * c.scale(rate_gain),
-                   target=value.target * c.scale(words["value"]), limit=limit)  # fmt: skip
+                   target=value.target * c.scale(words["value"]), limit=limit)
 
 

@@ -119,7 +119,7 @@ def world_of(story: Story) -> World:
 JOINTS = {"revolute": ("xyz", True, False), "prismatic": ("xy", True, True), "cylindrical": ("xy", True, False),
           "screw": ("xy", True, False), "planar": ("z", True, False), "spherical": ("xyz", False, False),
           "weld": ("xyz", True, True), "point_on_line": ("xy", False, False), "point_on_plane": ("z", False, False),
-          "fixed_orientation": ("", True, True), "universal": ("xyz", False, False), "distance": ("", False, False)}  # fmt: skip
+          "fixed_orientation": ("", True, True), "universal": ("xyz", False, False), "distance": ("", False, False)}
 # by verb: along which axes the points of k and l keep together, whether z is kept in direction, and x too
 
 
@@ -153,7 +153,7 @@ def _joint(w: World, a: Said) -> None:
     w.constraints += [(row, None) for row in rows]
     own = {"revolute": {"angle": angle}, "screw": {"angle": angle}, "prismatic": {"displacement": way["z"]},
            "cylindrical": {"displacement": way["z"], "angle": angle}, "planar": {**way, "angle": angle},
-           "point_on_line": {"displacement": way["z"]}, "point_on_plane": way, "fixed_orientation": way}  # fmt: skip
+           "point_on_line": {"displacement": way["z"]}, "point_on_plane": way, "fixed_orientation": way}
     w.coordinates |= {f"{a.name}.{c}": n for c, n in own.get(a.verb, {}).items()}
     for c in own.get(a.verb, {}):
         drive = option(a, "prescribed", c)

@@ -158,14 +158,14 @@ def _solid(a: Said) -> Said:
     c, J = rods(a.args["points"], a.args["mass"])
     J[0, 0], J[1, 1] = J[0, 0] + 0.1 * J[2, 2], J[1, 1] + 0.1 * J[2, 2]
     return Said("rigid_body", {"name": a.name, "mass": a.args["mass"], "inertia": tuple(map(tuple, J.tolist())),
-                               "at": tuple(c.tolist())})  # fmt: skip
+                               "at": tuple(c.tolist())})
 
 
 WAYS: dict[str, Way] = {
     "turned": turned, "mirrored": mirrored, "units": in_units, "order": reordered, "kinematic": modelled("kinematic"),
     "classical": modelled("classical"), "recursive": modelled("recursive"), "ggl": formed("ggl", "radau3"),
     "index1": formed("index1", "radau3"), "index3": formed("index3", "radau3"), "split": split, "saved": saved,
-    "later": continued, "lifted": lifted}  # fmt: skip
+    "later": continued, "lifted": lifted}
 
 
 def compare(story: Story, base: Result, name: str) -> Verdict:

@@ -33,7 +33,7 @@ def matrices(P: Array) -> Array:
     w, x, y, z = (P / np.linalg.norm(P, axis=1)[:, None]).T
     return np.moveaxis(np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
                                  [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                                 [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]), 2, 0)  # fmt: skip
+                                 [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]), 2, 0)
 
 
 class Motion:
@@ -196,7 +196,7 @@ class Reference:
         T = self.story.t_end
         inputs: list[Input] = self.story.inputs
         edges = {0.0, T, *(b for i in inputs for b in i.breaks), *(e for i in inputs for p in i.narrow for e in p[:2]),
-                 *self.loads.instants(T)}  # fmt: skip
+                 *self.loads.instants(T)}
         inside = sorted(e for e in edges if 0 <= e <= T)
         kept = [0.0]
         kept += [b for a, b in itertools.pairwise(inside) if b - a > 1e-14 * T]
@@ -213,7 +213,7 @@ class Reference:
             self.loads.sample(a, self.moved(y), y[13 * self.n :])
             longest = min([self.loads.longest, *(h for low, high, h in narrow if low < (a + b) / 2 < high)])
             s = solve_ivp(self.rhs, (a, b), y, self.loads.method, dense_output=True, rtol=rtol, atol=rtol * 1e-2,
-                          max_step=longest)  # fmt: skip
+                          max_step=longest)
             if not s.success:
                 raise ArithmeticError(f"the reference failed: {s.message}")
             found += [s.sol(t) for t in times[(times >= a) & (times < b)]]

@@ -15,19 +15,19 @@ Draw = Any
 GRAVITY = (0.0, -9.81, 0.0)
 PLANE = [(1.0, 0.0), (0.0, -1.0), (0.8, 0.6), (-0.6, 0.8), (-1.0, 0.0), (0.6, -0.8), (0.0, 1.0), (-0.28, -0.96)]
 SPACE = [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.48, 0.6, 0.64), (-0.36, 0.48, -0.8), (0.0, -0.6, 0.8),
-         (0.8, -0.6, 0.0)]  # fmt: skip
+         (0.8, -0.6, 0.0)]
 LENGTHS = [0.5, 1.0, 0.3, 0.7]
 ENDS = [0.5, 0.3, 1.0]
 ACCURACIES = [1e-5, 1e-4, 1e-3, 1e-6, 1e-7]
 PLANAR_JOINTS = ["revolute", "revolute", "revolute", "prismatic", "weld", "planar", "fixed_orientation", "distance", "bushing"]
 JOINTS = ["revolute", "revolute", "spherical", "prismatic", "cylindrical", "screw", "universal", "planar", "point_on_line",
-          "point_on_plane", "fixed_orientation", "weld", "distance", "bushing"]  # fmt: skip
+          "point_on_plane", "fixed_orientation", "weld", "distance", "bushing"]
 SOLVERS: list[dict[str, str]] = [
            {}, {}, {}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}, {"solver": "'ida'"},
            {"solver": "'dop853'", "form": "'index1'"}, {"solver": "'cvode'", "form": "'index1'"}, {"form": "'ggl'"},
            {"solver": "'radau3'", "form": "'index1'"}, {"solver": "'radau3'", "form": "'index3'"},
            {"solver": "mb.CVODE(method='BDF')", "form": "'index1'"}, {"solver": "mb.HHT()"}, {"verify": "True"},
-           {"solver": "mb.GeneralizedAlpha()"}, {"outputs": "7"}]  # fmt: skip
+           {"solver": "mb.GeneralizedAlpha()"}, {"outputs": "7"}]
 
 BODIES, LOADS = ("rigid_body", "link", "point_mass"), ("force", "torque", "spring", "own")
 BEAM_WAYS: list[dict[str, str]] = [{}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}]
@@ -75,7 +75,7 @@ def body(draw: Draw, name: str, a: Any, b: Any, planar: bool) -> Said:
 
 
 def joint(draw: Draw, name: str, k: str, l: str, a: Any, b: Any, planar: bool, T: float, kinds: list[str] | None = None,
-          free: bool = False) -> Said:  # fmt: skip
+          free: bool = False) -> Said:
     """A joint at a, with options; `free` for joints of loops: without stated starts and drives."""
     kind = draw(st.sampled_from(kinds or (PLANAR_JOINTS if planar else JOINTS)))
     args: dict[str, Any] = {"name": name, "k": k, "l": l}
@@ -149,10 +149,10 @@ def with_loads(draw: Draw, names: list[str], ends: dict[str, Any], planar: bool,
             if kind == "spring":
                 found.append(Said("spring", {"name": f"S{i}", "k": "ground", "l": name, "at_k": at, "at_l": end,
                                              "stiffness": draw(st.sampled_from([10.0, 100.0, 1000.0])),
-                                             "damping": draw(st.sampled_from([0.0, 0.5]))}))  # fmt: skip
+                                             "damping": draw(st.sampled_from([0.0, 0.5]))}))
             else:
                 found.append(Said("own", {"name": f"S{i}", "law": "QuarticSpring", "k": "ground", "l": name, "at": at,
-                                          "at_l": end, "stiffness": 30.0}))  # fmt: skip
+                                          "at_l": end, "stiffness": 30.0}))
     return found
 
 
@@ -180,7 +180,7 @@ def ways(story: Story, count: int) -> list[Story]:
 def models(statements: Any) -> list[str]:
     """Models for all joints: none for those with clearance, and recursive where that leaves something to solve for."""
     if not any(a.verb in ("revolute", "prismatic", "cylindrical", "screw") for a in statements) or any(
-            "model" in a.args for a in statements):  # fmt: skip
+            "model" in a.args for a in statements):
         return [""]
     joints = [a for a in statements if a.verb not in (*BODIES, *LOADS, "weld")]
     moves = any("angle" not in a.args and "position" not in a.args for a in joints)
@@ -205,7 +205,7 @@ def _limb(draw: Draw, i: int, ends: dict[str, Any], planar: bool, T: float, kind
     b = shifted(a, draw(directions(planar)), draw(st.sampled_from(LENGTHS)))
     if maybe(draw, 8) and kinds is None:
         return [Said("point_mass", {"name": name, "mass": 0.5, "at": b}),
-                Said("distance", {"name": f"J{i + 1}", "k": parent, "l": name, "at_k": a, "at_l": b})]  # fmt: skip
+                Said("distance", {"name": f"J{i + 1}", "k": parent, "l": name, "at_k": a, "at_l": b})]
     ends[name] = b
     return [body(draw, name, a, b, planar), joint(draw, f"J{i + 1}", parent, name, a, b, planar, T, kinds)]
 
@@ -251,7 +251,7 @@ def loops(draw: Draw) -> Story:
     elif last == "point_on_line" and planar:
         found += [Said("rigid_body", {"name": "slider", "mass": 0.5, "inertia": 0.01, "at": a}),
                   Said("revolute", {"name": "pin", "k": parent, "l": "slider", "at": a}),
-                  Said("prismatic", {"name": "close", "k": "ground", "l": "slider", "at": a, "axis": (1.0, 0.0)})]  # fmt: skip
+                  Said("prismatic", {"name": "close", "k": "ground", "l": "slider", "at": a, "axis": (1.0, 0.0)})]
     else:
         found.append(Said(last, {**args, "at": a}))
     found += with_loads(draw, list(ends), ends, planar, T)
@@ -294,7 +294,7 @@ def beams(draw: Draw) -> Story:
     a: Any = (0.0, 0.0) if planar else (0.0, 0.0, 0.0)
     b: Any = (1.0, 0.0) if planar else (0.8, 0.6, 0.0)
     found = [Said("beam", {"name": "beam", "points": (a, b), "section": section, "elements": draw(st.integers(1, 3)),
-                           "order": draw(st.sampled_from([2, 1, 3])), "axis2": (-0.6, 0.8, 0.0)})]  # fmt: skip
+                           "order": draw(st.sampled_from([2, 1, 3])), "axis2": (-0.6, 0.8, 0.0)})]
     found = [Said("beam", {k: v for k, v in found[0].args.items() if k != "axis2"})] if planar else found
     hold = draw(st.sampled_from(["weld", "revolute", "spherical", "free"]))
     if hold == "revolute":
@@ -320,7 +320,7 @@ def beams(draw: Draw) -> Story:
 
 
 FAMILIES = {"tree": trees(), "loop": loops(), "coupling": couplings(), "contact": contacts(), "control": controlled(),
-            "beam": beams()}  # fmt: skip
+            "beam": beams()}
 
 
 def stories(*families: str) -> st.SearchStrategy[Story]:

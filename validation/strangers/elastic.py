@@ -42,14 +42,14 @@ def pieces(story: Story) -> list[float]:
     """Ends of the smooth pieces of a story's inputs, s."""
     T = story.t_end
     inside = sorted({0.0, T, *(b for i in story.inputs for b in i.breaks if 0 < b < T),
-                     *(e for i in story.inputs for p in i.narrow for e in p[:2] if 0 < e < T)})  # fmt: skip
+                     *(e for i in story.inputs for p in i.narrow for e in p[:2] if 0 < e < T)})
     return [0.0, *(b for a, b in itertools.pairwise(inside) if b - a > 1e-12 * T)]
 
 
 def smooth(story: Story, middle: float) -> Story:
     """The story with the smooth functions that hold at an instant."""
     return story.but(model="", statements=tuple(Said(a.verb, {k: _smooth(v, middle) for k, v in a.args.items()})
-                                                for a in story.statements))  # fmt: skip
+                                                for a in story.statements))
 
 
 def _smooth(value: Any, middle: float) -> Any:

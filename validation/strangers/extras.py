@@ -52,7 +52,7 @@ def fed(draw: Draw, found: list[Said]) -> list[Said]:
         f = Made("Holding", {"gain": gain, "rate_gain": rate_gain, "target": target})
         every = draw(st.sampled_from([0.05, 0.02]))
         control = Said("controller", {"name": "hold", "f": f, "every": every,
-                                      "reads": (f"{a.name}.{coordinate}", f"{a.name}.rate"), "sets": ("u",)})  # fmt: skip
+                                      "reads": (f"{a.name}.{coordinate}", f"{a.name}.rate"), "sets": ("u",)})
         return [*found[:i], control, a.but(**{load: Sampled("u")}), *found[i + 1 :]]
     limit = None if kind == "smooth" else draw(st.sampled_from([3.0, 0.5]))
     feed = Feed(a.name, coordinate, "rate", gain, rate_gain, target, limit)
@@ -77,7 +77,7 @@ def touching(draw: Draw, planar: bool, T: float) -> list[Said]:
         floor = "plank"
         found = [Said("rigid_body", {"name": floor, "mass": 2.0, "inertia": 0.2 if planar else (0.2, 0.1, 0.2), "at": at(0, 0)}),
                  Said("revolute", {"name": "hinge", "k": "ground", "l": floor, "at": at(-0.5, 0), "axis": (0, 0, 1),
-                                   "spring": 200.0, "damper": 1.0})]  # fmt: skip
+                                   "spring": 200.0, "damper": 1.0})]
     fast = draw(st.sampled_from([0.0, 1.0, -2.0]))
     high = draw(st.sampled_from([0.12, 0.3]))
     plane = Made("Plane", {"at": at(0, 0), "normal": normal if planar else (*normal, 0.0)})
@@ -110,7 +110,7 @@ def rattling(draw: Draw, T: float) -> list[Said]:
     if draw(st.booleans()):
         load: Input = draw(loads(T, 3.0))
         return [*found, Said("revolute", {"name": "J", "k": "ground", "l": "b1", "at": (0.0, 0.0), "model": model}),
-                Said("torque", {"name": "M", "body": "b1", "value": Along(load, (0.0, 0.0, 1.0))})]  # fmt: skip
+                Said("torque", {"name": "M", "body": "b1", "value": Along(load, (0.0, 0.0, 1.0))})]
     return [*found, Said("link", {"name": "b2", "points": ((0.6, 0.8), (1.4, 0.2)), "mass": 0.5}),
             Said("revolute", {"name": "A", "k": "ground", "l": "b1", "at": (0.0, 0.0), "rate0": 2.0}),
-            Said("revolute", {"name": "J", "k": "b1", "l": "b2", "at": (0.6, 0.8), "model": model})]  # fmt: skip
+            Said("revolute", {"name": "J", "k": "b1", "l": "b2", "at": (0.6, 0.8), "model": model})]

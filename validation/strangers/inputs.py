@@ -48,7 +48,7 @@ def box(draw: Draw, T: float) -> Input:
         f"sp.Piecewise((0, {{t}} < {a!r}), (1, {{t}} < {b!r}), (0, True))",
         f"sp.Piecewise((1, ({{t}} > {a!r}) & ({{t}} < {b!r})), (0, True))",
         f"(sp.Heaviside({{t}} - {a!r}) - sp.Heaviside({{t}} - {b!r}))",
-        f"(sp.sign({{t}} - {a!r}) - sp.sign({{t}} - {b!r})) / 2"]))  # fmt: skip
+        f"(sp.sign({{t}} - {a!r}) - sp.sign({{t}} - {b!r})) / 2"]))
     return Input("box", said, ((-inf, "0"), (a, "1"), (b, "0")), scale=_impulse(T, b - a))
 
 
@@ -129,7 +129,7 @@ def table(draw: Draw, T: float) -> Input:
     t, y = _points(draw, T)
     kind = draw(st.sampled_from(["linear", "step"]))
     lines = [(a, f"{p!r} + {(q - p) / (b - a)!r} * (t - {a!r})" if kind == "linear" else f"{p!r}")
-             for a, b, p, q in zip(t, t[1:], y, y[1:], strict=False)]  # fmt: skip
+             for a, b, p, q in zip(t, t[1:], y, y[1:], strict=False)]
     said = f"mb.table({t}, {y}, kind={kind!r})"
     return Input(f"table {kind}", said, ((-inf, f"{y[0]!r}"), *lines, (t[-1], f"{y[-1]!r}")))
 

@@ -53,7 +53,7 @@ def simulate(story: Story, scene: mb.Scene | None = None, **more: Any) -> Result
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return (scene or build(story)).simulate(story.t_end, **{"accuracy": story.accuracy, "max_wall": WALL, **options(story),
-                                                                **more})  # fmt: skip
+                                                                **more})
 
 
 def claims(result: Result) -> bool:

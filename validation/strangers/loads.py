@@ -237,7 +237,7 @@ class Loads:
         self.all.append(force)
 
     def _touch(self, m: Any, Q: Array, k: int, l: int, x: Array, n: Array, deep: float, push: Any, rub: Any,
-               speed: float | None = None) -> None:  # fmt: skip
+               speed: float | None = None) -> None:
         """A force along n on l at x, and friction there; `speed` at which the overlap grows, else that of the material."""
         slip = m.v[l] + np.cross(m.o[l], x - m.x[l]) - m.v[k] - np.cross(m.o[k], x - m.x[k])
         pressed = push(deep, -(n @ slip) if speed is None else speed)

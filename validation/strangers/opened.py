@@ -42,7 +42,7 @@ def opened(seed: int) -> Iterator[Story]:
         held = {name: rng.uniform(-1, 1) for name in rng.sample(can, min(len(can), rng.choice([1, 1, 1, 2])))}
         moves = rng.random() < 0.6
         said = [_held(a, held.get(a.name), moves) if a in joints else a for a in story.statements
-                if a in joints or a.verb in BODIES]  # fmt: skip
+                if a in joints or a.verb in BODIES]
         if held:
             yield story.but(statements=tuple(said), model="", options={})
 

@@ -59,7 +59,7 @@ class Counts:
     def write(self, path: Path) -> None:
         """For the next session."""
         data = {"verdicts": self.verdicts, "seen": sorted(self.seen), "done": sorted(self.done), "failures": self.failures,
-                "remarks": self.remarks, "examples": self.examples}  # fmt: skip
+                "remarks": self.remarks, "examples": self.examples}
         part = path.with_suffix(".part")
         part.write_text(json.dumps(data))
         part.replace(path)
@@ -87,7 +87,7 @@ def blocks(kinds: tuple[str, ...], families: tuple[str, ...], first: int) -> Ite
 
 
 def session(hours: float, out: Path, kinds: tuple[str, ...] = ("run", "check"), families: tuple[str, ...] = tuple(FAMILIES),
-            first: int = 0, say: Callable[[str], None] = lambda text: None, most: int | None = None) -> Counts:  # fmt: skip
+            first: int = 0, say: Callable[[str], None] = lambda text: None, most: int | None = None) -> Counts:
     """Blocks until the time is over; `out` holds what was done, and a script of every failure."""
     out.mkdir(parents=True, exist_ok=True)
     state, end, made = out / "strangers.json", time.monotonic() + 3600 * hours, 0

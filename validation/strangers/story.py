@@ -92,7 +92,7 @@ class Feed:
 
     def __str__(self) -> str:
         value = (f"{number(self.gain)} * ({number(self.target)} - s.sensor('{self.joint}.{self.coordinate}')) "
-                 f"- {number(self.rate_gain)} * s.sensor('{self.joint}.{self.rate}')")  # fmt: skip
+                 f"- {number(self.rate_gain)} * s.sensor('{self.joint}.{self.rate}')")
         return value if self.limit is None else f"sp.Max({number(-self.limit)}, sp.Min({number(self.limit)}, {value}))"
 
     def of(self, value: float, rate: float) -> float:
@@ -220,7 +220,7 @@ def said(value: Any) -> str:
 
 MODELS = {"": "", "recursive": "    s = s.recursive()\n",
           "kinematic": "    s = s.replace(model=mb.Kinematic())\n",
-          "classical": "    s = s.replace(model=mb.Classical())\n"}  # fmt: skip
+          "classical": "    s = s.replace(model=mb.Classical())\n"}
 
 
 def scene_text(story: Story) -> str:
@@ -228,7 +228,7 @@ def scene_text(story: Story) -> str:
     space = "" if story.space == "auto" else f", space={story.space!r}"
     lines = "".join(f"    {a}\n" for a in story.statements)
     return (f"def scene():\n    s = mb.Scene({story.family!r}, gravity={said(story.gravity)}{space})\n"
-            f"{lines}{MODELS[story.model]}    return s\n")  # fmt: skip
+            f"{lines}{MODELS[story.model]}    return s\n")
 
 
 def arguments(story: Story) -> str:
@@ -242,7 +242,7 @@ def script(story: Story, remark: str = "") -> str:
     own = "from strangers.laws import *  # PYTHONPATH=validation\n" if story.of("own", "controller") else ""
     about = "".join(f"# {line}\n" for line in remark.splitlines())
     return (f"{about}import sympy as sp\n\nimport mbdae as mb\n{own}\n\n{scene_text(story)}\n\n"
-            f"if __name__ == \"__main__\":\n    print(scene().simulate({arguments(story)}))\n")  # fmt: skip
+            f"if __name__ == \"__main__\":\n    print(scene().simulate({arguments(story)}))\n")
 
 
 def build(story: Story) -> mb.Scene:
@@ -266,4 +266,4 @@ def stored(story: Story, check: str, remark: str) -> str:
     rest = ", ".join(f"{key}={getattr(story, key)!r}" for key in ("t_end", "accuracy", "gravity", "space", "model", "options"))
     return (f'"""{about}"""\n# ruff: noqa: E501, F401\n\nfrom math import inf\n\n'
             f"from strangers.story import Along, Feed, Input, Made, Said, Sampled, Story\n\nCHECK = {check!r}\n"
-            f"STORY = Story({story.family!r}, (\n    {said_},\n), {rest})\n")  # fmt: skip
+            f"STORY = Story({story.family!r}, (\n    {said_},\n), {rest})\n")

@@ -21,7 +21,7 @@ from mbdae.audit.verdicts import Row as Verdict
 from mbdae.audit.verdicts import audit_equation
 
 claim = Claim("textbooks", "formulas of textbooks are judged, errors planted in them found and mended", 0, "formulas",
-              "Nikravesh, Haug, Shabana, Geradin and Cardona, Craig, Featherstone, Johnson, ...: see the files")  # fmt: skip
+              "Nikravesh, Haug, Shabana, Geradin and Cardona, Craig, Featherstone, Johnson, ...: see the files")
 FILES = sorted(Path(__file__).parent.glob("*.audit"))
 PLANTED = "#~"  #: begins the line with an error planted in the formula above it
 LEAST = 120  #: formulas and planted errors
@@ -63,7 +63,7 @@ def right() -> list[Found]:
     return [Found(len(wrong), quantity="right, called wrong", note=", ".join(wrong)),
             Found(len(open_), len(rows) / 10, quantity="right, cannot be judged", note=", ".join(open_)),
             Found(max(0, LEAST - len(rows)), quantity="too few", note=f"{len(rows)} formulas; not defined where a length is 0: "
-                  + ", ".join(partial))]  # fmt: skip
+                  + ", ".join(partial))]
 
 
 def domains() -> list[Found]:
@@ -76,7 +76,7 @@ def domains() -> list[Found]:
     unmended = [right.number for right, row in planted if not _mended(right, row)]
     return [Found(len(open_), len(planted) / 10, quantity="right, not called so", note=", ".join(open_)),
             Found(len(cleared), quantity="errors called right", note=", ".join(cleared)),
-            Found(len(unmended), len(planted) / 8, quantity="errors not mended", note=", ".join(unmended))]  # fmt: skip
+            Found(len(unmended), len(planted) / 8, quantity="errors not mended", note=", ".join(unmended))]
 
 
 def errors() -> list[Found]:
@@ -116,4 +116,4 @@ def _values(node: Node, env: Env, sign: int) -> list[Any]:
 
 def cases() -> list[Case]:
     return [Case("right formulas", "none", right, slow=True), Case("planted errors", "none", errors, slow=True),
-            Case("domains", "none", domains, slow=True)]  # fmt: skip
+            Case("domains", "none", domains, slow=True)]

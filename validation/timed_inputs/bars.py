@@ -44,7 +44,7 @@ def shapes(x: float) -> tuple[Array, Array]:
 
 
 def cantilever(stiffness: float, line: float, L: float, elements: int, damping: float, shear: float = 0.0,
-               rotary: float = 0.0) -> Bar:  # fmt: skip
+               rotary: float = 0.0) -> Bar:
     """stiffness EA (N), or EI (N m^2) with shear GA (N) and rotary inertia (kg m) of a bent one; line kg/m, L m."""
     fields, nodes, h = (2 if shear else 1), ORDER * elements + 1, L / elements
     M, K, f = np.zeros((fields * nodes, fields * nodes)), np.zeros((fields * nodes, fields * nodes)), np.zeros(fields * nodes)

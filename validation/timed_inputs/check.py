@@ -21,4 +21,4 @@ def judge(seeds: Sequence[int]) -> list[Found]:
 
 def cases() -> list[Case]:
     return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)),
-            Case("runs", "all", judge, slow=True, parts=WHOLE)]  # fmt: skip
+            Case("runs", "all", judge, slow=True, parts=WHOLE)]

@@ -21,7 +21,7 @@ def ways(problem: Problem, rng: np.random.Generator) -> list[Way]:
     """Solvers and forms that apply to a scene, with the accuracies that they reach at acceptable cost."""
     held = problem.constrained
     found = [Way("default"), Way("default"), Way("RadauIIA(3)", mb.RadauIIA(3)), Way("IDA", mb.IDA(), None, (1e-7, 1e-3)),
-             Way("RadauIIA(2)", mb.RadauIIA(2), None, (1e-6, 1e-3))]  # fmt: skip
+             Way("RadauIIA(2)", mb.RadauIIA(2), None, (1e-6, 1e-3))]
     if problem.name.startswith("beam"):
         return [Way("default"), Way("RadauIIA(3)", mb.RadauIIA(3)), Way("RadauIIA(2)", mb.RadauIIA(2))]
     if problem.name == "loose pin":
@@ -38,7 +38,7 @@ def ways(problem: Problem, rng: np.random.Generator) -> list[Way]:
         found += [Way("RadauIIA(3), Index3", mb.RadauIIA(3), mb.Index3(), (1e-6, 1e-3)),
                   Way("RadauIIA(3), Index1", mb.RadauIIA(3), mb.Index1()),
                   Way("IDA, Index1", mb.IDA(), mb.Index1(), (1e-7, 1e-3)),
-                  Way("default, GGL", None, mb.GGL())]  # fmt: skip
+                  Way("default, GGL", None, mb.GGL())]
     return found
 
 

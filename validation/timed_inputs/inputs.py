@@ -66,7 +66,7 @@ class Input:
         starts = sorted({start for start, _ in (*self.pieces, *other.pieces)})
         pieces = tuple((a, self._from(a) + other._from(a)) for a in starts)
         return Input("sum", min(self.width, other.width), self.said + other.said, pieces, self.fine + other.fine,
-                     max(self.lasts, other.lasts))  # fmt: skip
+                     max(self.lasts, other.lasts))
 
 
 def _near(a: float, w: float) -> tuple[tuple[float, float, float], ...]:
@@ -102,7 +102,7 @@ def box(rng: np.random.Generator, T: float, w: float) -> Input:
         lambda: (1 + sp.sign((b - a) / 2 - sp.Abs(t - c))) / 2,
         lambda: sp.Piecewise((0, t < a), (1, True)) * sp.Piecewise((1, t < b), (0, True)),
         lambda: sp.Heaviside(t - a) * sp.Heaviside(b - t),
-    ])()  # fmt: skip
+    ])()
     return Input("box", b - a, said, ((-inf, zero), (a, one), (b, zero)), lasts=b - a)
 
 
@@ -134,7 +134,7 @@ def bump(rng: np.random.Generator, T: float, w: float) -> Input:
     a = T * float(rng.uniform(0.1, 0.8))
     b, e = a + w, (1 - sp.cos(2 * sp.pi * (t - a) / w)) / 2
     said = _pick(rng, [sp.Piecewise((0, t < a), (e, t < b), (0, True)), sp.Piecewise((e, (t > a) & (t < b)), (0, True)),
-                       sp.Piecewise((0, t < a), (sp.sin(sp.pi * (t - a) / w) ** 2, t < b), (0, True))])  # fmt: skip
+                       sp.Piecewise((0, t < a), (sp.sin(sp.pi * (t - a) / w) ** 2, t < b), (0, True))])
     return Input("bump", w, said, ((-inf, sp.Integer(0)), (a, e), (b, sp.Integer(0))), lasts=w)
 
 
@@ -204,7 +204,7 @@ def chirp(rng: np.random.Generator, T: float, w: float) -> Input:
 
 
 def _periodic(kind: str, T: float, p: float, said: Expr, parts: list[tuple[float, Callable[[float], Expr]]],
-              lasts: float) -> Input:  # fmt: skip
+              lasts: float) -> Input:
     """Pieces that repeat with p: of every period, (share of it at which a part starts, part of the period's start)."""
     pieces = [(n * p + share * p, part(n * p)) for n in range(-1, int(T / p) + 1) for share, part in parts]
     return Input(kind, p, said, ((-inf, pieces[0][1]), *pieces), lasts=lasts)
@@ -231,7 +231,7 @@ def train(rng: np.random.Generator, T: float, w: float) -> Input:
     p = T * float(rng.uniform(0.15, 0.5))
     share = min(w / p, 0.5)
     said = _pick(rng, [sp.Piecewise((1, sp.Mod(t, p) < share * p), (0, True)),
-                       sp.Piecewise((1, t / p - sp.floor(t / p) < share), (0, True))])  # fmt: skip
+                       sp.Piecewise((1, t / p - sp.floor(t / p) < share), (0, True))])
     found = _periodic("train", T, p, said, [(0.0, lambda at: sp.Integer(1)), (share, lambda at: sp.Integer(0))], 2 * share * p)
     return Input("train", share * p, said, found.pieces, lasts=found.lasts)
 
@@ -246,7 +246,7 @@ def rectified(rng: np.random.Generator, T: float, w: float) -> Input:
 
 
 LOADS = (box, box, stairs, ramp, bump, bell, bell, burst, sech, lorentzian, tanh_step, tanh_window, chirp, sawtooth, square,
-         train, rectified)  # fmt: skip
+         train, rectified)
 MOTIONS = (bump, smoothstep, bell, bell, burst, sech, lorentzian, tanh_step, tanh_window, chirp)  #: value and rate continuous
 
 

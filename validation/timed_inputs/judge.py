@@ -55,7 +55,7 @@ class Run:
 
     def __str__(self) -> str:
         return (f"seed {self.seed}: {self.scene}, {self.kind}, width {self.width:.1e}, {self.way}, asked {self.accuracy:.0e}: "
-                f"{self.verdict}, error {self.ratio:.2g} x asked; {self.note}")  # fmt: skip
+                f"{self.verdict}, error {self.ratio:.2g} x asked; {self.note}")
 
 
 def error_of(result: mb.Result, times: Array, truth: Values, positions_only: bool = False, longest: float = inf) -> float:

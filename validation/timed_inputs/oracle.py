@@ -90,7 +90,7 @@ def instants(problem: Problem, uniform: int = 201, inner: int = 7, most: int = 1
     narrow = sorted(pieces, key=lambda s: s[1] - s[0])[:most]
     own = [np.linspace(a, b, inner) for a, b, _ in narrow]
     centres = [np.linspace((a + b) / 2 - 3 * step * 4, (a + b) / 2 + 3 * step * 4, 13)
-               for i in problem.inputs for a, b, step in i.fine if b - a < problem.t_end]  # fmt: skip
+               for i in problem.inputs for a, b, step in i.fine if b - a < problem.t_end]
     times = np.unique(np.concatenate([np.linspace(0, problem.t_end, uniform), *own, *centres]))
     return times[(times >= 0) & (times <= problem.t_end)]
 
@@ -133,7 +133,7 @@ def _integrated(problem: Problem, a: float, b: float, step: float, u: list[Truth
         return found
 
     found = solve_ivp(rates, (a, b), y, "DOP853", dense_output=True, rtol=problem.rtol, atol=ATOL,
-                      max_step=step)  # fmt: skip
+                      max_step=step)
     if not found.success:
         raise ArithmeticError(f"the reference of {problem.name} failed: {found.message}")
     return [found.sol(at) for at in wanted], found.y[:, -1]

@@ -40,7 +40,7 @@ def mass(rng: Rng) -> Problem:
         return s
 
     return Problem("mass", build, push, T, np.array([0, 0, *v]), lambda t, y, u: [y[2], y[3], u[0](t) / m, u[1](t) / m - g],
-                   lambda t, y, u: {"b.position": [*y[:2], 0], "b.velocity": [*y[2:], 0]})  # fmt: skip
+                   lambda t, y, u: {"b.position": [*y[:2], 0], "b.velocity": [*y[2:], 0]})
 
 
 class TimedSpring(mb.Force):
@@ -70,7 +70,7 @@ def oscillator(rng: Rng) -> Problem:
         s = mb.Scene("oscillator")
         b = s.rigid_body("b", m, m, at=(0, 0))
         s.prismatic("p", s.ground, b, at=(0, 0), axis=(1, 0, 0), position0=x0, rate0=v0, spring=k or None, damper=c or None,
-                    force=said[0], model=chosen)  # fmt: skip
+                    force=said[0], model=chosen)
         if timed:
             s.add(TimedSpring("k", s.ground, b, at=(0, 0), stiffness=said[1]))
         return s
@@ -80,7 +80,7 @@ def oscillator(rng: Rng) -> Problem:
         return [y[1], (u[0](t) - (k + own) * y[0] - c * y[1]) / m]
 
     return Problem("timed stiffness" if timed else "oscillator", build, parts, T, np.array([x0, v0]), rhs,
-                   lambda t, y, u: {"p.displacement": y[0], "p.rate": y[1]}, constrained)  # fmt: skip
+                   lambda t, y, u: {"p.displacement": y[0], "p.rate": y[1]}, constrained)
 
 
 def pendulum(rng: Rng) -> Problem:
@@ -105,7 +105,7 @@ def pendulum(rng: Rng) -> Problem:
         return [y[1], (turn - m * G * L / 2 * np.sin(y[0]) - 0.05 * y[1]) * 3 / (m * L**2)]
 
     return Problem("pendulum", build, [push], T, np.array([a0, w0]), rhs,
-                   lambda t, y, u: {"h.angle": y[0], "h.rate": y[1]}, constrained)  # fmt: skip
+                   lambda t, y, u: {"h.angle": y[0], "h.rate": y[1]}, constrained)
 
 
 def driven(rng: Rng) -> Problem:
@@ -283,7 +283,7 @@ def quarter_car(rng: Rng) -> Problem:
 
     def read(t: float, y: Array, u: Any) -> dict[str, Any]:
         return {"road guide.displacement": u[0](t), "wheel guide.displacement": y[0], "body guide.displacement": y[1],
-                "wheel guide.rate": y[2], "body guide.rate": y[3]}  # fmt: skip
+                "wheel guide.rate": y[2], "body guide.rate": y[3]}
 
     return Problem("quarter car", build, [road], T, np.zeros(4), rhs, read, True)
 
@@ -328,7 +328,7 @@ def rotation(P: Array) -> Array:
     w, x, y, z = (P / np.sqrt(P @ P)).tolist()
     return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
                      [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])  # fmt: skip
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
 
 def beam(rng: Rng) -> Problem:
@@ -384,8 +384,8 @@ def loose_pin(rng: Rng) -> Problem:
         return [y[2], y[3], (u[0](t) - away * y[0]) / m, (u[1](t) - away * y[1]) / m]
 
     return Problem("loose pin", build, push, T, np.zeros(4), rhs, lambda t, y, u: {"b.position": [*y[:2], 0]},
-                   largest_step=T / 1000, rtol=1e-10, tightest=1e-5, positions_only=True)  # fmt: skip
+                   largest_step=T / 1000, rtol=1e-10, tightest=1e-5, positions_only=True)
 
 
 SCENES = (mass, oscillator, oscillator, pendulum, pendulum, driven, driven, moved_pivot, double_pendulum, four_bar, quarter_car,
-          spinning_body, beam, loose_pin)  # fmt: skip
+          spinning_body, beam, loose_pin)

@@ -24,7 +24,7 @@ def found(runs: Sequence[Run], seeds: Sequence[int]) -> list[Found]:
     needless = counts["told needlessly"] / len(runs)
     rows.append(Found(needless, allowed(NEEDLESS, seeds), "share", "told needlessly", note=_named(runs, "told needlessly")))
     rows.append(Found(undelivered, allowed(TOLD, seeds), "share", "told instead of right, error control",
-                      note=f"{len(runs)} runs: {said}"))  # fmt: skip
+                      note=f"{len(runs)} runs: {said}"))
     return rows
 
 
@@ -37,7 +37,7 @@ def text(runs: Sequence[Run]) -> str:
     """All tables, then every run that is wrong."""
     columns: dict[str, Callable[[Run], str]] = {
         "scene": lambda run: run.scene, "kind": lambda run: run.kind if "," not in run.kind else "several",
-        "width over the whole": lambda run: f"1e{floor(log10(min(run.width, 0.999)))}", "way": lambda run: run.way}  # fmt: skip
+        "width over the whole": lambda run: f"1e{floor(log10(min(run.width, 0.999)))}", "way": lambda run: run.way}
     parts = [_table("all", runs, lambda run: "runs")]
     parts += [_table(name, runs, of) for name, of in columns.items()]
     return "\n".join([*parts, *(str(run) for run in runs if run.verdict in WRONG), f"{sum(run.wall for run in runs):.0f} s"])

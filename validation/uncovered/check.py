@@ -9,7 +9,7 @@ from uncovered.judge import Reading, readings
 
 claim = Claim("uncovered", "no peak or course of a force, torque or stress of drawn elastic and loose scenes is more than three "
               "times the accuracy off without a warning when it is read; at most a tenth of the right ones warn", 0.0, "readings",
-              "the same scenes with all vibrations resolved, by two methods at 1e-8 and 1e-7")  # fmt: skip
+              "the same scenes with all vibrations resolved, by two methods at 1e-8 and 1e-7")
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 NEEDLESS = 0.1  #: share of the readings within the accuracy
 
@@ -28,7 +28,7 @@ def _of(what: str, found: list[Reading], most: float) -> list[Found]:
     note = f"{len(found)} {what}, {right} within the accuracy, {told} told; {'; '.join(map(str, silent[:5]))}"
     return [Found(len(silent), 0, quantity=f"{what}, silent", note=note),
             Found(len(needless) / max(right, 1), most, "share", f"{what}, needless",
-                  "; ".join(map(str, needless[:5])))]  # fmt: skip
+                  "; ".join(map(str, needless[:5])))]
 
 
 def cases() -> list[Case]:

@@ -68,7 +68,7 @@ def slider_crank(rng: Rng) -> Drawn:
         return s
 
     return Drawn("slider-crank", scene, turns * 2 * np.pi / w, ("A.drive", "B.force", "C.force", "D.force",
-                                                                "rod.at(0.5).stress_resultants[5]"))  # fmt: skip
+                                                                "rod.at(0.5).stress_resultants[5]"))
 
 
 def four_bar(rng: Rng) -> Drawn:
@@ -83,7 +83,7 @@ def four_bar(rng: Rng) -> Drawn:
         s = mb.Scene("four-bar", gravity=G)
         crank = s.link("crank", A, B, mass=0.3)
         pair = {name: s.beam(name, *ends, section=of, elements=n) if name == soft else s.link(name, *ends, mass=0.5)
-                for name, ends in (("coupler", (B, C)), ("rocker", (C, D)))}  # fmt: skip
+                for name, ends in (("coupler", (B, C)), ("rocker", (C, D)))}
         s.revolute("A", s.ground, crank, at=A, angle=rises(w, 0.3 * 2 * np.pi / w, sudden))
         s.revolute("B", crank, pair["coupler"], at=B, **joints(model=kind))
         s.revolute("C", pair["coupler"], pair["rocker"], at=C)
@@ -91,7 +91,7 @@ def four_bar(rng: Rng) -> Drawn:
         return s
 
     return Drawn("four-bar", scene, turns * 2 * np.pi / w, ("A.drive", "B.force", "D.force",
-                                                            f"{soft}.at(0.4).stress_resultants[5]"))  # fmt: skip
+                                                            f"{soft}.at(0.4).stress_resultants[5]"))
 
 
 def arm(rng: Rng) -> Drawn:
@@ -137,7 +137,7 @@ def wing(rng: Rng) -> Drawn:
     of, amplitude, start = section(rng, L * rng.uniform(0.008, 0.02), 4.0), rng.uniform(0.1, 0.6), int(rng.integers(3))
     t = mb.t
     angle = [amplitude * sp.sin(2 * sp.pi * f * t), amplitude * (1 - sp.cos(2 * sp.pi * f * t)),
-             amplitude * sp.sin(2 * sp.pi * f * t) * (1 - sp.exp(-3 * f * t))][start]  # fmt: skip
+             amplitude * sp.sin(2 * sp.pi * f * t) * (1 - sp.exp(-3 * f * t))][start]
 
     def scene() -> mb.Scene:
         s = mb.Scene("wing", gravity=G)
@@ -146,7 +146,7 @@ def wing(rng: Rng) -> Drawn:
         return s
 
     return Drawn("wing", scene, t_end, ("root.drive", "root.force", "spar.at(0.05).stress_resultants[5]",
-                                        f"spar.at(0.01, {of.shape[2] / 2 if of.shape else 0}).fibre_stress"))  # fmt: skip
+                                        f"spar.at(0.01, {of.shape[2] / 2 if of.shape else 0}).fibre_stress"))
 
 
 def loaded(rng: Rng) -> Drawn:

@@ -47,7 +47,7 @@ class Reading:
     def __str__(self) -> str:
         what = "peak of" if self.peak else "values of"
         return (f"{self.family} {self.seed} at {self.asked:.0e}: {what} {self.quantity}: error {self.error:.1e}, estimate "
-                f"{self.estimate:.1e}{', told' if self.told else ''}")  # fmt: skip
+                f"{self.estimate:.1e}{', told' if self.told else ''}")
 
 
 def run(d: Drawn, accuracy: float, **options: Any) -> mb.Result:

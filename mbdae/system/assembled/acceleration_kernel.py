@@ -99,7 +99,7 @@ class AccelerationKernel(Workspace):
             if p.targets and active:
                 found.append(p.kernel.emit(part, nb.gather(g, p.all_inputs, active)).ravel())
                 to += [(0, row_of(t, g, i)) if t[0] != "G" else (1, _entry(full, t, g, i, entries))
-                       for i in active for t in p.targets]  # fmt: skip
+                       for i in active for t in p.targets]
         self._G = part.zeros(len(entries))
         kind, number = np.array(to, dtype=np.intp).reshape(-1, 2).T
         values, kept = np.concatenate([np.zeros(0, np.intp), *found]), number >= 0
@@ -120,7 +120,7 @@ class AccelerationKernel(Workspace):
         row, column = np.array(cells, dtype=np.intp).reshape(-1, 2).T
         weighted, place_of = part.zeros(len(cells)), {cell: k for k, cell in enumerate(cells)}
         terms = [(place_of[r, c], e, inverse[k, c]) for e, (r, k) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True))
-                 for c in along[k]]  # fmt: skip
+                 for c in along[k]]
         to, entry, value = (np.array(x) for x in zip(*terms, strict=True))
         part.add(weighted + to, self._G + entry.astype(np.intp), value)
         by_column: dict[int, list[int]] = {}

@@ -52,7 +52,7 @@ class Assembly:
     has_pattern = True  #: whether the Jacobian has a sparsity pattern; False: it is full
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
-                 moved: MovedBodies | None = None) -> None:  # fmt: skip
+                 moved: MovedBodies | None = None) -> None:
         self.model, self.spec, self.label = model, spec, spec.label
         self.moved = moved = moved if moved is not None else MovedBodies(model, [])
         rows = [row for row in rows if moved.keeps(row)]
@@ -78,7 +78,7 @@ class Assembly:
             # idle: a law of this group is left out where shared unknowns or joint coordinates satisfy all of its rows
             idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))
             active = [i for i in range(len(group.instances))
-                      if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
+                      if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]
             if active:
                 self._add(g, active, self.plan(d), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
@@ -171,7 +171,7 @@ class Assembly:
         kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
         timed = iter([self.numbering.slot(-1, *place) for place in batch.timed])
         slots = {t: z[:, t[1]] if t[0] == "z" else np.full(len(nodes), next(timed)) if t[0] == "p" else self._nodal(nodes, t)
-                 for t in kernel.inputs}  # fmt: skip
+                 for t in kernel.inputs}
         rows = np.stack([z[:, t[1]] if t[0] == "z" else self._row_on(nodes, t) for t in kernel.targets], axis=1)
         gather = np.stack([slots[t] for t in kernel.inputs], axis=1)
         self._residual.kernel(gather, rows, kernel)
@@ -271,7 +271,7 @@ class Assembly:
     def operations(self) -> EquationsOfScene:
         """The native evaluation before it is compiled, so that a caller can append further operations."""
         made = EquationsOfScene(self.numbering, self._residual, self._offset, self._loaded, self._jacobian, self._pattern,
-                                self._place, self._c)  # fmt: skip
+                                self._place, self._c)
         if not self.numbering.m:
             varying = self.moved.open is not Open.FEWEST or (bool(self.moved.trees) and bool(self.model.lines))
             light = not self._inert and not (self.constant_mass != 0).sum()

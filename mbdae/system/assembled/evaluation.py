@@ -61,7 +61,7 @@ class Scatter:
         own = (rows < n) & (columns < n)
         part.add(first + rows[own], columns[own], -weights[own])
         return [(self.places[k], np.hstack([gather, first + self.places[k]]), kernel)
-                for k, (gather, kernel) in self.solved.items()]  # fmt: skip
+                for k, (gather, kernel) in self.solved.items()]
 
     def emit(self, part: Operations, first: int) -> None:
         """Append operations that add the values of the kernels to their rows; row 0 is in slot `first`."""
@@ -78,7 +78,7 @@ class EquationsOfScene(Workspace):
     (2, nnz + 1): constant parts of the entries of dF/dy and dF/dy', and a spare one."""
 
     def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, stages: tuple[Loaded, Scatter, Any],
-                 terms_of_jacobian: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> None:  # fmt: skip
+                 terms_of_jacobian: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> None:
         super().__init__(numbering, stages[0])
         self._terms, self._offset, self._stages = terms, offset, stages
         operations = self.operations
@@ -166,7 +166,7 @@ class EquationsOfScene(Workspace):
         self.order, self.rates_part = np.concatenate(rows) - self.numbering.nq, part
 
     def _solve_mass(self, part: Operations, mass: Scatter, constant: Any | None, pattern: Columns, nu: int,
-                    nq: int) -> None:  # fmt: skip
+                    nq: int) -> None:
         operations, first = self.operations, self.rates
         rows, columns = pattern.rows, np.repeat(np.arange(self.n), np.diff(pattern.first))
         inside = (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
@@ -206,7 +206,7 @@ class EquationsOfScene(Workspace):
         """Allocate the array of the program, after which no operations can be added, and factorise a constant mass matrix.
         Kernels are compiled when they are first needed."""
         self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
-                    fyp=self.fy + self.nnz, rates_at=self.rates)  # fmt: skip
+                    fyp=self.fy + self.nnz, rates_at=self.rates)
         self._rows, self._at_rows = self.view(self.rows, self.n)
         (self._fy, self._at_fy), (self._fyp, self._at_fyp) = (self.view(self.fy + k * self.nnz, self.nnz) for k in (0, 1))
         self._c = core()
@@ -257,7 +257,7 @@ class EquationsOfScene(Workspace):
         proportion to them. For equations without recursive joints."""
         n, (values, cells, dotted) = self.n, self._terms_of_jacobian(t, y, yp)
         fy, fyp = (sp.csr_matrix((np.abs(values[at]), (cells[at] % n, cells[at] // n)), shape=(n, n))
-                   for at in ((cells < n * n) & ~dotted, (cells < n * n) & dotted))  # fmt: skip
+                   for at in ((cells < n * n) & ~dotted, (cells < n * n) & dotted))
         return fy, fyp
 
     def _terms_of_jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Index, Any]:
@@ -265,7 +265,7 @@ class EquationsOfScene(Workspace):
         self.jacobian(t, y, yp)
         count, p = len(self._single), self._by_law[1]
         return (np.r_[self.W[self._single], p.fixed], np.r_[p.cells[:count], p.fixed_cells],
-                np.r_[p.dotted[:count], p.fixed_dotted])  # fmt: skip
+                np.r_[p.dotted[:count], p.fixed_dotted])
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'. Returns the number of a velocity unknown without inertia, for which y' is not determined; -1: there is

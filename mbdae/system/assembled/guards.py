@@ -152,7 +152,7 @@ class ContactGuards:
         gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
         duration = np.array([p.duration(v) for p, v in zip(self.places, rate, strict=True)])
         near = [n for n, p in enumerate(self.places)
-                if p.law.with_joints and (gap[n] < 0 or (rate[n] < 0 and gap[n] < -NEAR * rate[n] * duration[n]))]  # fmt: skip
+                if p.law.with_joints and (gap[n] < 0 or (rate[n] < 0 and gap[n] < -NEAR * rate[n] * duration[n]))]
         if near:
             self._with_present_masses(duration, rate, near, t, y)
         return gap, rate, duration
@@ -177,12 +177,12 @@ def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
     """The arguments of a model that solvers have to watch; None where there are none."""
     members = {place for tree in moved.trees for place in tree.members}
     watched = [(g, [i for i in range(len(group.instances)) if (g, i) not in moved.replaced or (g, i) in members])
-               for g, group in enumerate(model.groups) if switch_kinds(group.derived)]  # fmt: skip
+               for g, group in enumerate(model.groups) if switch_kinds(group.derived)]
     watched = [(g, active) for g, active in watched if active]
     if not watched:
         return None
     found = [(model.groups[g].instances[i], s) for g, active in watched for i in active
-             for s in switch_kinds(model.groups[g].derived)]  # fmt: skip
+             for s in switch_kinds(model.groups[g].derived)]
     kinds, names = tuple(kind for _, (kind, _) in found), tuple(instance.item for instance, _ in found)
     weights = np.array([_weight(instance, exponent) for instance, (_, exponent) in found])
     return Switches(_Arguments(model, moved, watched), kinds, weights, names)
@@ -212,7 +212,7 @@ class _Arguments:
 
 
 def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]],
-                     outputs: Any) -> Callable[[Array, Array], Array]:  # fmt: skip
+                     outputs: Any) -> Callable[[Array, Array], Array]:
     """The function (t (k,), y (k, n) of any form) -> outputs (k, no) of the watched laws. watched: numbers of groups, each with
     the numbers of its instances; outputs: selects outputs of a law. Where the laws read bodies that recursive joints move, the
     motion of these is evaluated first."""
@@ -223,7 +223,7 @@ def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, 
         nb = Numbering(model, [], (), False, replaced=moved.replaced)
     else:
         nb = Numbering(model, [], (), False, moved.nodes, moved.nodes if carried else (), moved.replaced, moved.constants,
-                       moved.sharing)  # fmt: skip
+                       moved.sharing)
     plans = [plan(model.groups[g].derived, outputs) for g, _ in watched]
     gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
     values = Values(nb, motion_of_all(moved, nb) if carried else (), gathers, [p.kernel for p in plans])

@@ -119,7 +119,7 @@ class Entries:
             n, np.r_[np.where(direct, rows, n), cells[:, 0], placed[:, 0]], np.r_[columns, cells[:, 1], placed[:, 1]],
             placed[:, 2:].T.copy(), values[chained], fixed_rows[~chained], fixed_columns[~chained], values[~chained],
             np.concatenate(self._terms)[~chained],
-        )  # fmt: skip
+        )
 
     def _products(self, rows: Index, columns: Index) -> list[tuple[int, int, int, int, int]]:
         """Every product of the chain rule as (row, column, left factor, value, right factor): value is the number of an entry of
@@ -140,7 +140,7 @@ class Pattern:
     constants that are values of products."""
 
     def __init__(self, n: int, rows: Index, columns: Index, factors: Index, chained: Array, fixed_rows: Index,
-                 fixed_columns: Index, fixed: Array, terms: Index) -> None:  # fmt: skip
+                 fixed_columns: Index, fixed: Array, terms: Index) -> None:
         self.cells, self.dotted = _cells(n, rows, columns), columns >= n
         self.left, self.value, self.right = factors
         self.chained, self.terms = chained, terms

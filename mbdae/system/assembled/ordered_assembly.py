@@ -40,7 +40,7 @@ class OrderedEquations(Workspace):
         self.part = part = self.operations.part()
         loaded = [[j for j in tree.structure.loaded if j] for tree in moved.trees]
         self._trees = [(OrderedTree(moved, numbering, tree, bool(at), inertia), at)
-                       for tree, at in zip(moved.trees, loaded, strict=True)]  # fmt: skip
+                       for tree, at in zip(moved.trees, loaded, strict=True)]
         for tree, _ in self._trees:
             tree.outwards(part)
         self._terms, self._inertia, self._rest = terms, inertia, list[int]()

@@ -55,7 +55,7 @@ def partition_of(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
         lambda t, q: mechanics.mass, load,
         lambda t, q: mechanics.position_residual(at(t), q[None])[0],
         lambda t, q: mechanics.constraint_jacobian(at(t), q[None])[0],
-    )  # fmt: skip
+    )
 
 
 def _reduced_partition(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
@@ -156,7 +156,7 @@ class Rates:
             if np.max(np.abs(step)) <= SETTLED * max(np.max(np.abs(out)), np.max(np.abs(self.multipliers))):
                 return
         raise SolverError(f"friction and reactions find no balance at t = {t:.9g} s: self-locking; take a smaller friction "
-                          f"coefficient in a joint whose friction follows from its reaction", t)  # fmt: skip
+                          f"coefficient in a joint whose friction follows from its reaction", t)
 
     def _corrected(self, t: float, out: Array, solve: Callable[[Array], Array]) -> Array:
         """One step of Newton's method from the point set by `point`: subtracts the step from y' (out) and the multipliers, and
@@ -193,9 +193,9 @@ def factorised(matrix: Matrix, full: Assembly, t: float) -> Callable[[Array], Ar
 def singular(t: float, row: str) -> SolverError:
     """The error where constraints depend on each other, or a motion has no inertia; row: name of a dependent row, or ""."""
     cause = (f"constraint {row} depends on the others there (singular position)" if row else
-             "constraints depend on each other there (singular position), or a motion has no inertia")  # fmt: skip
+             "constraints depend on each other there (singular position), or a motion has no inertia")
     return SolverError(f"accelerations and reactions are not determined at t = {t:.9g} s: {cause}; form=mb.GGL() with "
-                       "mb.RadauIIA(3) may pass a singular position", t, row)  # fmt: skip
+                       "mb.RadauIIA(3) may pass a singular position", t, row)
 
 
 def right_hand_side(system: Assembly, t: float, y: Array, out: Array) -> None:
@@ -208,7 +208,7 @@ def right_hand_side(system: Assembly, t: float, y: Array, out: Array) -> None:
 
 def _massless(system: Assembly, unknown: int, t: float) -> SolverError:
     return SolverError(f"the mass matrix is singular at t = {t:.9g} s: the motion of {system.names[unknown]} has no inertia; "
-                       f"give the bodies that it moves mass or inertia", t)  # fmt: skip
+                       f"give the bodies that it moves mass or inertia", t)
 
 
 REMEDY = "build a scene for every value, and solve them one by one"
@@ -226,7 +226,7 @@ def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) 
         fixed = [slot for slot in found if slot not in reads]
         if fixed:
             raise NotReadError(f"numbers: {name} cannot vary in a batch: it has no effect on y', or is compiled in as a constant "
-                               f"(as a number that is 0, 1 or -1 in the scene): {REMEDY}")  # fmt: skip
+                               f"(as a number that is 0, 1 or -1 in the scene): {REMEDY}")
         slots += found
         of += [k] * len(found)
     return Numbers(workspace.W, np.array(slots, dtype=np.int64), np.array(of, dtype=np.int64))

@@ -81,7 +81,7 @@ def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
     rest = beam.drawn.velocity, beam.drawn.angular_velocity
     return [Station(f"{beam.name}[{i}]", 0.0, zero, r, R[i], *rest, beam=beam, turned=float(mesh.headings[i]),
                     quaternion=P[i])
-            for i, r in enumerate(mesh.positions)]  # fmt: skip
+            for i, r in enumerate(mesh.positions)]
 
 
 def drawn_quaternion(body: Body | None) -> Array:

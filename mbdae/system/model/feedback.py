@@ -209,7 +209,7 @@ class _Feeding:
         if np.linalg.norm(nearest.drawn.position - point) > AT * length:
             at = np.round(nearest.drawn.position, 9).tolist()
             raise SceneError([f"beam '{beam.name}' has no node at {np.round(point, 9).tolist()} m, where a sensor reads it; "
-                              f"read the node at {at} m, or attach something at the place"])  # fmt: skip
+                              f"read the node at {at} m, or attach something at the place"])
         return nearest
 
     def _frames(self, law: Any, names: tuple[str, ...], bodies: tuple[Body, ...]) -> None:

@@ -231,7 +231,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
                 refused += without_rows(item, derived)
             if without := law.drives().keys() & set(derived.vanished):
                 refused.append(f"'{item}': prescribed motion has no effect: " + ("its equation always holds; leave it out" if
-                    not without & set(derived.undefined) else "a point mass has no orientation; use s.rigid_body"))  # fmt: skip
+                    not without & set(derived.undefined) else "a point mass has no orientation; use s.rigid_body"))
         except LawError as error:
             if planar:
                 raise LawError(f"'{item}': {error}") from error
@@ -247,7 +247,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
 
 
 def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
-             item: str) -> tuple[Key, Instance]:  # fmt: skip
+             item: str) -> tuple[Key, Instance]:
     """The key of the group that a law belongs to, and its instance in the group. bodies, ends: the bodies of its frames and their
     nodes (None: ground); item: name of its item."""
     try:
@@ -271,7 +271,7 @@ def without_rows(item: str, d: Derived) -> list[str]:
         return []
     if d.undefined:
         return [f"'{item}': no row is left of this joint: {', '.join(d.undefined)} need an orientation, which a point mass does "
-                f"not have; use s.rigid_body, or omit the joint"]  # fmt: skip
+                f"not have; use s.rigid_body, or omit the joint"]
     return [f"'{item}': {type(d.law).__name__} states no row, so that it constrains nothing; state rows, or make it an mb.Force"]
 
 
@@ -281,7 +281,7 @@ def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
 
 
 def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str, str], Body],
-          nodes: Collection[Body]) -> list[tuple[Any, tuple[Body, ...], str]]:  # fmt: skip
+          nodes: Collection[Body]) -> list[tuple[Any, tuple[Body, ...], str]]:
     """Every law of the model with its bodies and the name of its item: elements, gravity, joints and forces, controllers."""
     out: list[tuple[Any, tuple[Body, ...], str]] = []
     for b in nodes:

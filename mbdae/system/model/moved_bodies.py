@@ -84,7 +84,7 @@ class Timeline:
 def expressions_of(model: Model) -> tuple[Expr, ...]:
     """Every expression of time in a model, each once."""
     found = [e for g, _, instance in model.instances() for value in instance.timed.values()
-             for e in used(value, by_rates(model.groups[g].derived))]  # fmt: skip
+             for e in used(value, by_rates(model.groups[g].derived))]
     found += [se.sympify(value) for line in model.lines for value in line.timed.values()]
     return tuple(dict.fromkeys(found))
 
@@ -132,14 +132,14 @@ class MovedBodies:
     trees too."""
 
     def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False,
-                 open: Open = Open.FEWEST) -> None:  # fmt: skip
+                 open: Open = Open.FEWEST) -> None:
         self.ordered, self.open = ordered, open
         self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
         outside = [(g, i, acting_on(inst)) for g, i, inst in model.instances() if (g, i) not in inside]
         idle = {(g, i) for g, i, nodes in outside if nodes and all(n in moved and n.body is None for n in nodes)
-                and not model.groups[g].key[1].feeds}  # fmt: skip
+                and not model.groups[g].key[1].feeds}
         loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in moved}
         loaded |= {n for line in model.lines for n in line.nodes if n in moved}
         self.replaced = frozenset(inside | idle)
@@ -181,11 +181,11 @@ class MovedBodies:
         return (row.group, row.instance) not in self.replaced and (row.group, row.instance, row.row) not in self.sharing.rows
 
     def numbering(self, model: Model, rows: list[Row], blocks: tuple[str, ...], derivatives: bool = False,
-                  loaded: bool = True, numbers: Mapping[str, float] | None = None) -> Numbering:  # fmt: skip
+                  loaded: bool = True, numbers: Mapping[str, float] | None = None) -> Numbering:
         """The numbering of the unknowns that remain. loaded: whether loaded nodes get slots for their motion; other arguments as
         in `Numbering`."""
         return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.replaced,
-                         self.constants, self.sharing, numbers or {})  # fmt: skip
+                         self.constants, self.sharing, numbers or {})
 
     def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
         """The plans of the kernels of whole trees, each with the trees of its structure; none where trees are evaluated joint by
@@ -249,7 +249,7 @@ def too_large(moved: MovedBodies) -> dict[str, str]:
             tree_plan(tree.structure)
         except OverflowError:
             why = (f"the equations of its tree of {len(tree.joints)} recursive joints take more than {OPERATIONS} operations, "
-                   f"where compiling costs more than it saves: kinematic joints are as fast there")  # fmt: skip
+                   f"where compiling costs more than it saves: kinematic joints are as fast there")
             found |= dict.fromkeys(tree.names, why)
     return found
 

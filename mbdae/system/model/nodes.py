@@ -61,7 +61,7 @@ def quaternion_product(a: Array, b: Array) -> Array:
     if a.ndim == b.ndim == 1:  # the formula below; for single quaternions Python numbers are much faster than arrays
         (s, x, y, z), (t, u, v, w) = a.tolist(), b.tolist()
         return np.array([s * t - (x * u + y * v + z * w), s * u + t * x + (y * w - z * v), s * v + t * y + (z * u - x * w),
-                         s * w + t * z + (x * v - y * u)])  # fmt: skip
+                         s * w + t * z + (x * v - y * u)])
     scalar = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
     vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
     return np.concatenate([scalar, vector], axis=-1)
@@ -94,7 +94,7 @@ def quaternion(R: Array) -> Array:
         [zy - yz, xx - yy - zz, xy + yx, xz + zx],
         [xz - zx, xy + yx, yy - xx - zz, yz + zy],
         [yx - xy, xz + zx, yz + zy, zz - xx - yy],
-    ])  # fmt: skip
+    ])
     P: Array = np.linalg.eigh(np.moveaxis(K, (0, 1), (-2, -1)))[1][..., -1]
     return np.where(P[..., :1] >= 0, P, -P)
 
@@ -110,7 +110,7 @@ def rotation_of(kind: NodeKind, q: Array) -> Array:
 
 
 def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
-           planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:  # fmt: skip
+           planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:
     """Kind of node and structure of axes of every frame of a law, and the numbers of the frames by name: in body axes, the
     joint's point, the joint's axes, and the heading of the body (rad, in the plane)."""
     if isinstance(law, Element):
@@ -176,7 +176,7 @@ def pattern(Q: Array) -> Axes:
         return Axes.IN_PLANE
     if abs(Q[2, 2]) < 1e-12:
         raise LawError(f"its axis is in the plane, but its x axis ({Q[0, 0]:.6g}, {Q[1, 0]:.6g}, {Q[2, 0]:.6g}) is not (0, 0, "
-                       "1); omit axis_x")  # fmt: skip
+                       "1); omit axis_x")
     raise LawError(f"its axis ({Q[0, 2]:.6g}, {Q[1, 2]:.6g}, {Q[2, 2]:.6g}) is neither in the plane nor normal to it")
 
 
@@ -240,7 +240,7 @@ class JointMotion:
         turned = 2 * np.arcsin(np.minimum(1.0, np.linalg.norm(P[1:])))
         return (f"its method `motion` moves the second body (l) by {np.linalg.norm(r):.3g} m and turns it by {turned:.3g} rad "
                 "where its coordinates are 0, but there both bodies have to be as drawn; state the motion without this offset, "
-                "or draw l there")  # fmt: skip
+                "or draw l there")
 
     def planar_turn(self, values: dict[str, float]) -> float:
         """Rotation of body l relative to k about z at these values of the coordinates, whole turns included, rad."""

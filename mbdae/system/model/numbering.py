@@ -60,7 +60,7 @@ def constraint_rows(model: Model) -> list[Row]:
         for g, group in enumerate(model.groups) if group.derived.rows
         for i, instance in enumerate(group.instances)
         for r, name in enumerate(group.derived.rows)
-    ]  # fmt: skip
+    ]
     order = {c.name: n for n, c in enumerate(model.scene.connections)}
     return sorted(rows, key=lambda row: order[model.groups[row.group].instances[row.instance].item])
 
@@ -81,7 +81,7 @@ class Numbering:
     def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
                  moved: Sequence[Node] = (), loaded: Sequence[Node] = (),
                  replaced: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
-                 sharing: Sharing | None = None, numbers: Mapping[str, float] | None = None) -> None:  # fmt: skip
+                 sharing: Sharing | None = None, numbers: Mapping[str, float] | None = None) -> None:
         self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)
         carried = set(moved)
         self.free = [node for node in model.nodes if node not in carried]
@@ -95,10 +95,10 @@ class Numbering:
         with_states = [(g, group, group.derived.states) for g, group in enumerate(model.groups) if group.derived.states]
         self.states = {(g, i, j): f"{instance.item}.{name}" for g, group, states in with_states
                        for i, instance in enumerate(group.instances) if (g, i) not in replaced
-                       for j, name in enumerate(states)}  # fmt: skip
+                       for j, name in enumerate(states)}
         self._state = {key: n for n, key in enumerate(self.states)}
         self._kept_state = {model.groups[g].instances[i].item: n for (g, i, _), n in self._state.items()
-                            if model.groups[g].instances[i].law.keeps_states}  # fmt: skip
+                            if model.groups[g].instances[i].law.keeps_states}
         self._row = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         self.stresses = [name for line in model.lines for name in line.stresses] if "z" in blocks else []
         sizes = {"q": self.nq, "u": self.nu, "s": len(self.states), "z": len(self.stresses)}
@@ -213,7 +213,7 @@ class Numbering:
         """Slots of the terms "wq" and "wu" of all loaded nodes."""
         return np.array([self.node_place(head, node, i) for node in self.model.nodes if node.name in self._loaded
                          for head, size in zip(("wq", "wu"), node.kind.sizes, strict=True) for i in range(size)],
-                        dtype=np.intp)  # fmt: skip
+                        dtype=np.intp)
 
     def node_of(self, target: Target, g: int, i: int) -> Node:
         """The node of a target (head such as "q", name of a frame, component) of instance i in group g."""
@@ -298,7 +298,7 @@ class Numbering:
         """(instances, parameters) values of the parameters among `inputs`, which have to be constant."""
         group, known = self.model.groups[g], self.form_numbers
         columns = [group.numbers[:, group.names_of_numbers[name]] if name in group.names_of_numbers
-                   else np.full(len(group.instances), known[name]) for name in inputs.parameters]  # fmt: skip
+                   else np.full(len(group.instances), known[name]) for name in inputs.parameters]
         return np.stack(columns, axis=1) if columns else np.empty((len(group.instances), 0))
 
     def scaling(self) -> Array:

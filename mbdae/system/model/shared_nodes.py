@@ -125,7 +125,7 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
 
 
 def _shared_rotations(model: Model, welded: list[tuple[int, int, list[Node]]],
-                      ) -> tuple[dict[str, Node], dict[str, Array], set[Any]]:  # fmt: skip
+                      ) -> tuple[dict[str, Node], dict[str, Array], set[Any]]:
     """Nodes that use the rotation unknowns of another node, nodes whose rotation is fixed as drawn, and the rows of welds thus
     satisfied. welded: group, instance and nodes of every weld whose nodes share displacements."""
     leads: dict[Node, Node] = {}
@@ -164,5 +164,5 @@ def _on_both(model: Model, instance: Instance) -> bool:
     if not stations & set(instance.nodes[:2]):
         return False
     offsets = [np.array([instance.numbers[f"{side}_p{i}"] for i in (1, 2, 3)])
-               for side, node in zip("kl", instance.nodes, strict=False) if node is not None]  # fmt: skip
+               for side, node in zip("kl", instance.nodes, strict=False) if node is not None]
     return all(float(np.max(np.abs(p))) <= ON * model.length for p in offsets)

@@ -52,7 +52,7 @@ class Tree:
         """Prescribed coordinates: number of the joint and of the coordinate in the tree, both from 1, and name of the parameter
         that prescribes it."""
         return [(j, link.first + n, link.law.drive_name(name)) for j, link in enumerate(self.structure.links, start=1)
-                for n, (name, driven) in enumerate(zip(link.coordinates, link.prescribed, strict=True)) if driven]  # fmt: skip
+                for n, (name, driven) in enumerate(zip(link.coordinates, link.prescribed, strict=True)) if driven]
 
     @property
     def rigid(self) -> tuple[str, ...]:
@@ -90,13 +90,13 @@ def refused(joints: list[Joined]) -> list[str]:
         for body in (k, l):
             if body.is_point and (body is k or any(c.unit(name) == "rad" for name in c.coordinates)):
                 found.append(f"{c.kind} '{c.name}': model=mb.Recursive() needs an orientation of '{body.name}', a point mass has "
-                             f"none; use s.rigid_body, or model=mb.Kinematic()")  # fmt: skip
+                             f"none; use s.rigid_body, or model=mb.Kinematic()")
         a, b = leader(k, leads), leader(l, leads)
         if a is b:
             taken = via.get(l) or via.get(k)
             found.append(f"{c.kind} '{c.name}': model=mb.Recursive() closes a loop: the motion of '{l.name}' relative to "
                          f"'{k.name}' already follows from other recursive joints (among them '{taken}'); use "
-                         f"model=mb.Kinematic() for one joint of the loop, or s.recursive() which chooses it")  # fmt: skip
+                         f"model=mb.Kinematic() for one joint of the loop, or s.recursive() which chooses it")
             continue
         leads[a] = b
         via.setdefault(l, c.name)
@@ -113,7 +113,7 @@ def find_trees(model: Model) -> list[Tree]:
     joints += _rigid(model, joints)
     carrying = {c.name for c, _, _ in joints}
     places = {instance.item: (g, i) for g, i, instance in model.instances()
-              if instance.item in carrying and isinstance(instance.law, Joint)}  # fmt: skip
+              if instance.item in carrying and isinstance(instance.law, Joint)}
     trees, seen = [], set()
     for root in _roots(joints, model.scene.ground):
         if root not in seen:
@@ -243,7 +243,7 @@ def _is_member(instance: Instance, structure: Structure, numbered: dict[Node, in
     law = instance.law
     touches = isinstance(law, Force) and law.has_gaps
     return (isinstance(law, Element | Force) and not (touches or law.states or law.own_coordinates or structure.feeds)
-            and all(n in numbered for n in moving) and any(numbered[n] > 0 for n in moving))  # fmt: skip
+            and all(n in numbered for n in moving) and any(numbered[n] > 0 for n in moving))
 
 
 def _member(model: Model, g: int, i: int, numbered: dict[Node, int]) -> Member:

@@ -100,7 +100,7 @@ class AllBodies:
     def _motion(self, W: Array, up: Array | None) -> tuple[Array, Array, Array]:
         if self.moved.ordered:
             raise internal("the bodies behind recursive joints were asked for as one function, where they are computed joint by "
-                           "joint", TypeError)  # fmt: skip
+                           "joint", TypeError)
         nb, model = self.numbering, self.model
         q, u, a = (np.zeros((len(W), n)) for n in (model.nq, model.nu, model.nu))
         q[:, nb.of_positions], u[:, nb.of_velocities] = W[:, : self.nq], W[:, self.nq : self.nq + self.nu]

@@ -69,7 +69,7 @@ def least_norm(B: Array, force: Array) -> Array:
 
 
 def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,
-                      E: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
+                      E: Array | None = None) -> tuple[Array, Array]:
     """u' (nt, nu), lambda (nt, m) of M u' + (G^T - slope) lambda = f (nt, nu), G u' - E lambda = -gamma (nt, m).
 
     M (nu, nu) or (nt, nu, nu); slope (nt, nu, m): derivative of friction by lambda; E: see `unique_multipliers`; units (nu,):
@@ -241,7 +241,7 @@ class Workspace:
         self._kept: list[Any] = [nb]
         self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns,
                            dotted=self.n, at=self.at, rates=rates_at, bad=-1, read=nb.model.conditions.read.ctypes.data,
-                           t=np.nan, side=np.nan, **slots)  # fmt: skip
+                           t=np.nan, side=np.nan, **slots)
         self.make("clock")
         self.address = ctypes.addressof(self.scene)
         (self._y, self._at_y), (self._yp, self._at_yp) = self.view(0, self.scene.n), self.view(self.n, self.scene.n)

@@ -198,7 +198,7 @@ class Mechanics(States):
         return f
 
     def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
-                      z: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
+                      z: Array | None = None) -> tuple[Array, Array]:
         """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; where lambda is not unique, the one of least
         norm, see `unique_multipliers`. s, z: as in `load`.
 

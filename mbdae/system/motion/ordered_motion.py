@@ -79,7 +79,7 @@ class OrderedMotion(_AtStates):
             ordered.accelerations(part, lambda k: numbering.n + numbering.nq + k, given=True)
             ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, place), tuple(starts))
             driven = [(place(tree.node(-c), head, 0), moved.slot(numbering, tree, ("clock", c, order)))
-                      for _, c, _ in tree.driven for order, head in enumerate(starts)]  # fmt: skip
+                      for _, c, _ in tree.driven for order, head in enumerate(starts)]
             part.set([to for to, _ in driven], [slot for _, slot in driven])
         self.ready(result, sum(self.sizes))
 
@@ -212,7 +212,7 @@ class OrderedMechanics(TreeMechanics):
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
             acceleration = np.concatenate([
                 self._by_order.values(e.workspace(t[part], qr[part], ur[part]), (self._by_order.force, f[part]))
-                for part in blocks(len(t), e.numbering.width)])  # fmt: skip
+                for part in blocks(len(t), e.numbering.width)])
             multipliers = np.zeros((len(t), self.m))
             self._joint_by_joint(t, q, f - acceleration @ self.mass, multipliers)
             return acceleration, multipliers
@@ -253,7 +253,7 @@ class OrderedMechanics(TreeMechanics):
                 self._one(tree, j, rows, G, {r: drives[key] for r, key in driven.items() if key in drives}, left, multipliers)
 
     def _one(self, tree: Tree, j: int, rows: dict[int, int], G: dict[tuple[int, int], Array], drives: dict[int, int],
-             left: Array, multipliers: Array) -> None:  # fmt: skip
+             left: Array, multipliers: Array) -> None:
         """Compute the multipliers of joint j of a tree. rows: row of the law -> number of its multiplier; G: (row of the law,
         velocity) -> entries (nt,); drives: row of the law that prescribes a coordinate -> number of this coordinate in the
         tree."""

@@ -54,7 +54,7 @@ class OrderedTree:
     mass matrix by laws outside of the tree."""
 
     def __init__(self, moved: MovedBodies, numbering: Numbering, tree: Tree, quaternion: bool = False,
-                 inertia: dict[tuple[int, int], float] | None = None) -> None:  # fmt: skip
+                 inertia: dict[tuple[int, int], float] | None = None) -> None:
         self.moved, self.numbering, self.tree, self.quaternion = moved, numbering, tree, quaternion
         self._inertia = inertia or {}
         self._base: dict[int, int] = {}
@@ -125,7 +125,7 @@ class OrderedTree:
     def unknowns(self) -> Index:
         """Numbers among the velocity unknowns of all freedoms of the tree, body by body."""
         return np.array([self.unknown(j, place) for run in self._runs for j in run
-                         for place in self.bodies[j].kernels.freedoms], dtype=np.intp)  # fmt: skip
+                         for place in self.bodies[j].kernels.freedoms], dtype=np.intp)
 
     # -- from the root outwards
 
@@ -184,7 +184,7 @@ class OrderedTree:
         return np.array(table, dtype=np.intp).reshape(len(run), len(kernel.inputs))
 
     def write_motion(self, part: Operations, nodes: Sequence[int], to: Callable[[int, str, int], int],
-                     heads: tuple[str, ...] = ("q", "u")) -> None:  # fmt: skip
+                     heads: tuple[str, ...] = ("q", "u")) -> None:
         """Append operations that write q, u and u' of the bodies `nodes` to the slots to(body, head, i). heads: which of "q",
         "u", "up"."""
         for kind in dict.fromkeys(map(self._kind, nodes)):
@@ -200,7 +200,7 @@ class OrderedTree:
         return first + kernel.column["a", directions(self._kind(j)).index(name)]
 
     def loads(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int], role: str = "wu",
-              to: Callable[[int, int], int] | None = None) -> None:  # fmt: skip
+              to: Callable[[int, int], int] | None = None) -> None:
         """Append operations that add what laws outside of the tree added to the rows of the bodies `nodes`, in slots row(body,
         i), to the forces on the bodies, or to the slots to(body, i). role: "wu" for rows of the equations of motion, "wq" for
         those of q'."""
@@ -214,7 +214,7 @@ class OrderedTree:
             part.add([[self.at(j, t) if to is None else to(j, t[1]) for t in kernel.targets] for j in alike], values)
 
     def corrections(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int],
-                    F: Callable[[int, Place], int]) -> None:  # fmt: skip
+                    F: Callable[[int, Place], int]) -> None:
         """Append operations for corrections of q' (the term G^T mu of the form GGL) that laws cause on the bodies `nodes`, in
         slots row(body, i): they are projected on the freedoms of all bodies that carry these and added to the slots F(body,
         freedom)."""
@@ -252,7 +252,7 @@ class OrderedTree:
             sums_of = np.array(to, dtype=np.intp).reshape(len(back), len(sums))
             part.hand_on(kernel, self._table(back, kernel, read), sums_of, first)
             pivots += [(self._kept[j][0] + kernel.column["pivot", k], self.unknown(j, place)) for j in back
-                       for k, place in enumerate(own.freedoms)]  # fmt: skip
+                       for k, place in enumerate(own.freedoms)]
         return pivots
 
     def _inner(self, part: Operations, force: Callable[[int], int]) -> Callable[[int, Place], int]:

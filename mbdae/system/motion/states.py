@@ -97,13 +97,13 @@ class States:
 
     def evaluate(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None,
                  multipliers: Array | None = None, groups: Sequence[int] | None = None,
-                 ) -> list[tuple[int, Any, Array]]:  # fmt: skip
+                 ) -> list[tuple[int, Any, Array]]:
         """Evaluate outputs of the laws. Returns (group, plan, values (nt, instances, outputs)) for every group whose laws have
         such outputs. outputs: selects them; groups: numbers of the groups, None: all."""
         parts = blocks(len(t), self.numbering.width)
         if len(parts) > 1:
             found = [self.evaluate(outputs, t[part], q[part], u[part], None if s is None else s[part],
-                                   None if multipliers is None else multipliers[part], groups) for part in parts]  # fmt: skip
+                                   None if multipliers is None else multipliers[part], groups) for part in parts]
             return [(g, p, np.concatenate([of[k][2] for of in found])) for k, (g, p, _) in enumerate(found[0])]
         W = self.workspace(t, q, u, s, multipliers)
         chosen = range(len(self.model.groups)) if groups is None else groups
@@ -261,7 +261,7 @@ def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 def gaps_of(mechanics: States, t: Array, q: Array, u: Array) -> dict[tuple[int, int], tuple[Array, Array]]:
     """(group, instance) of every contact law -> its gaps (m or rad) and their rates, (nt, contacts of the law) each."""
     return {(g, i): (values[:, i, ::2], values[:, i, 1::2]) for g, _, values in mechanics.evaluate(gap_outputs, t, q, u)
-            for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip
+            for i in range(len(mechanics.model.groups[g].instances))}
 
 
 ITERATIONS = 30
@@ -308,7 +308,7 @@ def solve_with_friction(mechanics: States, state: State, f: Array, solve: Solve)
 
 
 def _newton(mechanics: States, state: State, f: Array, solve: Solve, multipliers: Array,
-            share: float) -> tuple[Array, Array, NDArray[np.bool_]]:  # fmt: skip
+            share: float) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Newton's method from the given multipliers for `share` times the friction: u', lambda, and which multipliers (nt, m) have
     not converged."""
     for _ in range(ITERATIONS):
@@ -324,10 +324,10 @@ def _newton(mechanics: States, state: State, f: Array, solve: Solve, multipliers
 def _refusal(mechanics: States, left: NDArray[np.bool_]) -> str:
     """The error message that names the joints whose reactions have not converged."""
     places = {(g, i): mechanics.model.groups[g].instances[i].item
-              for g in mechanics.reactive for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip
+              for g in mechanics.reactive for i in range(len(mechanics.model.groups[g].instances))}
     unsettled = [(r.group, r.instance) for r, found in zip(mechanics.rows, np.any(left, axis=0), strict=True) if found]
     names = dict.fromkeys([places[p] for p in unsettled if p in places] or list(places.values()))
     listed = ", ".join(f"'{name}'" for name in list(names)[:4])
     return (f"friction and reaction of joint {listed} find no balance: friction raises the reaction that presses it by more than "
             f"itself (self-locking); take a smaller friction coefficient or radius, another place of the joint, or for a "
-            f"prismatic joint a given normal_force")  # fmt: skip
+            f"prismatic joint a given normal_force")

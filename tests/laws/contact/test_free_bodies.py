@@ -69,7 +69,7 @@ def test_a_can_comes_to_stand_and_gains_no_energy(tilt: float) -> None:
     s = mb.Scene("can", gravity=(0, 0, -G))
     can = s.rigid_body("can", m, (across, across, m * R**2 / 2), at=(0, 0, height), rotation=turn)
     s.contact("floor", s.ground, can, mb.Plane(), mb.Cylinder(axis=turn[:, 2], radius=R, length=L), normal=mb.Hertz(1e7, 5.0),
-              friction=mb.Coulomb(0.4, 1e-2))  # fmt: skip
+              friction=mb.Coulomb(0.4, 1e-2))
     r = s.simulate(1.0 if tilt < 0.1 else 3.0, solver=mb.RadauIIA(3, rtol=1e-5))
     assert np.max(np.abs(r.energy.balance)) < 1e-4 * m * G * height
     assert np.max(np.diff(r.energy.total)) < 1e-5
@@ -79,7 +79,7 @@ def test_a_can_comes_to_stand_and_gains_no_energy(tilt: float) -> None:
 
 
 @pytest.mark.parametrize("axis", [
-    (0.6, 0.8, 0), *(pytest.param(axis, marks=pytest.mark.slow) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))])  # fmt: skip
+    (0.6, 0.8, 0), *(pytest.param(axis, marks=pytest.mark.slow) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))])
 def test_cylinders_in_the_plane_and_in_space_move_alike(axis: tuple[float, ...]) -> None:
     found = []
     for space in ("planar", "spatial"):

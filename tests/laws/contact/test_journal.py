@@ -50,7 +50,7 @@ def touching(d: Derived, count: int, seed: int, given: dict[str, float]) -> Any:
 
 
 GIVEN = {"outer": 0.0501, "inner": 0.05, "length": 0.02, "normal_stiffness": 1e9, "normal_damping": 0.3, "friction_mu": 0.3,
-         "friction_v_c": 1e-3}  # fmt: skip
+         "friction_v_c": 1e-3}
 
 
 @pytest.mark.parametrize("length", [None, 0.02], ids=["one plane", "two ends"])
@@ -102,16 +102,16 @@ def test_slip_without_the_rotation_of_the_race_is_caught_by_the_energy(monkeypat
 
 
 @pytest.mark.parametrize("friction", [None, mb.Coulomb(0.3, 1e-3), mb.LuGre(0.2, 0.3, 1e-3, 1e5, 31.0)],
-                         ids=["none", "Coulomb", "LuGre"])  # fmt: skip
+                         ids=["none", "Coulomb", "LuGre"])
 @pytest.mark.parametrize("clearance", [1e-4, 0.0])
 def test_finite_where_pin_and_race_are_concentric_at_rest_or_just_touch(friction: Any, clearance: float) -> None:
     d = derived(PLANAR, friction=friction)
     p = linearised_plan(d, ggl_outputs)
     zero = dict.fromkeys([str(s) for f in d.frames for s in (*f.q, *f.u)], 0.0)
     given = GIVEN | {"outer": 0.05 + clearance, "friction_mu_k": 0.2, "friction_mu_s": 0.3, "friction_v_s": 1e-3,
-                     "friction_sigma0": 1e5, "friction_sigma1": 31.0, "state_z": 0.0, "statep_z": 0.0}  # fmt: skip
+                     "friction_sigma0": 1e5, "friction_sigma1": 31.0, "state_z": 0.0, "statep_z": 0.0}
     frames = {f"{side}_{name}": 1.0 if name in ("Qx1", "Qy2", "Qz3") else 0.0 for side in "kl"
-              for name in ("p1", "p2", "p3", "theta0", *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)))}  # fmt: skip
+              for name in ("p1", "p2", "p3", "theta0", *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)))}
     for x in (0.0, 1e-300, 1e-15, clearance, clearance * (1 + 1e-12) + 1e-12):
         values = {k: np.array([v]) for k, v in (zero | frames | given | {"l_r1": x}).items()}
         for kernel, inputs in ((p.residual, p.residual_inputs), (p.jacobian, p.jacobian_inputs)):
@@ -156,7 +156,7 @@ def test_growth_of_flutter_is_that_of_a_mass_with_two_freedoms(damping: float) -
     mu times it, into the other direction. Eigenvalues to first order in growth over frequency."""
     k, mass, depth, play, mu = 1e7, 2.0, 1e-3, 2e-5, 0.02
     law = JournalContact("D", None, None, outer=0.05 + play, inner=0.05, normal=LinearDamped(stiffness=k, damping=damping),
-                         friction=mb.Coulomb(mu, 1e-3))  # fmt: skip
+                         friction=mb.Coulomb(mu, 1e-3))
     f = k * depth
     across = f / (play + depth)
     K, C = np.array([[k, -mu * across], [mu * k, across]]), np.diag([damping, 0.0])

@@ -88,7 +88,7 @@ def test_a_box_comes_to_rest_on_its_corners() -> None:
     s = mb.Scene("box", gravity=(0, -G, 0))
     b = s.rigid_body("b", 1.0, 0.05 / 12, at=(0, 0.051), angular_velocity=(0, 0, 0.2))
     s.contact("floor", s.ground, b, mb.Plane(at=(0, 0), normal=(0, 1)), mb.Box(size=(0.2, 0.1)), normal=mb.Hertz(1e8, 5.0),
-              friction=mb.Coulomb(0.3, 1e-3))  # fmt: skip
+              friction=mb.Coulomb(0.3, 1e-3))
     r = s.simulate(0.5, 1e-4)
     assert r["floor"].force[-1, 1] == pytest.approx(G, rel=1e-2)
     assert r["floor"].gap.shape == (len(r.t), 4)
@@ -106,7 +106,7 @@ def test_thrown_balls_stay_in_their_room() -> None:
             for side in (-1, 1):
                 s.contact(f"wall {side * axis}", s.ground, b, mb.Plane(at=0.5 * side * axis, normal=-side * axis),
                           mb.Sphere(radius=radius), normal=mb.Hertz.restitution(1e10, 0.8, speed),
-                          friction=mb.Coulomb(0.2, 1e-2 * speed))  # fmt: skip
+                          friction=mb.Coulomb(0.2, 1e-2 * speed))
         r = s.simulate(2 / speed, 1e-4)
         at = r.prepared.states(r.solution.t, r.solution.y)[0][:, :3]
         assert np.max(np.abs(at[:, : 2 if planar else 3])) < 0.5 - radius + radius / 5
@@ -162,7 +162,7 @@ def test_bristles_hold_a_mass_on_a_planar_slope() -> None:
     s = mb.Scene("stuck", gravity=(0.2 * G, -G, 0))
     s.point_mass("b", 1.0, at=(0, -((G / 1e9) ** (2 / 3))))
     s.contact("floor", s.ground, "b", mb.Plane(at=(1, 0), normal=(0, 1)), mb.Point(), normal=STIFF,
-              friction=mb.LuGre(0.25, 0.3, 0.01, 1e5, 100.0))  # fmt: skip
+              friction=mb.LuGre(0.25, 0.3, 0.01, 1e5, 100.0))
     r = s.simulate(1.0)
     assert abs(r["b"].velocity[-1, 0]) < 1e-6
     assert 0.2 / 1e5 < r["b"].position[-1, 0] < 1e-5  # the bristles give way by load over stiffness, and a little at first
@@ -171,7 +171,7 @@ def test_bristles_hold_a_mass_on_a_planar_slope() -> None:
 
 @pytest.mark.parametrize("shape", [
     mb.Plane(), mb.Sphere(at=(0, 0, -0.3), radius=0.3), mb.Cylinder(at=(0, 0, -0.3), axis=(0, 1, 0), radius=0.3, length=2.0),
-    mb.Cylinder(at=(0, 0, -0.5), axis=(0, 0, 1), radius=0.3, length=1.0)])  # fmt: skip
+    mb.Cylinder(at=(0, 0, -0.5), axis=(0, 0, 1), radius=0.3, length=1.0)])
 def test_forces_act_in_the_middle_of_the_overlap(shape: object) -> None:
     """A ball slides: the moment of friction about its centre over the friction is the distance of the place where both act."""
     R, depth, m, J = 0.1, 8e-3, 2.0, 0.01

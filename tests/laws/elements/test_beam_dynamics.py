@@ -65,7 +65,7 @@ def rotations(q):
     w, x, y, z = (q[:, 3:] / np.linalg.norm(q[:, 3:], axis=1, keepdims=True)).T
     return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
                      [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]).transpose(2, 0, 1)  # fmt: skip
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]).transpose(2, 0, 1)
 
 
 def invariants(S, q, u):
@@ -95,7 +95,7 @@ def motion(S, u0, t_end, rtol=1e-9):
 
 
 @pytest.mark.parametrize(("planar", "corner"), [
-    (True, False), (False, True), *(pytest.param(both, both, marks=pytest.mark.slow) for both in (True, False))])  # fmt: skip
+    (True, False), (False, True), *(pytest.param(both, both, marks=pytest.mark.slow) for both in (True, False))])
 def test_free_flight_keeps_energy_and_momenta(structure, planar, corner):
     S, u0 = flight(structure, FLYING, planar, corner=corner)
     kinetic, elastic, momentum, spin = zip(*(invariants(S, q, u) for q, u in motion(S, u0, 2.0)), strict=True)

@@ -19,7 +19,7 @@ INERTIA = {"mass_per_length": 1.0, "rotary_inertia": 1.0}
 PRINCETON = json.loads((Path(__file__).parent / "princeton_beam.json").read_text(encoding="utf-8"))
 #: Mattiasson 1981, cantilever elastica: P L^2 / EI, sag / L, shortening / L, tip angle
 ELASTICA = [(1.0, 0.30172077379981355, 0.056433236283377264, 0.4613519497118786),
-            (10.0, 0.8106090248802966, 0.5549955977537513, 1.4302855388038587)]  # fmt: skip
+            (10.0, 0.8106090248802966, 0.5549955977537513, 1.4302855388038587)]
 
 
 def bend(s):
@@ -96,7 +96,7 @@ def test_elastica_under_a_tip_load(structure, planar, load, sag, shortening, ang
 
 
 @pytest.mark.parametrize(("planar", "order"), [*((True, order) for order in (1, 2, 3)), (False, 1), (False, 2),
-                                               pytest.param(False, 3, marks=pytest.mark.slow)])  # fmt: skip
+                                               pytest.param(False, 3, marks=pytest.mark.slow)])
 def test_slenderness_does_not_lock(structure, planar, order):
     """Tip load P L^2 / EI = 3: the error is that of bending, whatever the thickness."""
     errors = []

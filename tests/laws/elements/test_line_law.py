@@ -122,7 +122,7 @@ def test_rigid_motion_leaves_the_strains(order):
     q = x[:, : 7 * (order + 1)].reshape(2, order + 1, 7)
     turn = np.array([0.3, -0.5, 0.7, 0.2])
     R = np.stack([product_of_quaternions(product_of_quaternions(turn, np.r_[0, e]), np.r_[turn[0], -turn[1:]])[1:]
-                  for e in np.eye(3)], axis=-1) / (turn @ turn)  # fmt: skip
+                  for e in np.eye(3)], axis=-1) / (turn @ turn)
     moved = np.concatenate([q[..., :3] @ R.T + [5.0, -3.0, 2.0], product_of_quaternions(turn, q[..., 3:])], axis=-1)
     y = np.hstack([moved.reshape(2, -1), x[:, 7 * (order + 1) :]])
     before, after = (kernel.values(a)[:, 6 * (order + 1) :] for a in (x, y))
@@ -184,7 +184,7 @@ def test_planar_is_spatial_in_the_plane():
     theta, slope = 0.7, 1.9
     half, c, s = slope / 2, np.cos(theta / 2), np.sin(theta / 2)
     values = {"theta": theta, "theta_xi": slope, "r1_xi": 0.4, "r2_xi": 1.1, "r3_xi": 0.0, "ds": 1.3, "weight": 0.6,
-              "P1": c, "P2": 0, "P3": 0, "P4": s, "P1_xi": -s * half, "P2_xi": 0, "P3_xi": 0, "P4_xi": c * half}  # fmt: skip
+              "P1": c, "P2": 0, "P3": 0, "P4": s, "P1_xi": -s * half, "P2_xi": 0, "P3_xi": 0, "P4_xi": c * half}
     values |= {f"{kind}_{n}": 0.3 for kind in ("compliance", "reference") for n in STRESSES} | dict.fromkeys(STRESSES, 0.0)
     rows = [dict(zip(d.stresses, (float(e.subs(values)) for e in d.rows), strict=True)) for d in (spatial, planar)]
     assert {n: rows[0][n] for n in planar.stresses} == pytest.approx(rows[1])

@@ -24,7 +24,7 @@ def rotation(P):
     w, x, y, z = P / np.linalg.norm(P)
     return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
                      [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])  # fmt: skip
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
 
 
 def circle(s):
@@ -142,7 +142,7 @@ def test_axis2():
 
 @pytest.mark.parametrize("points", [
     [(0, 0, 0), (0, 0, 2)], [(0, 0, 0), (0, 0, 2), (0, 1, 3)], [(0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 1, 1)],
-])  # fmt: skip
+])
 def test_default_axes_exist_in_space(points):
     mesh = polyline(points, 4, 2)
     assert np.all(np.isfinite(mesh.quaternions))
@@ -155,7 +155,7 @@ def test_mass_of_a_rigid_motion(points):
     mesh = polyline(points, [2, 3], 2)
     M, omega, velocity = mass_blocks(mesh, NUMBERS, NodeKind.SPATIAL), np.array([0.3, -0.7, 1.1]), np.array([1.0, 2.0, -1.0])
     u = np.array([np.r_[velocity + np.cross(omega, r), rotation(P).T @ omega]
-                  for r, P in zip(mesh.positions, mesh.quaternions, strict=True)])  # fmt: skip
+                  for r, P in zip(mesh.positions, mesh.quaternions, strict=True)])
     local = u[mesh.elements].reshape(len(M), -1)
     energy = np.einsum("mi,mij,mj->", local, M, local)
     exact = 0.0

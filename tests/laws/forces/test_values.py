@@ -191,7 +191,7 @@ def test_forces_on_a_coordinate_that_is_an_unknown_act_on_it_alone() -> None:
     """The rows that tie the coordinate to the bodies carry them there: -load, stiffness (c - rest), damping c'."""
     given = {"load": 3.0, "stiffness": 2.0, "rest": 0.2, "turns": 0.0, "damping": 0.7}
     laws = {forces.JointLoad: lambda c, cd: -3.0, forces.JointSpring: lambda c, cd: 2.0 * (c - 0.2),
-            forces.JointDamper: lambda c, cd: 0.7 * cd}  # fmt: skip
+            forces.JointDamper: lambda c, cd: 0.7 * cd}
     for law, expected in laws.items():
         d = derived(law, **{name: value for name, value in given.items() if name in law.params}, joint=joints.Revolute, kept=True)
         values = States(d, given, np.random.default_rng(22), 6).values
@@ -298,7 +298,7 @@ DEPTHS = np.array([1e-4, -1e-4, 0.01, -0.1, 0.05, 0.1, 0.2, 0.3])  #: m, of the 
 def pin(length: float | None, seed: int) -> tuple[Derived, dict[str, Array]]:
     """A pin of 0.5 m in races of other radii, so that where the force acts shows in the moments, at these depths."""
     d = derived(JournalContact, outer=1.0, inner=INNER, length=length, normal=mb.Hertz(200.0, damping=0.3),
-                friction=mb.Coulomb(MU, V_C))  # fmt: skip
+                friction=mb.Coulomb(MU, V_C))
     values = States(d, HERTZ | {"length": 0.4}, np.random.default_rng(seed), len(DEPTHS)).values
     for i, depth in enumerate(DEPTHS):
         k, l = side(d, 0, values, i), side(d, 1, values, i)
@@ -337,10 +337,10 @@ def test_what_is_seen_of_a_pin_in_its_race(length: float | None) -> None:
         parts = [touch(k, l, shift, outer) for shift in ends(l, length)]
         expected = {("orbit", 0): k.A[:, 0] @ (l.r - k.r), ("orbit", 1): k.A[:, 1] @ (l.r - k.r),
                     ("friction", 0): sum(-c.friction @ c.sliding for c in parts),
-                    ("impact", 0): sum((c.normal - 200.0 * max(0.0, c.depth) ** 1.5) * c.rate for c in parts)}  # fmt: skip
+                    ("impact", 0): sum((c.normal - 200.0 * max(0.0, c.depth) ** 1.5) * c.rate for c in parts)}
         for end, c in enumerate(parts):
             read = {"gap": -c.depth, "gap_rate": -c.rate, "normal_force": c.normal, "slip": c.sliding @ c.t,
-                    "friction_force": c.friction @ c.t, "friction_power": -c.friction @ c.sliding}  # fmt: skip
+                    "friction_force": c.friction @ c.t, "friction_power": -c.friction @ c.sliding}
             expected |= {(name, end): value for name, value in read.items()}
         assert {target: column[i] for target, column in numbers.items()} == pytest.approx(expected, rel=1e-8, abs=1e-9)
 

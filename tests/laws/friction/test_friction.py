@@ -20,7 +20,7 @@ V = se.Symbol("v")
 def numeric(law: Any, e: Any) -> Any:
     """A statement of a law as a function of v and z."""
     return se.Lambdify([V, se.Symbol("state_z")], [e.subs({se.Symbol(f"f_{p}"): value for p, value in law.values().items()
-                                                          if isinstance(value, float)})])  # fmt: skip
+                                                          if isinstance(value, float)})])
 
 
 def stated(law: Any) -> Any:
@@ -129,7 +129,7 @@ def test_elastic_impact_and_rest_of_a_hertz_contact() -> None:
 
     leaves.terminal, leaves.direction = True, -1  # type: ignore[attr-defined]
     run = solve_ivp(lambda t, y: [y[1], -3e8 * max(y[0], 0.0) ** 1.5 / mass], (0, 1), [0.0, speed], events=leaves,
-                    rtol=1e-10, atol=1e-14, max_step=1e-5)  # fmt: skip
+                    rtol=1e-10, atol=1e-14, max_step=1e-5)
     depth, duration = law.impact(mass, speed)
     assert depth == pytest.approx(run.y[0].max(), rel=1e-4)  # the largest of the steps
     assert duration == pytest.approx(run.t[-1], rel=1e-6)
@@ -149,7 +149,7 @@ def test_elastic_impact_and_rest_of_a_hertz_contact() -> None:
     (lambda: mb.Hertz(1e9, -1.0), "damping = -1 s/m is negative"),
     (lambda: mb.Hertz.restitution(1e9, 1.2, 1.0), "e = 1.2"),
     (lambda: mb.Hertz.restitution(1e9, 0.5, 0.0), "v = 0.0 is not positive"),
-])  # fmt: skip
+])
 def test_values_that_cannot_be_meant_are_refused_by_name(make: Any, words: str) -> None:
     with pytest.raises(mb.LawError) as caught:
         make()
@@ -160,7 +160,7 @@ def test_values_that_cannot_be_meant_are_refused_by_name(make: Any, words: str) 
     ({"damping_decay": False}, "creates energy above 0.0038 m/s"),
     ({"v_s": 0.03}, "exceeds 4 sqrt(2 e) mu_k"),
     ({"sigma0": 100.0}, "a stiffness over the normal force"),
-])  # fmt: skip
+])
 def test_values_that_can_create_energy_or_have_odd_units_are_told(values: dict[str, Any], words: str) -> None:
     given = {"mu_k": 0.3, "mu_s": 0.4, "v_s": 1e-3, "sigma0": 1e5, "sigma1": 316.2}
     with warnings.catch_warnings():

@@ -16,7 +16,7 @@ CLOSE = 1e-8
 @pytest.mark.parametrize("errors", [
     shafts.errors, jack.free, gears.planetary_errors, gears.differential_errors, gears.rack_errors, gears.arm_errors,
     gears.mill_errors,
-], ids=lambda f: f"{f.__module__}.{f.__name__}")  # fmt: skip
+], ids=lambda f: f"{f.__module__}.{f.__name__}")
 def test_closed_forms(errors):
     wrong = {name: error for name, error in errors() if not error < CLOSE}
     assert not wrong
@@ -58,7 +58,7 @@ def test_a_spindle_too_light_for_its_friction_finds_no_balance():
     s = mb.Scene("jack", gravity=(0, 0, -10.0))
     nut = s.rigid_body("load", 100.0, (1.0, 1.0, 1e-6), at=(0, 0, 0))
     s.screw("thread", s.ground, nut, at=(0, 0, 0), axis=(0, 0, 1), lead=0.005, friction=mb.Coulomb(0.12, 1e-4), radius=0.012,
-            start_rate=-5.0)  # fmt: skip
+            start_rate=-5.0)
     with pytest.raises(mb.SolverError, match=r"'thread'.*self-locking"):
         prepare(s)
 

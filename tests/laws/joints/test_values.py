@@ -68,7 +68,7 @@ def tied(name: str, along: Array, S: Array, c: float) -> float:
 
 
 def expected(law: Any, kept: bool, u: Array, K: Array, L: Array, drive: dict[str, float],
-             own: dict[str, float], R: Array) -> dict[str, float]:  # fmt: skip
+             own: dict[str, float], R: Array) -> dict[str, float]:
     """All rows any joint has: displacements along axes, cosines between axes, what is left of a coordinate."""
     S, along = K.T @ L, K.T @ u  # l's axes and d, seen from k
     rows = dict(zip("xyz", u, strict=True)) | {"offset_x": along[0], "offset_y": along[1], "axial": along[2], "offset": along[2]}
@@ -111,7 +111,7 @@ def read(d: Derived) -> list[tuple[Target, Expr]]:
     """The coordinates and what is positive on the branch that is meant."""
     v = d.variation
     return [*(((f"coordinate {name}",), e) for name, e in d.coordinates.items()),
-            *(((name,), v.resolve(v.name(e))) for name, e in d.law.positives(*d.sides).items())]  # fmt: skip
+            *(((name,), v.resolve(v.name(e))) for name, e in d.law.positives(*d.sides).items())]
 
 
 @pytest.mark.parametrize("angle", [0.3, 2.8, -2.9])
@@ -143,7 +143,7 @@ def test_branches_of_a_universal_joint_as_drawn_and_with_the_pin_of_l_turned_ove
 
 
 @pytest.mark.parametrize(("law", "kept"), [(joints.Prismatic, False), (joints.Prismatic, True), (joints.FixedOrientation, False),
-                                           (joints.Weld, False)])  # fmt: skip
+                                           (joints.Weld, False)])
 def test_half_turns_that_the_rows_would_admit(law: Any, kept: bool) -> None:
     """The rows vanish upright and after half a turn about k.z; one of the branches tells them apart."""
     d, rows = derived(law, kept), [i for i, name in enumerate(derived(law, kept).rows) if name in ("tilt_y", "tilt_x", "twist")]
