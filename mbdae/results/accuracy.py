@@ -166,6 +166,43 @@ class RunInfo:
     events: tuple[Event, ...] = ()
 
 
+class OfRun:
+    """How a run went, as its result tells it; info: how it was made."""
+
+    info: RunInfo
+    solution: Solution
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Accuracy asked, estimated and verified, and what it covers."""
+        return self.info.accuracy
+
+    @property
+    def stats(self) -> Stats:
+        """Steps, evaluations and CPU time of the run returned."""
+        return self.info.stats
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before trusting the result, one sentence per warning."""
+        return self.info.warnings
+
+    @property
+    def complete(self) -> bool:
+        """False where the run was stopped before its end."""
+        return self.solution.complete
+
+    @property
+    def reliable(self) -> bool | None:
+        """True where the run is complete, its error is estimated and within the accuracy asked (`accuracy.met`), and nothing
+        speaks against it; None where its error is not known, as after a run with a tolerance or a step of its own. False where
+        the accuracy is missed or the run was stopped; of a scene, where the energy balance is off by more than a tenth of what
+        contact and friction dissipate (with constant steps: of the energy exchanged); where a joint is off by more than a
+        thousandth of the scene's length, or rad, and by more than the accuracy allows; or where steps passed over a contact, or
+        damped one that friction makes unstable."""
+        return self.accuracy.met if self.info.reliable and self.complete else False
+
+
 EQUATIONS = "how far the equations themselves differ from the real system cannot be estimated by a solver"
 
 
@@ -189,7 +226,7 @@ class UnknownsAccuracy(Accuracy):
         return {"unknowns": self.motion}
 
 
-class Unknowns(ListsAttributes):
+class Unknowns(OfRun, ListsAttributes):
     """The unknowns of own equations over time: `r["x"]` (nt,) by name, `r.y` (nt, n) all, at the times `r.t` (nt,), s;
     `r(t)` the result at other times.
 
@@ -203,32 +240,6 @@ class Unknowns(ListsAttributes):
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns, in the order of y."""
         return self.solution.names
-
-    @property
-    def accuracy(self) -> Accuracy:
-        """Accuracy asked and estimated, and whether the run covers it."""
-        return self.info.accuracy
-
-    @property
-    def stats(self) -> Stats:
-        """Steps, evaluations and CPU time of the run returned."""
-        return self.info.stats
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What to know before trusting the result, one sentence per warning."""
-        return self.info.warnings
-
-    @property
-    def complete(self) -> bool:
-        """False where the run was stopped before its end."""
-        return self.solution.complete
-
-    @property
-    def reliable(self) -> bool | None:
-        """True where the run is complete, its error is estimated and within the accuracy asked, and nothing speaks against it;
-        None where its error is not known, as after a run with a tolerance or a step of its own; else False."""
-        return self.accuracy.met if self.info.reliable and self.complete else False
 
     def __getitem__(self, name: str) -> Array:
         wanted = option("name", name, text, f"name an unknown: {', '.join(self.names)}")

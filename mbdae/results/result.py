@@ -10,10 +10,10 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, SceneError, unknown_name
 from mbdae.inputs.sensed import symbol
-from mbdae.integrators.solution import Solution, Stats
+from mbdae.integrators.solution import Solution
 from mbdae.laws.contact import Contact
 from mbdae.notation import counted, rows, titled
-from mbdae.results.accuracy import Accuracy, Drift, Event, RunInfo
+from mbdae.results.accuracy import Drift, Event, OfRun, RunInfo
 from mbdae.results.beams import BeamSensor
 from mbdae.results.clearance import ClearanceSensor, ContactSensor
 from mbdae.results.contacts import Peak, peak
@@ -35,7 +35,7 @@ from mbdae.values import file_to_write, number, of_class, option, optional, show
 ATTACHED: dict[str, Callable[..., Any]] = {}
 
 
-class Result(RunStates, ListsAttributes):
+class Result(OfRun, RunStates, ListsAttributes):
     """A simulated scene. `r["name"]` gives the sensors of a body, joint or force, `r["beam.at(0.5)"]` those of a place on a
     body or beam; `r(t)` the result at other times."""
 
@@ -55,31 +55,11 @@ class Result(RunStates, ListsAttributes):
     # -- how it went
 
     @property
-    def accuracy(self) -> Accuracy:
-        """Accuracy asked, estimated and verified, and what it covers."""
-        return self.info.accuracy
-
-    @property
-    def stats(self) -> Stats:
-        """Steps, evaluations and CPU time of the run returned."""
-        return self.info.stats
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting the result, one sentence per warning; also about quantities that were read and whose error
         is above the accuracy."""
         errors = self.info.accuracy.errors
         return (*self.info.warnings, *(errors.told.values() if errors is not None else ()))
-
-    @property
-    def reliable(self) -> bool | None:
-        """True where the run is complete, its error is estimated and within the accuracy asked (`accuracy.met`), and nothing
-        speaks against it; None where its error is not known, as after a run with a tolerance or a step of its own. False where
-        the accuracy is missed or the run was stopped; where the energy balance is off by more than a tenth of what contact and
-        friction dissipate (with constant steps: of the energy exchanged); where a joint is off by more than a thousandth of the
-        scene's length, or rad, and by more than the accuracy allows; or where steps passed over a contact, or damped one that
-        friction makes unstable."""
-        return self.accuracy.met if self.info.reliable and self.complete else False
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -96,11 +76,6 @@ class Result(RunStates, ListsAttributes):
     def start(self) -> Start:
         """The consistent start; `start.changes` names what had to be moved for it."""
         return self.prepared.start
-
-    @property
-    def complete(self) -> bool:
-        """False where the run was stopped before its end."""
-        return self.solution.complete
 
     def state_for(self, scene: SceneData, t: float | None = None) -> Start:
         """The state at t (s; default: the end) as the start of a run of `scene`: the same bodies, with the same or fewer joints
