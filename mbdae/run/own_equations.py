@@ -136,15 +136,17 @@ class OwnRun:
     def _closer_where_it_fails(self, solver: Solver, asked: Asked) -> Controlled:
         """A run to the accuracy; where it fails, to smaller ones: an unknown that is off by what is allowed may be where the
         equations have no solution, as a concentration below 0."""
-        for smaller in RETRIED:
+        asked_for = self.accuracy
+        *first, last = dict.fromkeys(min(asked_for, max(smaller * asked_for, LEAST)) for smaller in RETRIED)
+        for accuracy in first:
             try:
-                return run_controlled(self.system, None, solver, max(smaller * self.accuracy, LEAST), asked, self.times)
+                return run_controlled(self.system, None, solver, accuracy, asked, self.times)
             except FINAL:
                 raise
             except SolverError:
-                if smaller == RETRIED[-1] or math.isfinite(asked.max_residuals):
+                if math.isfinite(asked.max_residuals):
                     raise
-        raise AssertionError
+        return run_controlled(self.system, None, solver, last, asked, self.times)
 
     def chosen(self) -> tuple[Controlled, str]:
         """The run of the first solver that meets the accuracy, else the one with the smallest error; and why it was chosen."""
