@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from mbdae.cli.streams import REPORTS, UsageError
-from mbdae.cli.userfile import scene_of, user_file
+from mbdae.cli.userfile import compare_file, map_of_file, scene_of, user_file
 from mbdae.errors import OptionError, SolverError, meant
 
 # -- commands
@@ -72,8 +72,6 @@ def run(a: argparse.Namespace) -> int:
 
 def compare(a: argparse.Namespace) -> int:
     """Compare solvers; 1 where a run failed, an accuracy was reached by none, or the reference is not confirmed."""
-    from mbdae.cli.comparison import compare_file
-
     out, module = _folder(a.out), _load(a)
     t_end, scene = _t_end(a, module), _scene(a, module)
     w = compare_file(module, scene, t_end, accuracies=a.accuracies, resume=_resume(a))
@@ -84,12 +82,10 @@ def compare(a: argparse.Namespace) -> int:
 
 def extremes(a: argparse.Namespace) -> int:
     """Run every joint model, form and solver at the extreme values in `vary` of FILE; 1 where a run was silently wrong."""
-    from mbdae.cli.comparison import map_of_file
-
     out, module = _folder(a.out), _load(a)
     t_end = _t_end(a, module)
     _scene(a, module)
-    m = map_of_file(module, t_end, accuracy=a.accuracy, max_wall=a.max_wall, resume=_resume(a))
+    m = map_of_file(module, t_end, accuracy=a.accuracy, max_wall=a.max_wall, resume=_resume(a), budget=a.budget)
     _write_and_print(a, m, {".json": m.to_json, ".html": m.to_html}, out, "extremes")
     return 1 if m.silent else 0
 

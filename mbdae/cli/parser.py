@@ -84,6 +84,7 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("--accuracy", type=_positive, help="bound of the error over the run (default: that of FILE, else 1e-5)")
     p.add_argument("--max-wall", type=_positive, metavar="S", help="wall time of a run in s (default 20)")
     p.add_argument("--resume", type=_name, metavar="FILE.json", help="file that keeps every finished value of the map")
+    p.add_argument("--budget", type=_positive, metavar="S", help="wall time in s after which no further value is begun")
     _common(p, "folder for the page (.html) and its data (.json)")
     _report(commands, do.report)
     _validate(commands, do.validate)

@@ -189,3 +189,37 @@ def _is_own(path: Path, folder: Path) -> bool:
 
 def _a(value: Any) -> str:
     return "nothing" if value is None else type(value).__name__
+
+
+def compare_file(module: ModuleType, scene: Any, t_end: float, **options: Any) -> Any:
+    """The comparison, with a progress bar on a terminal; for options that are None the file's or the default values are used."""
+    from mbdae.compare import compare
+
+    stated = _stated(module, ("runs", "measure"))
+    return _with_bar(compare, "compare", scene, t_end, stated | _given(options))
+
+
+def map_of_file(module: ModuleType, t_end: float, **options: Any) -> Any:
+    """The map of extremes, with a progress bar and options as in `compare_file`."""
+    from mbdae.extremes import extremes
+
+    stated = _stated(module, ("vary", "runs", "measure", "accuracy"))
+    return _with_bar(extremes, "extremes", module.scene, t_end, stated | _given(options))
+
+
+def _stated(module: ModuleType, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(module, name) for name in names if hasattr(module, name)}
+
+
+def _given(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _with_bar(work: Any, name: str, scene: Any, t_end: float, options: dict[str, Any]) -> Any:
+    from mbdae.run.checkpoint import bar
+
+    shown = bar()
+    try:
+        return work(scene, t_end, progress=lambda done, total, label: shown.show(done / total, name, label), **options)
+    finally:
+        shown.close()

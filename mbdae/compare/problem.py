@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -11,40 +10,35 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.run import Equations, Run, peak_bytes, reset_peak
+from mbdae.compare.measures import (
+    Energies,
+    JointForces,
+    Measure,
+    Motion,
+    Reference,
+    Sensor,
+    Unknown,
+    named_measures,
+    unknowns_of,
+)
+from mbdae.compare.run import Equations, Run, Timed, peak_bytes, reset_peak, resolution, timed
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.formulations import Form, default_form
 from mbdae.integrators.base import Solver, end_after
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.solution import Solution, scaled_distance
+from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
 from mbdae.results.stored_parts import started
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
-from mbdae.scene.sensed import measured
 from mbdae.show.plots import numbers
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import prepare
-from mbdae.system.sampling import motion_distance
-from mbdae.values import array, function, number, option, optional, shown, text
+from mbdae.values import array, function, number, option, optional, shown
 
 GRID = 1001  #: number of times at which trajectories are compared
-#: a compared run is timed a second time where the first took less CPU time (s) than this; runs for a reference are made once
-SHORT = 0.5
 FEW = 10  #: largest number of joints for which the classical model is among the default runs
-WHOLE_SCENE = "motion of the bodies: positions over the scene's length, angles in rad, velocities over the largest typical speed"
-WHOLE_SYSTEM = "every unknown but multipliers, over its scale"
-
-
-@dataclass(frozen=True)
-class Timed:
-    """A finished run: the least CPU time of its repeats (s), largest minus least CPU time (s), and peak memory of the process
-    (bytes)."""
-
-    solution: Solution
-    cpu_s: float
-    spread_s: float | None
-    peak_bytes: int | None
+MANY = 100  #: largest number of joints whose forces are compared where no measure is named
 
 
 @dataclass
@@ -55,7 +49,7 @@ class Problem:
     scene: SceneData | None
     stated: Equations
     t_end: float
-    measure: str | None
+    measures: tuple[Measure, ...]  #: the first is that by which runs are ranked
     max_wall: float | None
     variants: dict[str, Equations | MbdaeError] = field(default_factory=dict)
     spent: float = 0.0  #: CPU time in solver calls, s, repeats included
@@ -68,10 +62,13 @@ class Problem:
     @property
     def what(self) -> str:
         """Definition of the error in words, with its unit."""
-        if self.measure is None:
-            return WHOLE_SCENE if self.scene is not None else WHOLE_SYSTEM
-        unit = measured(self.scene, self.measure)[1]
-        return f"largest difference of {self.measure}" + (f" [{unit}]" if unit else "")
+        return self.measures[0].what
+
+    @property
+    def measure(self) -> str | None:
+        """Name of the sensor or unknown by which runs are ranked; None for the whole motion."""
+        first = self.measures[0]
+        return first.name if isinstance(first, Sensor | Unknown) else None
 
     @property
     def times(self) -> Array:
@@ -148,42 +145,62 @@ class Problem:
         return Equations(prepare(self.scene.replace(*own, model=Kinematic()), t_end=self.t_end))
 
     def solve(self, solver: Solver, form: Form | None, equations: Equations | None = None, repeat: bool = True) -> Timed:
-        """Execute a run; a short one twice, to take the smaller CPU time."""
-        system, seconds = (equations or self.stated).for_solver(form, solver), []
-        told = reset_peak()
-        for _ in range(2 if repeat else 1):
-            begin = time.process_time()
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", AccuracyWarning)  # the error is measured against the reference instead
-                    solution = solver.solve(system, self.t_end, max_wall=self.max_wall)
-            finally:
-                seconds.append(time.process_time() - begin)
-                self.spent += seconds[-1]
-            if seconds[0] >= SHORT:
-                break
-        spread = max(seconds) - min(seconds) if len(seconds) > 1 else None
-        return Timed(solution, min(seconds), spread, peak_bytes() if told else None)
+        """Execute a run; a short one until its CPU time and the spread of that are known."""
+        system, told = (equations or self.stated).for_solver(form, solver), reset_peak()
+
+        def solve() -> Solution:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", AccuracyWarning)  # the error is measured against the reference instead
+                return solver.solve(system, self.t_end, max_wall=self.max_wall)
+
+        made = timed(solve, self.tick if repeat else None, self.spend)
+        return replace(made, peak_bytes=peak_bytes() if told else None)
+
+    def spend(self, seconds: float) -> None:
+        """Count CPU time in solver calls, s."""
+        self.spent += seconds
+
+    def loose(self, run: Run | None) -> str:
+        """The joint models of a run in words where, unlike those of the scene as stated, some are not ideal or all are: what it
+        models is then something else. Else ""."""
+        if run is None or not run.models or self.scene is None:
+            return ""
+        try:
+            changed = with_models(self.scene, run)
+        except MbdaeError:  # said where its equations are made
+            return ""
+        stated, own = ({c.name: repr(c.model) for c in s.joints if not getattr(c.model, "ideal", True)}
+                       for s in (self.scene, changed))
+        return "" if own == stated else run.model_label or ""
+
+    @cached_property
+    def tick(self) -> float:
+        """Resolution of the clock of CPU time in this process, s."""
+        return resolution()
 
     def values(self, solution: Solution, equations: Equations | None = None, times: Array | None = None) -> Array:
-        """Values (nt, ...) of a run that are compared, at times (nt,), by default `self.times`: those of the sensor `measure`,
-        else positions and velocities of the bodies (of a System all unknowns)."""
-        own, t = equations or self.stated, self.times if times is None else times
-        if self.scene is None:
-            return solution(t)
-        if self.measure is not None:
-            return own.sensor(solution, self.measure, t)
-        return own.motion_as_in(self.yardstick, t, solution(t))
+        """Values (nt, ...) of the first measure of a run at times (nt,), by default `self.times`."""
+        t = self.times if times is None else times
+        return self.measures[0].read(self, equations or self.stated, solution, t)
+
+    def all_values(self, solution: Solution, equations: Equations | None = None) -> list[Array | None]:
+        """Values of every measure of a run; None where one of those behind the first cannot be read."""
+        found: list[Array | None] = [self.values(solution, equations)]
+        for measure in self.measures[1:]:
+            try:
+                found.append(measure.read(self, equations or self.stated, solution, self.times[:: measure.every]))
+            except MbdaeError:
+                found.append(None)
+        return found
 
     def error(self, values: Any, reference: Any) -> float:
-        """Largest difference over time between `values` and `reference` (nt, ...), in the unit of `what`."""
-        if self.measure is None:
-            prepared = self.yardstick.prepared
-            if prepared is None:
-                return float(np.max(scaled_distance(self.yardstick.system(None), values, reference)))
-            a, b = (np.split(v, [prepared.mechanics.nq], axis=1) for v in (values, reference))
-            return float(np.max(motion_distance(prepared, (a[0], a[1]), (b[0], b[1]))))
-        return float(np.max(np.abs(values - reference)))
+        """Largest difference over time of the first measure between `values` and `reference` (nt, ...), in the unit of `what`."""
+        return self.measures[0].apart(self, values, reference)
+
+    def errors(self, values: Sequence[Any], reference: Sequence[Any]) -> dict[str, float]:
+        """Largest differences over time by the names of measures; without those that are not known of both."""
+        return {m.name: m.apart(self, a, b) for m, a, b in zip(self.measures, values, reference, strict=True)
+                if a is not None and b is not None}
 
 
 def with_models(scene: Any, run: Run) -> Any:
@@ -197,26 +214,29 @@ def with_models(scene: Any, run: Run) -> Any:
 SECONDS = "give a positive number of seconds of wall time, or None"
 
 
-def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Problem:
-    """The problem of a scene or a System, with its options checked; OptionError for wrong ones."""
+def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool = True) -> Problem:
+    """The problem of a scene or a System, with its options checked; OptionError for wrong ones. measure: a name, or several;
+    alone: whether without a name nothing but the motion is compared."""
     given = scene if isinstance(scene, System) else None
     if given is None and not isinstance(scene, SceneData):
         raise OptionError(f"scene = {shown(scene)}: give a mb.Scene or a System such as mb.DAE")
-    sensor = optional("measure", measure, text, "name a sensor such as 'C.angle', or None for the motion of the bodies")
-    if given is not None and sensor is not None:
-        raise OptionError(f"measure = {shown(measure)}: a System has no sensors: leave it out, the error is that of all unknowns")
+    named = named_measures(measure)
     end = end_after(given.t0 if given is not None else 0.0, t_end)
     wall = optional("max_wall", max_wall, number, SECONDS, above=0)
     if given is not None:
-        return Problem(None, Equations(None, given), end, None, wall)
+        return Problem(None, Equations(None, given), end, unknowns_of(given, named), wall)
     stated = Equations(prepare(scene, t_end=end))
-    if sensor is not None and stated.prepared is not None:
+    for sensor in named:
+        assert stated.prepared is not None
         try:
             numbers(started(stated.prepared), sensor)  # before anything is solved: is it a sensor with numeric values?
         except (SceneError, OptionError) as error:
             sensor_problem = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
             raise OptionError(f"measure = {shown(sensor)}: {sensor_problem}") from error
-    return Problem(scene, stated, end, sensor, wall)
+    if named:
+        return Problem(scene, stated, end, tuple(Sensor.of(scene, name) for name in named), wall)
+    forces = () if alone or not 0 < len(scene.joints) <= MANY else (JointForces(),)
+    return Problem(scene, stated, end, (Motion(), *forces, *(() if alone else (Energies(),))), wall)
 
 
 # -- The reference of a comparison: the tightest Radau run, confirmed by a second method
@@ -229,29 +249,6 @@ CONFIRM = 10.0
 FLOOR = 1e-11
 
 
-@dataclass(frozen=True)
-class Reference:
-    """The run against which errors are measured. difference: largest difference of the second method's run from it, in the unit
-    of the measure; None without a second method."""
-
-    label: str
-    accuracy: float | None
-    confirmed_by: str | None
-    difference: float | None
-    steps: int | None = None
-    cpu_s: float | None = None
-    note: str | None = None
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the user gave the reference, or a second method differs from it by at most a third of the smallest accuracy."""
-        return self.note is None
-
-    def __str__(self) -> str:
-        second = f"; {self.confirmed_by} differs by {self.difference:.1e}" if self.difference is not None else ""
-        return self.label + second + (f"; {self.note}" if self.note else "")
-
-
 def refuse_no_reference(given: Any) -> None:
     """OptionError where `given` is neither None, a Result nor a function of the times."""
     if given is not None and not isinstance(given, Result):
@@ -259,8 +256,9 @@ def refuse_no_reference(given: Any) -> None:
                takes="times")
 
 
-def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
-    """A reference given by the user: a Result of the same scene, or values of the measure as a function of time."""
+def given_reference(problem: Problem, given: Any) -> tuple[Reference, list[Any]]:
+    """A reference given by the user: a Result of the same scene, or values of the measure as a function of time; and the values
+    of every measure, None where they are not known."""
     if isinstance(given, Result):
         if problem.scene is None:
             raise OptionError("reference is the Result of a scene, but what is compared is a System, not a scene; leave "
@@ -271,7 +269,7 @@ def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
         if (end := given.solution.t[-1]) < problem.t_end:
             raise OptionError(f"reference is a Result that ends at t = {end:g} s; give one to t = {problem.t_end:g} s")
         label = f"given result, {given.solution.solver.label} {given.info.form}"
-        return Reference(label, given.accuracy.asked, None, None), problem.values(given.solution, Equations(given.prepared))
+        return Reference(label, given.accuracy.asked, None, None), problem.all_values(given.solution, Equations(given.prepared))
     if problem.scene is None:
         raise OptionError("reference is a function, which returns values of a sensor, and a System has none; leave reference out")
     if problem.measure is None:
@@ -282,44 +280,47 @@ def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
     if values.shape != shape:
         raise OptionError(f"reference returns an array of shape {values.shape}; return {problem.measure} at the times given, "
                           f"with shape {shape}")
-    return Reference("given function", None, None, None), values
+    return Reference("given function", None, None, None), [values, *(None for _ in problem.measures[1:])]
 
 
-def computed_reference(problem: Problem, smallest: float) -> tuple[Reference, Any]:
-    """The tightest Radau run and its values; its difference from a second method is its uncertainty."""
+def computed_reference(problem: Problem, smallest: float, equations: Equations | None = None) -> tuple[Reference, list[Any]]:
+    """The tightest Radau run and its values of every measure; its difference from a second method is its uncertainty. equations:
+    by default those of the scene as stated."""
     system = problem.system(None)
     solver = as_tight(RadauIIA(3), max(smallest / TIGHTER, FLOOR), system.label)
-    run = problem.solve(solver, problem.resolving, repeat=False)
-    values = problem.values(run.solution)
+    run = problem.solve(solver, problem.resolving, equations, repeat=False)
+    values = problem.all_values(run.solution, equations)
     label = f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}{', vibrations resolved' if problem.resolving else ''}"
     found = Reference(label, max(smallest / TIGHTER, FLOOR), None, None, run.solution.stats.steps, run.cpu_s)
     reasons: list[str] = []
     made = [(f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}", found.steps, run.cpu_s, values)]
     for second in _seconds(problem, smallest):
         try:
-            other = problem.solve(second, problem.resolving, repeat=False)
+            other = problem.solve(second, problem.resolving, equations, repeat=False)
         except MbdaeError as error:
             reasons.append(str(error))
             continue
         name = f"{second.label} {system.label}, rtol {second.tolerance:.1e}"
-        made.append((name, other.solution.stats.steps, other.cpu_s, problem.values(other.solution)))
-        gap = problem.error(made[-1][-1], values)
+        made.append((name, other.solution.stats.steps, other.cpu_s, problem.all_values(other.solution, equations)))
+        gaps = problem.errors(made[-1][-1], values)
+        gap = gaps[problem.measures[0].name]
         if gap <= smallest / 3:
-            return replace(found, confirmed_by=name, difference=gap), values
+            return replace(found, confirmed_by=name, difference=gap, differences=gaps), values
     if len(made) == 1:
         return replace(found, note="not confirmed by a second method: " + "; ".join(reasons)), values
     return _of_the_nearest(problem, found, made)
 
 
 def _of_the_nearest(problem: Problem, first: Reference, made: Sequence[tuple[str, int | None, float | None, Any]]
-                    ) -> tuple[Reference, Any]:
+                    ) -> tuple[Reference, list[Any]]:
     """The reference where no second run confirms the first: of the two runs with the smallest difference the one that was made
     earlier, with that difference as its uncertainty. made: (name, number of steps, CPU time in s, values) of every run."""
-    pairs = [(problem.error(made[j][-1], made[i][-1]), i, j) for j in range(len(made)) for i in range(j)]
+    pairs = [(problem.error(made[j][-1][0], made[i][-1][0]), i, j) for j in range(len(made)) for i in range(j)]
     gap, i, j = min(pairs)
     name, steps, cpu, values = made[i]
     own = first if i == 0 else Reference(name, None, None, None, steps, cpu)
-    return replace(own, confirmed_by=made[j][0], difference=gap, note=f"errors below {gap:.0e} are not known"), values
+    note, gaps = f"errors below {gap:.0e} are not known", problem.errors(made[j][-1], values)
+    return replace(own, confirmed_by=made[j][0], difference=gap, note=note, differences=gaps), values
 
 
 def _seconds(problem: Problem, smallest: float) -> list[Solver]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.formulations import Form, Index1, Index3, default_form, form_of, system_for
+from mbdae.formulations import Form, Index1, Index3, default_form, form_of, form_words, system_for
 from mbdae.integrators.base import Solver
-from mbdae.integrators.named import solver_of
+from mbdae.integrators.named import solver_of, solvers
 from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
@@ -120,6 +122,35 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
     return runs
 
 
+CHOICE = "simulate"  #: label of the row that shows what `simulate` does where no solver is named
+
+
+def is_all(runs: Any) -> bool:
+    """Whether `runs` asks for every solver and form that admits the scene."""
+    if isinstance(runs, str) and runs != "all":
+        raise OptionError(f"runs = {shown(runs)}: give a list of mb.Run, 'all', or None for usual ones")
+    return isinstance(runs, str)
+
+
+def shipped_runs(free: bool, step: float | None = None) -> Iterator[Run]:
+    """The solvers and forms of the package in pairs that say something of their own; free: of scenes without constraints; step:
+    those with a constant step (s), not in forms whose joints drift.
+
+    A form whose joints drift is run by the last of the `mapped` variants of a method alone, and the methods of low order, which
+    reach an accuracy by shorter constant steps, in the first form alone."""
+    taken = [form for form in form_words().values() if bool(form.spec().blocks) is not free]
+    for form in taken:
+        drifts = form.spec().drifts
+        for made in solvers():
+            for solver in made.mapped()[-1 if drifts else 0 :]:
+                if not form.within(solver.highest_index):
+                    continue
+                if step is None and (form is taken[0] or not solver.by_steps):
+                    yield Run(solver, form)
+                elif step is not None and not drifts and hasattr(solver, "step"):
+                    yield Run(replace(solver, step=step), form)  # type: ignore[type-var]
+
+
 def checked_runs(runs: Any) -> list[Run]:
     """The runs that a user gave, checked, as a list; a solver becomes a run with the default form."""
     remedy = "give a list of mb.Run, such as [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3))]"
@@ -176,11 +207,10 @@ class Equations:
         takes_rates_alone = form is None and not solver.highest_index
         return (self.for_solver(form, solver) if takes_rates_alone else self.system(form)).label
 
-    def sensor(self, solution: Solution, measure: str, times: Array) -> Array:
-        """Values (nt, ...) of a sensor of a run."""
+    def result(self, solution: Solution, times: Array) -> Result:
+        """The result of a run at times (nt,), s."""
         assert self.prepared is not None
-        info = RunInfo(solution.solver, "", Accuracy(None, None), solution.stats)
-        return Result(self.prepared, solution, info, times).read(measure)
+        return Result(self.prepared, solution, RunInfo(solution.solver, "", Accuracy(None, None), solution.stats), times)
 
     @property
     def recursive(self) -> tuple[int, int]:
@@ -230,6 +260,64 @@ def warm(system: System) -> None:
     for stages in (2, 3):
         t, many = np.full(stages, system.t0), (stages, system.n)
         system.residual_stages(t, np.broadcast_to(y, many).copy(), np.broadcast_to(yp, many).copy(), np.empty(many))
+
+
+# -- CPU time of a run: repeated until its spread is known
+
+
+#: a run of this CPU time (s) or more is timed once; shorter ones are repeated for up to REPEATED s, LEAST to MOST times
+LONG, REPEATED, LEAST, MOST = 0.5, 0.2, 3, 15
+TICKS = 5  #: so many ticks of the clock at least lie in one measurement, for which short runs are repeated within it
+
+
+@dataclass(frozen=True)
+class Timed:
+    """A finished run. cpu_s: median of its repeats, s; first_s: of the first one; spread_s: distance of their quartiles and what
+    the clock does not resolve, s, None where it was made once; peak_bytes: of the process."""
+
+    solution: Solution
+    cpu_s: float
+    first_s: float
+    spread_s: float | None
+    peak_bytes: int | None = None
+
+
+def timed(solve: Callable[[], Solution], tick: float | None, spend: Callable[[float], None]) -> Timed:
+    """Execute a run and measure its CPU time. tick: resolution of the clock, s; None: once. spend: called with CPU times, s."""
+    begin = time.process_time()
+    try:
+        solution = solve()
+    finally:
+        first = time.process_time() - begin
+        spend(first)
+    if tick is None or first >= LONG:
+        return Timed(solution, first, first, None)
+    seconds, within, used = list[float](), 1, first
+    while len(seconds) < LEAST or (used < REPEATED and len(seconds) < MOST):
+        begin = time.process_time()
+        for _ in range(within):
+            solve()
+        took = time.process_time() - begin
+        used += took
+        spend(took)
+        if took < TICKS * tick and used < REPEATED:  # too short for this clock: repeat it within one measurement
+            within *= max(2, math.ceil(TICKS * tick / took)) if took else 8
+            continue
+        seconds.append(took / within)
+        if used > 2 * REPEATED:
+            break
+    low, middle, high = np.quantile(seconds, (0.25, 0.5, 0.75))
+    return Timed(solution, float(middle), first, float(high - low) + tick / within)
+
+
+def resolution() -> float:
+    """The smallest difference of two times of the clock of CPU time, s."""
+    found, begin = list[float](), time.process_time()
+    while len(found) < LEAST:
+        if (now := time.process_time()) != begin:
+            found.append(now - begin)
+            begin = now
+    return min(found)
 
 
 # -- Peak memory of the process during a run, where the operating system measures it (Linux)

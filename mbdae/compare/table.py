@@ -6,12 +6,14 @@ import itertools
 import json
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from mbdae.compare.problem import Reference
+from mbdae.compare.decision import decision, reaches, seconds
+from mbdae.compare.measures import Reference
+from mbdae.compare.run import CHOICE
 from mbdae.study import Study, grid
 from mbdae.system.base import Array
 from mbdae.values import number, option
@@ -21,15 +23,18 @@ from mbdae.values import number, option
 
 @dataclass(frozen=True)
 class Row:
-    """One solver run. `error` in the unit of the measure, `cpu_s` and `cpu_spread_s` in s of CPU time; None where unknown.
+    """One solver run. `error` in the unit of the first measure, `errors` by the name of every measure; None where unknown.
 
-    cpu_s: of the solver's call alone. For a scene there are also, measured in a process with empty caches: derive_s (laws and
+    cpu_s: CPU time of the solver's call alone, s, the median of its repeats; cpu_spread_s: distance of their quartiles, and what
+    the clock does not resolve; cpu_first_s: of the first of them; call_s: of a whole call of `simulate` in a process that knows
+    the kernels. For a scene there are also, measured in a process with empty caches: derive_s (laws and
     their derivatives), compile_s (kernels), start_s (start, rank and equations of the scene); companions_s: the runs by which
     `simulate` estimates the error of this one; judgement_s: warnings and checks after the run.
     accuracy, rtol: asked of the solver, None where its step is constant; stored_bytes: size of the stored accepted steps
     (t, y, y'), most of the memory of a finished run; peak_bytes: largest resident size of the whole process during the run,
     None where the system does not measure it; failure: why it did not finish; pareto: whether no other run was at least as
-    accurate and as cheap, and the error is above the uncertainty of the reference.
+    accurate and as cheap, and the error is above the uncertainty of the reference; loose: joint models in words where they model
+    something else than the scene as stated, whose error is that against a reference of their own.
     """
 
     label: str
@@ -56,6 +61,20 @@ class Row:
     start_s: float | None = None
     companions_s: float | None = None
     judgement_s: float | None = None
+    call_s: float | None = None
+    cpu_first_s: float | None = None
+    errors: dict[str, float] = field(default_factory=dict)
+    loose: str = ""
+
+    def __post_init__(self) -> None:
+        parts = (self.start_s, self.cpu_s, self.companions_s, self.judgement_s)
+        if self.call_is_its_own and self.start_s is not None and self.failure is None:
+            object.__setattr__(self, "call_s", sum(part or 0.0 for part in parts))
+
+    @property
+    def call_is_its_own(self) -> bool:
+        """Whether the row is that of a stated run; else it is that of a whole call of `simulate`, whose solver that chose."""
+        return not self.label.startswith(CHOICE)
 
     @property
     def measured(self) -> tuple[float, float] | None:
@@ -65,10 +84,10 @@ class Row:
 
 def with_front(rows: Sequence[Row], uncertainty: float = 0.0) -> tuple[Row, ...]:
     """The rows with the Pareto front of error and CPU time marked; errors below the reference's uncertainty are not on it."""
-    known = [row.measured for row in rows if row.measured is not None]
+    known = [row.measured for row in rows if row.measured is not None and not row.loose]
     front = {(error, cpu) for error, cpu in known if (error > uncertainty or not uncertainty)
              and not any(e <= error and c <= cpu and (e, c) != (error, cpu) for e, c in known)}
-    return tuple(replace(row, pareto=row.measured in front) for row in rows)
+    return tuple(replace(row, pareto=row.measured in front and not row.loose) for row in rows)
 
 
 def asked_for(accuracy: float | None) -> str:
@@ -147,6 +166,9 @@ class ComparisonData(Study):
     accuracies: tuple[float, ...]
     runs: tuple[Row, ...]
     pairwise: Pairwise
+    units: dict[str, str]  #: unit of the error by the name of every measure, "" for a ratio; runs are ranked by the first
+    models: dict[str, dict[str, float]]  #: what other joint models change, by their label and the name of every measure
+    tick: float  #: resolution of the clock of CPU time, s
     cpu_s: float  #: CPU time in all solver calls, s, repeats and reference included
     total_cpu_s: float  #: CPU time of the whole comparison, s
     environment: dict[str, str | int]
@@ -159,26 +181,14 @@ class ComparisonData(Study):
     def cheapest(self, accuracy: float) -> Row | None:
         """The run with an error of at most `accuracy` (unit of the measure) in the least CPU time; None where there is none."""
         wanted = option("accuracy", accuracy, number, "give a positive number such as 1e-6", above=0)
-        reached = [row for row in self.runs if row.measured is not None and row.measured[0] <= wanted]
+        reached = [row for row in self.runs if reaches(row, wanted) and row.call_is_its_own]
         return min(reached, key=lambda row: row.cpu_s or 0.0, default=None)
 
     @property
-    def choices(self) -> tuple[str, ...]:
-        """For each wanted accuracy the cheapest run that reached it, in words."""
-        parts = []
-        for wanted in self.accuracies:
-            row = self.cheapest(wanted)
-            if row is None:
-                parts.append(f"{wanted:.0e} by no run")
-            else:
-                cost = f"{row.cpu_s:.3f} s, error {row.error:.1e}"
-                parts.append(f"{wanted:.0e} by {row.label} asked for {asked_for(row.accuracy)} ({cost})")
-        return tuple(parts)
-
-    @property
-    def verdict(self) -> str:
-        """One sentence: the cheapest run that reached each wanted accuracy."""
-        return "Reached at least cost: " + "; ".join(self.choices) + "."
+    def decision(self) -> str:
+        """A paragraph: which run for which accuracy, at what cost, beside which the clock does not tell it apart; what joint
+        models change; which methods lose digits of a quantity."""
+        return decision(self)
 
     @property
     def caution(self) -> str | None:
@@ -195,17 +205,20 @@ class ComparisonData(Study):
             "scene": self.scene, "t_end": self.t_end, "measure": self.measure, "error_is": self.what,
             "reference": asdict(self.reference), "accuracies": list(self.accuracies),
             "runs": [asdict(row) for row in self.runs], "cheapest": best, "pairwise": asdict(self.pairwise),
+            "decision": self.decision, "measures": self.units, "models": self.models, "tick_s": self.tick,
             "cpu_s": self.cpu_s, "total_cpu_s": self.total_cpu_s, "environment": self.environment,
         }
         return dict(json.loads(json.dumps(data)))
 
-    def table(self) -> str:
-        """The rows as plain text, with reference, failures, pairwise differences and verdict."""
-        lines = [f"scene '{self.scene}' to t = {self.t_end:g} s", f"error: {self.what}", f"reference: {self.reference}", ""]
-        lines += grid([tuple(COLUMNS), *(cells(row) for row in self.runs)], MARKS)
-        front = "* no other run is both cheaper and more accurate, and its error is above the uncertainty of the reference"
-        lines += [front, *([self.caution] if self.caution else []), "", *failure_lines(self.failures), str(self.pairwise)]
-        lines += [*grid(pairwise_cells(self.pairwise)), "", self.verdict]
+    def table(self, all_columns: bool = False) -> str:
+        """The decision and the rows as plain text, with reference, failures and pairwise differences; all_columns: of the rows
+        also where their CPU time goes, evaluations and memory."""
+        lines = [f"scene '{self.scene}' to t = {self.t_end:g} s", self.decision, ""]
+        full = [tuple(COLUMNS), *(cells(row) for row in self.runs)]
+        lines += grid(full if all_columns else self.short(), MARKS)
+        lines += [f"{name}: {meaning}" for name, meaning in (COLUMNS if all_columns else self.legend).items() if name]
+        lines += [f"reference: {self.reference}", *([self.caution] if self.caution else []), "", *failure_lines(self.failures),
+                  str(self.pairwise), *grid(pairwise_cells(self.pairwise)), ""]
         versions = ", ".join(f"{name} {value}" for name, value in self.environment.items() if name not in ("machine", "cpus"))
         lines.append(f"{self.total_cpu_s:.1f} s of CPU time, {self.cpu_s:.1f} s of it in solvers; {versions}; "
                      f"{self.environment['machine']}, {self.environment['cpus']} CPUs")
@@ -214,7 +227,32 @@ class ComparisonData(Study):
         return "\n".join(itertools.chain(*wrapped))
 
 
-MARKS = ("*", "failed")
+    def short(self) -> list[tuple[str, ...]]:
+        """The table of a terminal: heading and rows, with the columns that decide."""
+        more = list(self.units)[1:]
+        head = ("run", "asked", "error", *more, "solver", "+-", "call", "steps", "")
+        rows = []
+        for row in self.runs:
+            errors = [_number(row.errors.get(name), ".1e") for name in more]
+            times = (seconds(row.cpu_s), seconds(row.cpu_spread_s), seconds(row.call_s))
+            mark = "failed" if row.failure else "*" if row.pareto else "model" if row.loose else ""
+            first = (row.label, _number(row.accuracy, ".0e"), _number(row.error, ".1e"))
+            rows.append((*first, *errors, *times, str(row.steps), mark))
+        return [head, *rows]
+
+    @property
+    def legend(self) -> dict[str, str]:
+        """Meanings of the columns of `short`."""
+        more = {name: f"largest difference of {name}" + (f", {unit}" if unit else "")
+                for name, unit in list(self.units.items())[1:]}
+        found = {"error": self.what, **more, "solver": COLUMNS["CPU"], "+-": COLUMNS["spread"], "call": COLUMNS["call"],
+                 "*": "no other run is both cheaper and more accurate, and its error is above the uncertainty of the reference"}
+        if any(row.loose for row in self.runs):
+            found["model"] = "its joints model something else; errors are those against a reference of its own"
+        return found
+
+
+MARKS = ("*", "failed", "model")
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
          "start": "of start, rank and equations of the scene there", "compan.": "of the runs that would estimate its error",
          "judge": "of its warnings and the checks after the run"}
@@ -224,9 +262,10 @@ COLUMNS = {
     "asked": "accuracy asked of the solver",
     "rtol": "relative tolerance the solver ran with",
     "error": "largest error over the run against the reference",
-    "CPU s": "CPU time of the solver in s, the least of its repeats",
-    "spread": "largest minus least CPU time of the repeats, s",
-    **{name: f"CPU time in s {what}" for name, what in PARTS.items()},
+    "CPU": "CPU time of the solver, the median of its repeats",
+    "spread": "distance of the quartiles of the repeats, and what the clock does not resolve",
+    "call": "CPU time of a whole call in a process that knows the kernels: start, solver, companions, checks",
+    **{name: f"CPU time {what}" for name, what in PARTS.items()},
     "steps": "accepted steps",
     "rejected": "rejected steps",
     "residuals": "evaluations of the equations",
@@ -261,9 +300,9 @@ def pairwise_cells(p: Pairwise) -> list[tuple[str, ...]]:
 def cells(row: Row) -> tuple[str, ...]:
     """The cells of one run, in the order of COLUMNS."""
     counts = (row.steps, row.rejected, row.residuals, row.jacobians, row.factorisations, row.newton_iterations)
-    mark = "failed" if row.failure else "*" if row.pareto else ""
+    mark = "failed" if row.failure else "*" if row.pareto else "model" if row.loose else ""
     parts = (row.derive_s, row.compile_s, row.start_s, row.companions_s, row.judgement_s)
-    times = (_number(row.cpu_s, ".3f"), _number(row.cpu_spread_s, ".3f"), *(_number(part, ".3f") for part in parts))
+    times = tuple(map(seconds, (row.cpu_s, row.cpu_spread_s, row.call_s, *parts)))
     asked = (_number(row.accuracy, ".0e"), _number(row.rtol, ".0e"))
     size = None if row.stored_bytes is None else row.stored_bytes / 1000
     peak = None if row.peak_bytes is None else row.peak_bytes / 1e6

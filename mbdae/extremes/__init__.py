@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -77,7 +78,8 @@ def _text(value: Any) -> str:
 @naming_arguments
 def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, runs: Sequence[Run] | None = None,
              accuracy: float = ACCURACY, measure: str | None = None, max_wall: float | None = MAX_WALL,
-             progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Extremes:
+             progress: Callable[[int, int, str], None] | None = None, resume: Any = None,
+             budget: float | None = None) -> Extremes:
     """Run a scene at extreme values of its parameters: which methods reach the accuracy, and which fail to without saying so?
 
     Returns an `Extremes`. Raises OptionError for wrong arguments.
@@ -92,11 +94,13 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     measure: a sensor such as "C.angle"; default the motion of the bodies. max_wall: largest wall time of a run, s; a run of
     a reference may take three times as long.
     progress(done, total, label): called before every run. resume: a JSON file that stores every finished value, so that
-    an equal call continues after Ctrl-C or an error.
+    an equal call continues after Ctrl-C or an error. budget: seconds of wall time after which no further value is begun; those
+    left out are named in `left_out`, and the same call with the same `resume` goes on with them.
     """
     begin = time.process_time()
     accuracy, tell, own = plausible(accuracy), progress_of_runs(progress), checked_runs(runs) if runs is not None else None
     resume, max_wall = resume_path(resume), optional("max_wall", max_wall, number, SECONDS, above=0)
+    most = optional("budget", budget, number, "give a positive number of seconds, or None", above=0)
     end = end_after(0.0, t_end)
     base = stated(scene)
     asked = asked_values(vary) if vary is not None else default_vary(base)
@@ -105,10 +109,12 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     chosen = ways(first, own)
     kept = checkpoint(resume, scene, first, asked, own, accuracy)
     total = sum(len(p.values) for p in parameters)
-    execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1))
+    execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1),
+                           until=math.inf if most is None else time.monotonic() + most)
     with told_when_interrupted(kept.path, "values", lambda: (len(kept.rows), total)):
-        blocks = tuple(execution.block(p) for p in parameters)
-    return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)
+        blocks = tuple(block for p in parameters if (block := execution.block(p)).values)
+    return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin,
+                    tuple(execution.left_out))
 
 
 @dataclass
@@ -125,19 +131,25 @@ class _Execution:
     tell: Callable[[int, int, str], None]
     total: int  #: number of runs and references
     done: int = 0
+    until: float = math.inf  #: time of the monotonic clock, s, from which on no value is begun
+    left_out: list[str] = field(default_factory=list)  #: values that were not begun
 
     def block(self, p: Varied) -> Block:
         """All values of one parameter."""
         cells: list[Cell] = []
-        references = []
+        references, values = list[str](), list[float]()
         for value in p.values:
             if (p.name, value) not in self.kept.rows:
+                if time.monotonic() >= self.until:
+                    self.left_out.append(f"{p.name} = {value:g}")
+                    continue
                 self.kept.add(p.name, value, *self._at(p, value))
             reference, row = self.kept.rows[p.name, value]
             references.append(reference)
+            values.append(value)
             cells += row
             self.done = self.done - self.done % (len(self.chosen) + 1) + len(self.chosen) + 1
-        return Block(p.name, p.values, tuple(references), tuple(cells))
+        return Block(p.name, tuple(values), tuple(references), tuple(cells))
 
     def _at(self, p: Varied, value: float) -> tuple[str, list[Cell]]:
         """Reference and cells at one value; a scene that is refused there is refused for every way."""

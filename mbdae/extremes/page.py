@@ -76,6 +76,7 @@ class Extremes(Study):
     what: str  #: definition of the error, in words
     blocks: tuple[Block, ...]
     cpu_s: float
+    left_out: tuple[str, ...] = ()  #: values that were not begun within the budget
 
     kind = "extremes"
 
@@ -106,7 +107,7 @@ class Extremes(Study):
         return dict(json.loads(json.dumps({
             "scene": self.scene, "t_end": self.t_end, "accuracy": self.accuracy, "measure": self.measure, "error_is": self.what,
             "counts": self.counts, "blocks": [asdict(block) for block in self.blocks], "cpu_s": self.cpu_s,
-            "environment": environment(),
+            "left_out": list(self.left_out), "environment": environment(),
         })))
 
     def table(self) -> str:
@@ -117,10 +118,17 @@ class Extremes(Study):
             lines += ["", block.parameter, *grid([["", *(f"{value:g}" for value in block.values)], *cells])]
             lines += [f"  {note}" for note in notes(block)]
         lines += ["", *(f"{MARKS[name]:>6}  {n:4d}  {name}: {VERDICTS[name]}" for name, n in self.counts.items())]
+        lines += [self.unfinished] if self.left_out else []
         return "\n".join([*lines, f"{self.cpu_s:.1f} s of CPU time"])
+
+    @property
+    def unfinished(self) -> str:
+        """What the budget left out, as a sentence."""
+        return f"not begun within the budget: {', '.join(self.left_out)}; the same call with resume= goes on with them"
 
     def _page(self) -> str:
         wrong = "No run was silently wrong." if not self.silent else f"Silently wrong: {counted(len(self.silent), 'run')}."
+        wrong += f" {escape(self.unfinished).capitalize()}." if self.left_out else ""
         summary = (f'<p class="holds">{wrong}</p>\n<p>{counted(len(self.cells), "run")} to t = {self.t_end:g} s, accuracy '
                    f"{self.accuracy:g} unless it is varied. Error: {escape(self.what)}.</p>\n")
         legend = "".join(f'<li><span class="swatch {KINDS[name]}">{MARKS[name]} {n}</span>'

@@ -8,15 +8,13 @@ import functools
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from mbdae.compare.problem import Problem
-from mbdae.compare.run import Run, checked_runs
+from mbdae.compare.run import Run, checked_runs, shipped_runs
 from mbdae.errors import OptionError
-from mbdae.formulations import form_words
-from mbdae.integrators.named import solvers
 from mbdae.scene.components import Classical, JointModel, Recursive
 from mbdae.scene.record import item_name
 from mbdae.scene.scene import SceneData
@@ -40,25 +38,6 @@ class Way:
         if self.run is None or not hasattr(self.run.solver, "step"):
             return None
         return replace(self.run, solver=replace(self.run.solver, step=h))  # type: ignore[type-var]
-
-
-def shipped_runs(free: bool, step: float | None = None) -> Iterator[Run]:
-    """The solvers and forms of the package in pairs that say something of their own; free: of scenes without constraints; step:
-    those with a constant step (s), not in forms whose joints drift.
-
-    A form whose joints drift is run by the last of the `mapped` variants of a method alone, and the methods of low order, which
-    reach an accuracy by shorter constant steps, in the first form alone."""
-    taken = [form for form in form_words().values() if bool(form.spec().blocks) is not free]
-    for form in taken:
-        drifts = form.spec().drifts
-        for made in solvers():
-            for solver in made.mapped()[-1 if drifts else 0 :]:
-                if not form.within(solver.highest_index):
-                    continue
-                if step is None and (form is taken[0] or not solver.by_steps):
-                    yield Run(solver, form)
-                elif step is not None and not drifts and hasattr(solver, "step"):
-                    yield Run(replace(solver, step=step), form)  # type: ignore[type-var]
 
 
 def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,7 +203,8 @@ class Controller:
 
 @dataclass(frozen=True)
 class JointModel:
-    """How a joint is modelled."""
+    """How a joint is modelled. ideal: whether as the ideal joint, so that models differ by method alone."""
+    ideal: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
@@ -235,9 +236,8 @@ class Classical(Constrained):
 
 @dataclass(frozen=True)
 class Recursive(JointModel):
-    """The coordinates (angle, displacement) are the unknowns and the body they carry has none: no constraint, no multiplier.
-
-    A scene whose joints are all recursive is an ordinary differential equation."""
+    """The coordinates (angle, displacement) are the unknowns and the body they carry has none: no constraint, no multiplier. A
+    scene whose joints are all recursive is an ordinary differential equation."""
 
 
 @dataclass(frozen=True)
@@ -250,6 +250,7 @@ class Clearance(JointModel):
     Equal radii are allowed: the gap is then 0 in every direction.
     """
 
+    ideal: ClassVar[bool] = False
     outer: float
     inner: float
     normal: Normal

@@ -162,6 +162,8 @@ def record(cls: type[T], data: Any, **further: Any) -> T:
 
 
 def _fits(value: Any, declared: str) -> bool:
+    if declared == "dict[str, float]":
+        return type(value) is dict and all(type(v) is float and math.isfinite(v) for v in value.values())
     allowed = [kind for word in declared.split(" | ") for kind in _TYPES[word]]
     return type(value) in allowed
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
+from mbdae.compare.decision import seconds
 from mbdae.compare.table import Row, cells, with_front
 
 
@@ -75,7 +76,7 @@ def test_a_comparison_in_which_every_run_fails_has_all_outputs(tmp_path):
     w.plot(tmp_path / "w.png")
     for text in (w.table(), w.to_json(), w.to_html()):
         assert "has index 3" in text
-    assert "by no run" in w.verdict
+    assert "1e-03 was reached by no run." in w.decision
     assert w.pairwise.largest is None
 
 
@@ -85,7 +86,7 @@ def test_table_and_json_tell_the_same(w, tmp_path):
     assert set(data) >= {"scene", "measure", "reference", "runs"}
     promised = {"label", "solver", "form", "model", "accuracy", "error", "cpu_s", "residuals", "jacobians", "factorisations",
                 "failure"}
-    lines = w.table().splitlines()
+    lines = w.table(all_columns=True).splitlines()
     for entry in data["runs"]:
         assert set(entry) >= promised
         shown = [text for text in cells(Row(**entry)) if text]
@@ -138,12 +139,12 @@ def test_a_run_that_stops_midway_keeps_its_counts_and_reason():
     assert w.runs[0].cpu_s > 0
 
 
-def test_verdict_names_the_cheapest_run_of_each_accuracy(w):
+def test_decision_names_the_cheapest_run_of_each_accuracy(w):
     for wanted in w.accuracies:
         best = w.cheapest(wanted)
         assert best.error <= wanted
         assert not any(row.error is not None and row.error <= wanted and row.cpu_s < best.cpu_s for row in w.runs)
-        assert f"{wanted:.0e} by {best.label}" in w.verdict
+        assert f"take {best.label}: {seconds(best.cpu_s)} in the solver" in w.decision or wanted != min(w.accuracies)
 
 
 def test_the_front_holds_what_nothing_beats_in_both():

@@ -13,7 +13,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.compare import Checkpoint
-from mbdae.compare.problem import Reference
+from mbdae.compare.measures import Reference
 from mbdae.compare.table import Row, TightestRun
 
 HOSTILE = ["os:system", "__import__('os').system('touch X')", "", "x" * 100_000, -1, 10**400, 1e308, float("nan"), True, None,
@@ -24,16 +24,19 @@ def state(path: Path = Path("w.json")) -> Checkpoint:
     rows = [Row("IDA", "IDA", "GGL", None, 1e-3, 1e-5, 2e-4, 0.1, None, 12), Row("Radau", "R", "GGL", "m", 1e-3,
         failure="stopped")]
     finals = {"IDA": TightestRun("IDA", "1e-03", 1e-5, np.linspace(0, 1, 24).reshape(4, 3, 2))}
-    return Checkpoint(path, {"t_end": 1.0}, Reference("Radau", 1e-5, "IDA", 1e-6), np.arange(12.0).reshape(4, 3), rows, finals,
-                      0.5, 0.75)
+    reference = Reference("Radau", 1e-5, "IDA", 1e-6, differences={"motion": 1e-6, "energy": 1e-3})
+    known = {"": (reference, [np.arange(12.0).reshape(4, 3), None])}
+    return Checkpoint(path, {"t_end": 1.0}, known, rows, finals, True, 1e-6, 0.5, 0.75)
 
 
 def test_what_is_kept_comes_back(tmp_path: Path) -> None:
     state(tmp_path / "w.json").save(0.5, 0.75)
     again = Checkpoint(tmp_path / "w.json", {"t_end": 1.0})
     again.load()
-    assert (again.rows, again.reference, again.cpu_s, again.total_cpu_s) == (state().rows, state().reference, 0.5, 0.75)
-    assert np.array_equal(again.reference_values, state().reference_values)
+    (reference, values), (own, own_values) = again.references[""], state().references[""]
+    assert (again.rows, reference, again.settled, again.cpu_s, again.total_cpu_s) == (state().rows, own, True, 0.5, 0.75)
+    assert np.array_equal(values[0], own_values[0])
+    assert values[1] is None
     assert np.array_equal(again.tightest_runs["IDA"].values, state().tightest_runs["IDA"].values)
     assert [path.name for path in tmp_path.iterdir()] == ["w.json"]
 
@@ -75,6 +78,7 @@ def test_damaged_entries_are_told_or_of_their_kind(tmp_path: Path) -> None:
             else:
                 assert all(type(row.steps) is int and isinstance(row.label, str) for row in found.rows)
                 assert all(final.values.dtype == float for final in found.tightest_runs.values())
+                assert all(isinstance(one, Reference) for one, _ in found.references.values())
     assert refused > 300
 
 
@@ -87,11 +91,11 @@ def test_other_texts_are_told(text: Any, tmp_path: Path) -> None:
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
-    kept = Checkpoint(tmp_path / "w.json", {}, reference_values=np.zeros(1_000_000))
+    kept = Checkpoint(tmp_path / "w.json", {}, {"": (Reference("Radau", 1e-5, "IDA", 1e-6), [np.zeros(1_000_000)])})
     kept.save(0.0, 0.0)
     data = json.loads(kept.path.read_text())
     for shape in ([1], [2_000_000], [10**15], [-1], [1.5], ["1"], [True]):
-        data["truth"]["shape"] = shape
+        data["references"][""]["values"][0]["shape"] = shape
         kept.path.write_text(json.dumps(data))
         with pytest.raises(mb.OptionError, match="is damaged"):
             kept.load()

@@ -49,7 +49,7 @@ def test_every_model_is_prepared_once(monkeypatch):
 def test_the_default_runs_cross_check_solvers_forms_and_models():
     w = mb.compare(four_bar(), 0.2, accuracies=[1e-4])
     forms = {f"RadauIIA(3) {form}" for form in ("GGL", "Index3", "Index1", "GGL Classical", "GGL Recursive")}
-    assert {row.label for row in w.runs} == {"IDA GGL", "RadauIIA(2) GGL", *forms}
+    assert {row.label for row in w.runs} == {"IDA GGL", "RadauIIA(2) GGL", "simulate: DOP853 Index1", *forms}
     assert w.pairwise.largest[0] < 1e-3
 
 

@@ -57,7 +57,7 @@ def test_page_tells_what_table_and_json_tell(w):
     for row in w.runs:
         assert " ".join(text for text in cells(row) if text) in shown
     data = json.loads(w.to_json())
-    for text in (w.reference.label, w.reference.confirmed_by, *w.choices, str(w.pairwise), data["runs"][-1]["failure"]):
+    for text in (w.reference.label, w.reference.confirmed_by, w.decision, str(w.pairwise), data["runs"][-1]["failure"]):
         assert text in shown
     for name, value in data["environment"].items():
         assert f"{name} {value}" in shown

@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 import mbdae as mb
+from mbdae.compare.measures import Reference
 from mbdae.compare.page import own_look
-from mbdae.compare.problem import Reference, _of_the_nearest
+from mbdae.compare.problem import _of_the_nearest
 from mbdae.compare.table import Row, with_front
 from mbdae.process import cold, made_once, measured, spends
 
@@ -36,7 +37,7 @@ def test_every_row_of_a_scene_is_split():
         assert (parts[3] is None) == (row.solver == "HHT")  # constant steps have no companion
         assert all(part > 0 for part in parts if part is not None)
     assert {row.derive_s for row in w.runs if row.label.endswith("Index1")} == {w.runs[4].derive_s}
-    lines = w.table().splitlines()
+    lines = w.table(all_columns=True).splitlines()
     head = next(line for line in lines if line.startswith("run"))
     assert all(name in head for name in ("derive", "compile", "start", "compan.", "judge"))
 
@@ -85,13 +86,16 @@ def test_the_uncertainty_is_of_the_nearer_pair():
         def error(self, a, b):
             return abs(a - b)
 
-    made = [("radau", 1, 0.1, 1.0), ("ida", 2, 0.2, 1.5), ("radau2", 3, 0.3, 1.51)]
+        def errors(self, a, b):
+            return {"motion": abs(a[0] - b[0])}
+
+    made = [("radau", 1, 0.1, [1.0]), ("ida", 2, 0.2, [1.5]), ("radau2", 3, 0.3, [1.51])]
     found, values = _of_the_nearest(Apart(), Reference("radau", 1e-8, None, None), made)
-    assert (found.label, found.confirmed_by, values) == ("ida", "radau2", 1.5)
+    assert (found.label, found.confirmed_by, values) == ("ida", "radau2", [1.5])
     assert found.difference == pytest.approx(0.01)
     assert not found.trusted
-    near, values = _of_the_nearest(Apart(), Reference("radau", 1e-8, None, None), [*made[:2], ("radau2", 3, 0.3, 1.001)])
-    assert (near.label, near.accuracy, near.confirmed_by, values) == ("radau", 1e-8, "radau2", 1.0)
+    near, values = _of_the_nearest(Apart(), Reference("radau", 1e-8, None, None), [*made[:2], ("radau2", 3, 0.3, [1.001])])
+    assert (near.label, near.accuracy, near.confirmed_by, values) == ("radau", 1e-8, "radau2", [1.0])
 
 
 def test_no_two_methods_share_a_colour_or_a_marker():

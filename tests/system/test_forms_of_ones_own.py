@@ -12,7 +12,7 @@ import pytest
 import mbdae as mb
 import mbdae.formulations
 import mbdae.integrators.named
-from mbdae.extremes.ways import shipped_runs
+from mbdae.compare.run import shipped_runs
 from mbdae.formulations import form_of, forms, system_for
 from mbdae.integrators import stored_runs
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances

@@ -1,0 +1,168 @@
+"""One run of a comparison: executed, timed and measured, as a row; and where else its CPU time goes."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mbdae.compare.measures import Reference
+from mbdae.compare.problem import Problem, with_models
+from mbdae.compare.run import CHOICE, MOST, REPEATED, Equations, Run, warm
+from mbdae.compare.table import Row
+from mbdae.errors import MbdaeError, SolverError
+from mbdae.formulations import Form, default_form, system_for
+from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.solution import Solution, Stats
+from mbdae.process import cold, measured
+from mbdae.run.control import Controlled, companions_of
+from mbdae.run.job import Job
+from mbdae.system.base import Array
+from mbdae.system.prepare import prepare
+from mbdae.system.scene_system import SceneSystem
+
+Known = tuple[Reference, list[Any]]  #: a reference, and its values of every measure, None where they are not known
+OUTPUTS = 201  #: number of output times of a result, the default of `simulate`
+COUNTS = ("steps", "rejected", "residuals", "jacobians", "factorisations", "newton_iterations")
+
+
+@dataclass
+class Split:
+    """Measures CPU times of what runs need besides the call of the solver: deriving, compiling, start, companion runs, checks.
+    Those of making the equations are measured once for all runs with equal equations."""
+
+    problem: Problem
+    _known: dict[tuple[str, str, int], dict[str, float]] = field(default_factory=dict)
+
+    def of(self, run: Run, solver: Solver, solution: Solution, equations: Equations) -> dict[str, float | None]:
+        """CPU times (s) of a run, by the names of the entries of Row; empty for a System, whose equations are given."""
+        if equations.prepared is None or self.problem.scene is None:
+            return {}
+        asked = run.form if run.form is not None else default_form(equations.prepared, solver.highest_index)
+        form = asked.for_index(solver.highest_index)
+        key = repr(sorted(run.models.items(), key=lambda item: item[0])), repr(form), solver.highest_index
+        if key not in self._known:
+            self._known[key] = self._made(run, form, solver)
+        companions, judgement = self._after(form, solver, solution, equations)
+        return {**self._known[key], "companions_s": companions, "judgement_s": judgement}
+
+    def _made(self, run: Run, form: Form, solver: Solver) -> dict[str, float]:
+        """CPU time from the scene to finished equations with empty caches, s."""
+        with cold(), measured() as spent:
+            scene = with_models(self.problem.scene, run)
+            warm(system_for(prepare(scene, t_end=self.problem.t_end), form))
+        return {"derive_s": spent.get("derive", 0.0), "compile_s": spent.get("compile", 0.0), "start_s": spent["other"]}
+
+    def _after(self, form: Form, solver: Solver, solution: Solution, equations: Equations) -> tuple[float | None, float | None]:
+        """CPU times (s) of the companion runs of `simulate`, and of its checks after the run; None where one fails."""
+        prepared, end = equations.prepared, self.problem.t_end
+        assert prepared is not None
+        asked = Asked(end, max_wall=self.problem.max_wall)
+        companions = None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if not solver.fixed and not solver.by_steps and solver.rtol is not None:
+                try:
+                    companions = companions_of(equations.for_solver(form, solver), solver, asked)[0].cpu_s
+                except MbdaeError:
+                    companions = None
+            system = equations.for_solver(form, solver)
+            assert isinstance(system, SceneSystem)
+            times = np.linspace(float(solution.t[0]), end, OUTPUTS)
+            job = Job(prepared, form, 1e-6, asked, times, continued=False, _systems={(form, solver.highest_index): system})
+            begin = time.process_time()
+            try:
+                job.result(Controlled(solution, solver, math.nan, 1, 0.0))
+            except MbdaeError:
+                return companions, None
+            return companions, time.process_time() - begin
+
+
+def executed(problem: Problem, run: Run | None, accuracy: float | None, reference: Known, split: Split
+             ) -> tuple[Row, Array | None]:
+    """Execute one run (None: the call of `simulate`); returns its row, and its values of the first measure, None where it
+    failed."""
+    if run is None:
+        return _of_simulate(problem, accuracy or 1e-6, reference)
+    facts: dict[str, Any] = {**_labels(problem, run, None), "solver": run.solver.label, "accuracy": accuracy,
+                             "loose": problem.loose(run)}
+    spent = problem.spent
+    try:
+        equations, solver = as_asked(problem, run, accuracy)
+        facts |= _labels(problem, run, equations)
+        facts["rtol"] = None if solver.fixed else solver.rtol
+        done = problem.solve(solver, run.form, equations)
+        values = problem.all_values(done.solution, equations)
+    except SolverError as error:
+        return Row(**facts, cpu_s=problem.spent - spent, **counts(error.solution), failure=str(error)), None
+    except (MbdaeError, np.linalg.LinAlgError) as error:
+        return Row(**facts, failure=str(error)), None
+    except Exception as error:  # error in a user's own solver or law: recorded in its row, and the other runs continue
+        return Row(**facts, cpu_s=problem.spent - spent, failure=f"{type(error).__name__}: {error}"), None
+    cost: dict[str, Any] = {"cpu_s": done.cpu_s, "cpu_spread_s": done.spread_s, "cpu_first_s": done.first_s,
+                            "peak_bytes": done.peak_bytes}
+    first = values[0]
+    assert first is not None
+    if not np.isfinite(first).all():
+        return Row(**facts, cpu_s=done.cpu_s, **counts(done.solution), failure="the solution is not finite everywhere"), None
+    cost |= split.of(run, solver, done.solution, equations)
+    return Row(**facts, **_errors(problem, values, reference), **cost, **counts(done.solution)), values[0]
+
+
+def _errors(problem: Problem, values: list[Any], reference: Known) -> dict[str, Any]:
+    """Errors of a run by measure, and of the first, as entries of a Row."""
+    found = problem.errors(values, reference[1])
+    return {"error": found.get(problem.measures[0].name), "errors": found}
+
+
+def as_asked(problem: Problem, run: Run, accuracy: float | None) -> tuple[Equations, Solver]:
+    """The equations of a run, and its solver with the tolerance for an accuracy."""
+    equations = problem.equations(run)
+    solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, equations.label_of(run.form, run.solver))
+    return equations, solver
+
+
+def _of_simulate(problem: Problem, accuracy: float, reference: Known) -> tuple[Row, Array | None]:
+    """What `simulate` does where no solver is named: the CPU time of the whole call, with all runs beside it."""
+    facts: dict[str, Any] = {"label": CHOICE, "solver": "", "form": "", "model": None, "accuracy": accuracy}
+    assert problem.scene is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        seconds = list[float]()
+        try:
+            while len(seconds) < 2 or (sum(seconds) < REPEATED and len(seconds) < MOST):
+                begin = time.process_time()
+                r = problem.scene.simulate(problem.t_end, accuracy, max_wall=problem.max_wall)  # type: ignore[attr-defined]
+                seconds.append(time.process_time() - begin)
+        except MbdaeError as error:
+            return Row(**facts, failure=str(error)), None
+    problem.spend(sum(seconds))
+    own = Equations(r.prepared)
+    solver, form = r.solution.solver.label, r.info.form
+    facts |= {"label": f"{CHOICE}: {solver} {form}", "solver": solver, "form": form}
+    values = problem.all_values(r.solution, own)
+    low, high = np.quantile(seconds[1:], (0.25, 0.75))
+    cost = {"cpu_s": r.stats.cpu_s, "call_s": float(np.median(seconds[1:])), "cpu_spread_s": float(high - low) + problem.tick,
+            "cpu_first_s": seconds[0]}
+    return Row(**facts, **_errors(problem, values, reference), **cost, **counts(r.solution)), values[0]
+
+
+def _labels(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
+    """Label, form and joint model of a run, as entries of a Row; before its `equations` are made (None) as the user stated
+    them."""
+    form = run.form.label if run.form is not None else (equations or problem.stated).label_of(None, run.solver)
+    now, asked = equations.recursive if equations is not None else (0, 0)
+    part = f" ({now} of {asked} joints, the rest kinematic)" if run.models and now < asked else ""
+    model = None if run.model_label is None else run.model_label + part
+    return {"label": run.name(form) + (part if run.label is None else ""), "form": form, "model": model}
+
+
+def counts(solution: Solution | None) -> dict[str, Any]:
+    """Numbers of evaluations, and bytes of the stored steps, of a run, as entries of a Row."""
+    stats = solution.stats if solution is not None else Stats()
+    size = None if solution is None else int(solution.t.nbytes + solution.y.nbytes + solution.yp.nbytes)
+    return {name: int(getattr(stats, name)) for name in COUNTS} | {"stored_bytes": size}
