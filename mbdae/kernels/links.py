@@ -5,15 +5,15 @@ calls them in order and chooses the slots that they read."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.disk import store
 from mbdae.disk.entries import Digests, keep, key_of, part_key, recall
 from mbdae.kernels import Kernel
-from mbdae.kernels.tree_plan import structure_key
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.links import (
     LinkProgram,
@@ -27,6 +27,7 @@ from mbdae.symbolic.links import (
     outward,
     projected,
 )
+from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.tree_motion import Link, Member, Open, TreeStructure
@@ -139,6 +140,12 @@ def projection(shape: Shape) -> ProgramKernel:
     return _kernel(shape, "projected", projected)
 
 
+@lru_cache(maxsize=256)
+def balance(shape: Shape) -> ProgramKernel:
+    """As `projection`, of the forces and of the inertia times the acceleration of the body, which are inputs."""
+    return _kernel(shape, "balance", partial(projected, moving=True))
+
+
 @lru_cache(maxsize=1)
 def quaternion_rate() -> Kernel:
     """Kernel of the rate P' of a quaternion P from the angular velocity in body components."""
@@ -218,3 +225,25 @@ def alone(link: Link, open: Open) -> Link:
 def between(member: Member, nodes: Mapping[int, int], open: Open) -> Member:
     """A law with its nodes renumbered: `nodes` maps the old numbers to the new ones. open: which of its numbers are inputs."""
     return Member(member.law, tuple(None if n is None else nodes[n] for n in member.nodes), open.inputs(member.numbers))
+
+
+def structure_key(structure: TreeStructure) -> str | None:
+    """The key of a tree on disk, from its shape, the motions of its joints and the statements of its laws; None where a law has
+    no key."""
+    if not store().used:
+        return None
+    try:
+        laws = [member.law.key for member in structure.members]
+        if None in laws:
+            return None
+        shape = [structure.root, structure.loaded, [(m.nodes, m.numbers) for m in structure.members]]
+        return key_of("tree", Digests().of([shape, laws, list(map(_link, structure.links))]))
+    except Exception:  # a law that cannot be derived (derivation reports it), or one that has no key
+        return None
+
+
+def _link(link: Link) -> list[Any]:
+    law = link.law.symbolic(link.structure)
+    stated = {f.name: getattr(link, f.name) for f in fields(link) if f.name not in ("law", "structure", "motion")}
+    units = [(name, entry.unit) for name, entry in link.law.coordinates.items()]
+    return [stated, units, list(link.law.params), symbolic_steps(law)]

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
+import numpy as np
 import symengine as se
 
-from mbdae.disk import store
-from mbdae.disk.entries import Digests, keep, key_of, part_key, recall
+from mbdae.disk.entries import keep, part_key, recall
 from mbdae.kernels import Kernel
+from mbdae.kernels.links import structure_key
+from mbdae.kernels.tree_passes import Place, TreePasses
+from mbdae.native.program import block
 from mbdae.process import made_once
-from mbdae.symbolic.motion import symbolic_steps
+from mbdae.symbolic.program import Program
 from mbdae.symbolic.outputs import Target
-from mbdae.symbolic.rebuild import symbols_of
-from mbdae.symbolic.tree import OPERATIONS, tree_program
-from mbdae.symbolic.tree_motion import Link, TreeStructure
+from mbdae.symbolic.rebuild import substituted, symbols_of
+from mbdae.symbolic.tree import OPERATIONS
+from mbdae.symbolic.tree_motion import TreeStructure
 from mbdae.symbolic.vectors import Expr
 
 #: a kernel of derivatives with more operations is divided by columns of the Jacobian, each of which stays whole: LLVM compiles
@@ -32,6 +34,9 @@ OPTIMISED = 1000
 MOST_SOLVED, LONGEST_SOLVED = 16, 2000
 
 
+Entries = list[tuple[Any, Expr]]
+
+
 class Piece(NamedTuple):
     """A kernel of a tree, with the meaning of its inputs (see `TreeProgram.inputs`) and of its outputs."""
 
@@ -40,30 +45,112 @@ class Piece(NamedTuple):
     kernel: Kernel
 
 
+class Inline:
+    """Operations carried out on expressions in place of numbers: an `Operations` that makes one straight-line program of all
+    kernels which it is asked to run. inputs: symbol -> place of the tree that stands in its slot."""
+
+    def __init__(self) -> None:
+        self.program, self.inputs, self.size = Program(), dict[Expr, Place](), 0
+        self.values: dict[int, Expr] = {}
+        self._slots: dict[Place, int] = {}
+
+    def slot(self, place: Place) -> int:
+        """The slot of the input at a place."""
+        if place not in self._slots:
+            self._slots[place] = self.size
+            self.values[self.size] = symbol = se.Symbol("_".join(map(str, place)).replace("-", "c"))
+            self.inputs[symbol] = place
+            self.size += 1
+        return self._slots[place]
+
+    def slots(self, count: int) -> int:
+        self.size += int(count)
+        return self.size - int(count)
+
+    def zeros(self, count: int) -> int:
+        return self.constant([0] * count)
+
+    def constant(self, values: Any) -> int:
+        first = self.slots(len(values))
+        self.load(first, values)
+        return first
+
+    def load(self, first: int, values: Any) -> None:
+        self.values |= {first + i: se.Integer(int(v)) if v == int(v) else se.RealDouble(v) for i, v in enumerate(values)}
+
+    def call(self, kernel: Any, gather: Any, first: int | None = None) -> Any:
+        return self.hand_on(kernel, gather, np.zeros((len(gather), 0), dtype=np.intp), first)
+
+    def hand_on(self, kernel: Any, gather: Any, to: Any, first: int | None = None) -> Any:
+        first = self.slots(len(gather) * kernel.width) if first is None else first
+        found, (program, outputs) = block(first, len(gather), kernel.width), kernel.straight()
+        needed, let = program.needed(outputs), self.program.let
+        for slots, results, sums in zip(gather.tolist(), found.tolist(), to.tolist(), strict=True):
+            table = dict(zip(kernel.symbols, (self.values[slot] for slot in slots), strict=True))
+            for name in needed:
+                table[name] = let(substituted(program.steps[name], table))
+            self.values |= {slot: let(substituted(e, table)) for slot, e in zip(results, outputs, strict=True)}
+            self.add(sums, results[: len(sums)])
+        return found
+
+    def set(self, to: Any, from_: Any) -> None:
+        self.values |= {a: self.values[b] for a, b in zip(np.ravel(to).tolist(), np.ravel(from_).tolist(), strict=True)}
+
+    def add(self, to: Any, from_: Any) -> None:
+        for a, b in zip(np.ravel(to).tolist(), np.ravel(from_).tolist(), strict=True):
+            self.values[a] = self.program.let(self.values[a] + self.values[b])
+
+
 class ProgrammedTree:
-    """The straight-line program of a whole tree with its derivatives, and kernels that contain parts of it. Raises OverflowError
-    where the Jacobian takes more than `OPERATIONS` operations."""
+    """The passes over a tree as one straight-line program, with its derivatives, and kernels that contain parts of it. Raises
+    OverflowError where the Jacobian takes more than `OPERATIONS` operations."""
 
     def __init__(self, structure: TreeStructure) -> None:
-        self.structure, self.tree = structure, tree_program(structure)
-        self.places = self.tree.inputs
-        seeds = [s for s, place in self.places.items() if place[0] in ("q", "u", "up", "wu", "wq")]
-        self.rows = self.tree.rows()
-        self.motion = self.tree.states(structure.loaded)
+        self.structure, self.made = structure, Inline()
+        self.program, self.places = self.made.program, self.made.inputs
+        tree = self._outwards(self.made)
+        tree.accelerations(self.made, lambda place: self.made.slot(("up", *place[1:])), given=True)
+        self.motion = self._motion(self.made, tree, structure.loaded)
+        self.rows = self._rows(tree)
         outputs = [*self.rows, *self.motion]
-        found = self.tree.program.derivatives([e for _, e in outputs], seeds, limit=OPERATIONS)
+        seeds = [s for s, place in self.places.items() if place[0] in ("q", "u", "up", "wu", "wq")]
+        found = self.program.derivatives([e for _, e in outputs], seeds, limit=OPERATIONS)
         self.derivatives: list[tuple[Target, Target, Expr]] = [
             (target, self.places[seed], e) for (target, _), row in zip(outputs, found, strict=True) for seed, e in row.items()
         ]
-        self.operations = len(self.tree.program.steps)
+        self.operations = len(self.program.steps)
 
-    def _piece(self, entries: Sequence[tuple[Any, Expr]]) -> Piece:
-        program = self.tree.program
-        outputs = program.closed([e for _, e in entries])
+    def _outwards(self, made: Any, quaternion: bool = True) -> TreePasses:
+        tree = TreePasses(self.structure, made.slot, quaternion=quaternion)
+        tree.outwards(made)
+        return tree
+
+    def _motion(self, made: Any, tree: TreePasses, nodes: Sequence[int], heads: tuple[str, ...] = ("q", "u", "up")) -> Entries:
+        to: dict[Place, int] = {}
+        tree.write_motion(made, nodes, lambda j, head, i: to.setdefault((head, j, i), made.slots(1)), heads)
+        return [(place, made.values[slot]) for place, slot in to.items()]
+
+    def _rows(self, tree: TreePasses) -> Entries:
+        """Rows of the equations of motion ("u"), and corrections of q' ("q") where laws outside act on bodies of the tree."""
+        made, at, to = self.made, self.structure.loaded, dict[Place, int]()
+
+        def row(place: Place) -> int:
+            return to[place] if place in to else to.setdefault(place, made.zeros(1))
+
+        tree.loads(made, at, lambda j, i: made.slot(("wu", j, i)))
+        tree.balance(made, row)
+        if at:
+            tree.corrections(made, at, lambda j, i: made.slot(("wq", j, i)), row)
+        return [(place, made.values[slot]) for place, slot in to.items() if made.values[slot] != 0]
+
+    def _piece(self, entries: Sequence[tuple[Any, Expr]], level: int | None = None, made: Inline | None = None) -> Piece:
+        of = made or self.made
+        outputs = of.program.closed([e for _, e in entries])
         used = symbols_of(outputs)
-        symbols = [s for s in self.places if s in used]
-        level = 2 if len(program.needed([e for _, e in entries])) < OPTIMISED else 0
-        return Piece(tuple(self.places[s] for s in symbols), tuple(t for t, _ in entries), Kernel(symbols, outputs, level))
+        symbols = [s for s in of.inputs if s in used]
+        if level is None:
+            level = 2 if len(of.program.needed([e for _, e in entries])) < OPTIMISED else 0
+        return Piece(tuple(of.inputs[s] for s in symbols), tuple(t for t, _ in entries), Kernel(symbols, outputs, level))
 
     def residual(self) -> list[Piece]:
         """Kernel of the equations of motion of the tree."""
@@ -83,42 +170,43 @@ class ProgrammedTree:
 
     def rates(self) -> list[Piece]:
         """Kernel of the accelerations, see `TreePlan.rates`; an empty list where there is none."""
-        rows = {t: e for t, e in self.rows if t[0] == "u"}
-        number = {t[1:]: i for i, t in enumerate(rows)}
-        entries = {(number[t[1:]], number[p[1:]]): e for t, p, e in self.derivatives
-                   if p[0] == "up" and t in rows and p[1:] in number and number[p[1:]] <= number[t[1:]]}
-        still = {s: se.Integer(0) for s, place in self.places.items() if place[0] == "up"}
-        forces = [se.Symbol(f"force{i}") for i in range(len(rows))]
-        if self.structure.loaded or self.structure.root.moves or len(rows) > MOST_SOLVED:
+        made, up = Inline(), dict[Place, int]()
+        if self.structure.loaded or self.structure.root.moves or sum(t[0] == "u" for t, _ in self.rows) > MOST_SOLVED:
             return []
-        program, found = self.tree.program.at(still, [*rows.values(), *entries.values()])
-        right = [f - e for f, e in zip(forces, found, strict=False)]
-        x, pivots = program.solved(dict(zip(entries, found[len(rows) :], strict=True)), right)
-        needed, outputs = program.needed([*x, *pivots]), program.closed([*x, *pivots])
-        if len(needed) > LONGEST_SOLVED:
+        tree = self._outwards(made, False)
+        pivots = tree.inwards(made, lambda place: made.slot(("force", *place[1:])))
+        tree.accelerations(made, lambda place: up.setdefault(place, made.slots(1)))
+        rows, at = [t for t, _ in self.rows if t[0] == "u"], {place: slot for slot, place in pivots}
+        found = [made.values[slots[place]] for slots in (up, at) for place in rows]
+        if len(made.program.needed(found)) > LONGEST_SOLVED:
             return []
-        used = symbols_of(outputs)
-        symbols = [s for s in self.places if s in used]
-        return [Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))]
+        piece = self._piece(list(enumerate(found)), 2, made)
+        forces = [se.Symbol("force_" + f"{t[1]}_{t[2]}".replace("-", "c")) for t in rows]
+        symbols = [s for s in piece.kernel.symbols if s not in forces]
+        kernel = Kernel([*symbols, *forces], piece.kernel.expressions, 2)
+        return [Piece(tuple(made.inputs[s] for s in symbols), tuple(rows), kernel)]
 
     def motion_of_all(self) -> list[Piece]:
         """Kernel of q, u and u' of every body that the joints of the tree carry."""
-        return [self._piece(self.tree.states(carried_nodes(self.structure)))]
+        made = Inline()
+        tree = self._outwards(made)
+        tree.accelerations(made, lambda place: made.slot(("up", *place[1:])), given=True)
+        return [self._piece(self._motion(made, tree, carried_nodes(self.structure)), None, made)]
 
     def velocities(self) -> list[Piece]:
         """Kernels of the derivatives of the velocities of all carried bodies by the velocity unknowns of the tree."""
-        nodes = carried_nodes(self.structure)
-        motion = [(t, e) for t, e in self.tree.states(nodes, accelerations=False) if t[0] == "u"]
-        seeds = [s for s, place in self.places.items() if place[0] == "u"]
-        found = self.tree.program.derivatives([e for _, e in motion], seeds)
-        entries = [((t, self.places[s]), e) for (t, _), row in zip(motion, found, strict=True) for s, e in row.items()]
-        return self._chunks(entries)
+        made = Inline()
+        motion = self._motion(made, self._outwards(made, False), carried_nodes(self.structure), ("u",))
+        seeds = [s for s, place in made.inputs.items() if place[0] == "u"]
+        found = made.program.derivatives([e for _, e in motion], seeds)
+        entries = [((t, made.inputs[s]), e) for (t, _), row in zip(motion, found, strict=True) for s, e in row.items()]
+        return self._chunks(entries, made)
 
-    def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:
+    def _chunks(self, entries: list[tuple[Any, Expr]], made: Inline | None = None) -> list[Piece]:
         """One kernel for all entries, or several by columns of the Jacobian where one would be slow to compile."""
-        program = self.tree.program
+        program = (made or self.made).program
         if len(program.needed([e for _, e in entries])) <= CHUNK:
-            return [self._piece(entries)] if entries else []
+            return [self._piece(entries, made=made)] if entries else []
         by_column: dict[Any, list[tuple[Any, Expr]]] = {}
         for entry in entries:
             by_column.setdefault(entry[0][1], []).append(entry)
@@ -127,7 +215,7 @@ class ProgrammedTree:
             if pieces[-1] and len(program.needed([e for _, e in pieces[-1] + column])) > CHUNK:
                 pieces.append([])
             pieces[-1] += column
-        return [self._piece(piece) for piece in pieces]
+        return [self._piece(piece, made=made) for piece in pieces]
 
 
 class TreePlan:
@@ -221,28 +309,6 @@ class TreePlan:
 def carried_nodes(structure: TreeStructure) -> tuple[int, ...]:
     """Numbers in the tree of all nodes that its joints carry: all but the root, which has number 0."""
     return tuple(range(1, len(structure.links) + 1))
-
-
-def structure_key(structure: TreeStructure) -> str | None:
-    """The key of a tree on disk, from its shape, the motions of its joints and the statements of its laws; None where a law has
-    no key."""
-    if not store().used:
-        return None
-    try:
-        laws = [member.law.key for member in structure.members]
-        if None in laws:
-            return None
-        shape = [structure.root, structure.loaded, [(m.nodes, m.numbers) for m in structure.members]]
-        return key_of("tree", Digests().of([shape, laws, list(map(_link, structure.links))]))
-    except Exception:  # a law that cannot be derived (derivation reports it), or one that has no key
-        return None
-
-
-def _link(link: Link) -> list[Any]:
-    law = link.law.symbolic(link.structure)
-    stated = {f.name: getattr(link, f.name) for f in fields(link) if f.name not in ("law", "structure", "motion")}
-    units = [(name, entry.unit) for name, entry in link.law.coordinates.items()]
-    return [stated, units, list(link.law.params), symbolic_steps(law)]
 
 
 @made_once("derive", 64)

@@ -21,7 +21,6 @@ from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.system.model.moved_bodies import expressions_of, timeline
 from mbdae.system.model.trees import Tree
-from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 #: a joint whose point is off a rigid link that it holds by more than this fraction of the link's length is reported
@@ -259,7 +258,7 @@ class Check(ListsAttributes):
         bodies = self.prepared.all_bodies
         if not bodies.moved.ordered:
             return f"{tree_plan(tree.structure).operations} operations in one program"
-        kernels, operations = ordered_size(bodies.moved, bodies.numbering, tree)
+        kernels, operations = bodies.moved.passes(bodies.numbering, tree).size
         return f"{operations} operations by {kernels} functions of single joints"
 
     def _of_recursive_joints(self) -> list[str]:

@@ -36,7 +36,6 @@ from mbdae.system.model.model import Model, build
 from mbdae.system.model.moved_bodies import MOST_FULL, MovedBodies
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
-from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.without_multipliers import WithoutMultipliers
 
@@ -280,7 +279,7 @@ def size_of(system: Assembly) -> Size:
             operations += own * len(active)
     trees = system.moved.trees
     if system.moved.ordered:
-        sizes = [ordered_size(system.moved, system.numbering, tree) for tree in trees]
+        sizes = [system.moved.passes(system.numbering, tree).size for tree in trees]
         kernels, operations = kernels + sum(k for k, _ in sizes), operations + sum(o for _, o in sizes)
     else:
         kernels += 2 * len({tree.structure for tree in trees})

@@ -31,7 +31,7 @@ def inputs(prepared: Prepared, tree: Tree, plan: TreePlan, rng: np.random.Genera
 
 def evaluated(plan: TreePlan) -> Callable[[dict[str, Any]], dict[str, complex]]:
     """The program step by step in complex numbers: input values -> values of all steps."""
-    lines = [f"{name} = {expression}" for name, expression in plan.tree.program.steps.items()]
+    lines = [f"{name} = {expression}" for name, expression in plan.program.steps.items()]
     code = compile("\n".join(lines), "program", "exec")
 
     def run(values: dict[str, Any]) -> dict[str, complex]:

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.kernels.links import quaternion_rate
+from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.native.equations import Equations, Table
 from mbdae.native.program import Operations, Part, Tangent, address_of, core
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.evaluation import Scatter
 from mbdae.system.assembled.jacobian_entries import Pattern
 from mbdae.system.base import Array
-from mbdae.system.model.moved_bodies import MovedBodies
+from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering
+from mbdae.system.model.trees import Tree
 from mbdae.system.motion.constrained import Workspace
-from mbdae.system.motion.ordered_motion import solve_alone
-from mbdae.system.motion.ordered_tree import OrderedTree
+from mbdae.system.motion.ordered_motion import own_inertia, solve_alone
 
 Inertia = dict[tuple[int, int], float]
 
@@ -39,10 +39,10 @@ class OrderedEquations(Workspace):
         super().__init__(numbering)
         self.part = part = self.operations.part()
         loaded = [[j for j in tree.structure.loaded if j] for tree in moved.trees]
-        self._trees = [(OrderedTree(moved, numbering, tree, bool(at), inertia), at)
+        self._trees = [(moved.passes(numbering, tree, bool(at), own_inertia(numbering, part, tree, inertia)), at, tree)
                        for tree, at in zip(moved.trees, loaded, strict=True)]
-        for tree, _ in self._trees:
-            tree.outwards(part)
+        for passes, _, _ in self._trees:
+            passes.outwards(part)
         self._terms, self._inertia, self._rest = terms, inertia, list[int]()
         self.F = self.operations.slots(len(offset))
         self._equations(part, offset)
@@ -52,14 +52,13 @@ class OrderedEquations(Workspace):
         raise NotImplementedError
 
     def _write_motion(self, part: Operations, heads: tuple[str, ...]) -> None:
-        for tree, at in self._trees:
-            place = tree.tree.node
-            tree.write_motion(part, at, lambda j, head, i, of=place: self.numbering.node_place(head, of(j), i), heads)  # type: ignore[misc]
+        for passes, at, tree in self._trees:
+            passes.write_motion(part, at, lambda j, head, i, of=tree: self.numbering.node_place(head, of.node(j), i), heads)  # type: ignore[misc]
 
-    def _row(self, tree: OrderedTree, role: str, j: int, i: int) -> int:
+    def _row(self, tree: Tree, role: str, j: int, i: int) -> int:
         """Slot of what laws outside of the tree add to component i of body j, a loaded node: role "wu" its equations of motion,
         "wq" the rates of its positions."""
-        return self.F + self.numbering.node_place(role, tree.tree.node(j), i) - self.n + 1
+        return self.F + self.numbering.node_place(role, tree.node(j), i) - self.n + 1
 
     def _laws(self, part: Operations, offset: Array, kept: Any) -> None:
         """Append the rows of F by laws outside of the trees; kept: function (rows, columns) of the linear terms that selects
@@ -74,13 +73,18 @@ class OrderedEquations(Workspace):
         """Append the inward and outward passes, which compute the second rates of the trees' coordinates (slots from `rates` on)
         from the forces on them (slots from `force` on) and on their bodies."""
         pivots: list[tuple[int, int]] = []
-        for tree, at in self._trees:
-            tree.loads(part, at, lambda j, i, of=tree: self._row(of, "wu", j, i))  # type: ignore[misc]
-            pivots += tree.inwards(part, lambda k: force + k)
+        for passes, at, tree in self._trees:
+            passes.loads(part, at, lambda j, i, of=tree: self._row(of, "wu", j, i))  # type: ignore[misc]
+            found = passes.inwards(part, lambda place, of=tree: force + self._unknown(of, place))  # type: ignore[misc]
+            pivots += [(slot, self._unknown(tree, place)) for slot, place in found]
         part.positive([slot for slot, _ in pivots])
         self.order = np.array([k for _, k in pivots], dtype=np.intp)
-        for tree, _ in self._trees:
-            tree.accelerations(part, lambda k: rates + k)
+        for passes, _, tree in self._trees:
+            passes.accelerations(part, lambda place, of=tree: rates + self._unknown(of, place))  # type: ignore[misc]
+
+    def _unknown(self, tree: Tree, place: Place) -> int:
+        """Number of a velocity of a tree among the velocity unknowns."""
+        return slot_of(self.numbering, tree, place) - self.numbering.nq
 
     def ready(self, **parts: Any) -> None:
         """Allocate the array of the program; no operations can be added afterwards."""
@@ -153,9 +157,9 @@ class OrderedResidual(OrderedEquations):
     def _equations(self, part: Operations, offset: Array) -> None:
         nb, n = self.numbering, self.n
         dotted = n + nb.nq
-        own = np.concatenate([np.zeros(0, dtype=np.intp), *(tree.unknowns for tree, _ in self._trees)])
-        for tree, _ in self._trees:
-            tree.accelerations(part, lambda k: dotted + k, given=True)
+        own = np.array([self._unknown(tree, place) for passes, _, tree in self._trees for place in passes.unknowns], dtype=np.intp)
+        for passes, _, tree in self._trees:
+            passes.accelerations(part, lambda place, of=tree: dotted + self._unknown(of, place), given=True)  # type: ignore[misc]
         self._write_motion(part, ("q", "u", "up"))
         self._laws(part, offset, lambda rows, _: rows >= 0)
         force, rates = part.zeros(nb.nu), part.slots(nb.nu)
@@ -173,19 +177,9 @@ class OrderedResidual(OrderedEquations):
     def _correct(self, part: Operations) -> None:
         """Append corrections G^T mu of the rates of positions (form GGL) that laws on loaded bodies cause, projected on the
         freedoms of their trees and added to the rows of q'."""
-        nb = self.numbering
-        by_velocity = part.zeros(nb.nu)
-        for tree, at in self._trees:
-            tree.corrections(part, at, lambda j, i, of=tree: self._row(of, "wq", j, i),  # type: ignore[misc]
-                             lambda j, place, of=tree: by_velocity + of.unknown(j, place))  # type: ignore[misc]
-            nodes = [n for n in (tree.tree.nodes[0], *tree.tree.coordinates) if n is not None and n in nb.free]
-            for node in nodes:
-                q, u = nb.node_place("q", node, 0), by_velocity + nb.node_place("u", node, 0) - nb.nq
-                n = node.kind.translations if node.kind.by_quaternion else node.kind.sizes[1]
-                part.add(self.F + q + np.arange(n), u + np.arange(n))
-                if node.kind.by_quaternion:
-                    gather = np.r_[q + n + np.arange(4), u + n + np.arange(3)]
-                    part.add(self.F + q + n + np.arange(4), quaternion_rate().emit(part, gather[None])[0])
+        for passes, at, tree in self._trees:
+            passes.corrections(part, at, lambda j, i, of=tree: self._row(of, "wq", j, i),  # type: ignore[misc]
+                               lambda place, of=tree: self.F + slot_of(self.numbering, of, place))  # type: ignore[misc]
 
     def compile(self) -> None:
         """Allocate the array of the program, whose results are the rows of F; no operations can be added afterwards."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mbdae.inputs.breaks import TOLERANCE, switches
 from mbdae.inputs.resolution import LongestStep, Stretches, resolved
 from mbdae.inputs.timed import sided, split, used
+from mbdae.kernels.tree_passes import TreePasses
 from mbdae.kernels.tree_plan import MOST_SOLVED, Piece, TreePlan, tree_plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.joint import Joint
@@ -212,6 +213,12 @@ class MovedBodies:
         if "_P" in name:
             return numbering.further + self._constants[tree.joints[0], owner, name]
         return numbering.slot(g, i, name)
+
+
+    def passes(self, numbering: Numbering, tree: Tree, quaternion: bool = False,
+               inertia: Mapping[tuple[Any, Any], int] | None = None) -> TreePasses:
+        """The passes over a tree, whose inputs are in the slots of a numbering; other arguments as in `TreePasses`."""
+        return TreePasses(tree.structure, lambda place: self.slot(numbering, tree, place), self.open, quaternion, inertia)
 
 
 def by_order(model: Model, moved: MovedBodies) -> bool:

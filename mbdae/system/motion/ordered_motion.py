@@ -7,21 +7,22 @@ import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from mbdae.kernels.tree_passes import TreePasses
 from mbdae.native.program import Operations, core
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import jacobian_G
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
-from mbdae.system.model.moved_bodies import MovedBodies
+from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.constrained import Workspace
-from mbdae.system.motion.ordered_tree import OrderedTree
 from mbdae.system.motion.states import Solve, blocks
 
 #: pivot of the mass matrix over the largest pivot, up to which a motion counts as having no inertia
@@ -74,9 +75,9 @@ class OrderedMotion(_AtStates):
             own = numbering.of_positions if head == "q" else numbering.of_velocities
             part.set(result + starts[head] + own, unknown + np.arange(len(own)))
         for tree in moved.trees:
-            ordered = OrderedTree(moved, numbering, tree, quaternion=True)
+            ordered = moved.passes(numbering, tree, quaternion=True)
             ordered.outwards(part)
-            ordered.accelerations(part, lambda k: numbering.n + numbering.nq + k, given=True)
+            ordered.accelerations(part, lambda place: slot_of(numbering, tree, ("up", *place[1:])), given=True)  # noqa: B023
             ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, place), tuple(starts))
             driven = [(place(tree.node(-c), head, 0), moved.slot(numbering, tree, ("clock", c, order)))
                       for _, c, _ in tree.driven for order, head in enumerate(starts)]
@@ -146,7 +147,7 @@ class _Accelerations(_AtStates):
         part.set(rates + np.arange(nb.nu), self.force + own)
         self.pivots: list[tuple[int, int]] = []
         for tree in moved.trees:
-            ordered = OrderedTree(moved, nb, _bare(model, tree), inertia=mass)
+            ordered = moved.passes(nb, _bare(model, tree), inertia=own_inertia(nb, part, tree, mass))
             self.pivots += self._solve(part, ordered, tree, left, rates)
             ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, lambda n, _, i: every + n.u + i), ("up",))
             driven = [(every + tree.node(-c).u, moved.slot(nb, tree, ("clock", c, 2))) for _, c, _ in tree.driven]
@@ -155,19 +156,34 @@ class _Accelerations(_AtStates):
         part.set(every + own, rates + np.arange(nb.nu))
         self.ready(every, model.nu)
 
-    def _solve(self, part: Operations, ordered: OrderedTree, tree: Tree, left: int, rates: int) -> list[tuple[int, int]]:
+    def _solve(self, part: Operations, ordered: TreePasses, tree: Tree, left: int, rates: int) -> list[tuple[int, int]]:
         ordered.outwards(part)
         nodes = [j for j in ordered.bodies if j]
         forces = [ordered.at(j, place) for j in nodes for place in ordered.bodies[j].kernels.outward.column if place[0] == "p"]
         # the given forces contain the gyroscopic forces already, so that those which the outward pass computes are set to 0
         part.set(forces, np.full(len(forces), part.zeros(1)))
         ordered.loads(part, nodes, lambda j, i: left + tree.node(j).u + i)
-        pivots = ordered.inwards(part, lambda k: rates + k)
-        ordered.accelerations(part, lambda k: rates + k)
+        first = rates - self.numbering.nq
+
+        def rate(place: tuple[object, ...]) -> int:
+            return first + slot_of(self.numbering, tree, place)
+
+        pivots = [(slot, rate(place) - rates) for slot, place in ordered.inwards(part, rate)]
+        ordered.accelerations(part, rate)
         return pivots
 
     def _alone(self, part: Operations, mass: dict[tuple[int, int], float], rates: int, solved: set[int]) -> None:
         solve_alone(part, mass, lambda k: rates + k, sorted(set(range(self.numbering.nu)) - solved))
+
+
+def own_inertia(nb: Numbering, part: Operations, tree: Tree, mass: dict[tuple[int, int], float]) -> dict[Any, int]:
+    """Entries of the mass matrix by laws outside of a tree, by pairs of its velocities: slots of constants.
+
+    mass: (row, column) among the velocity unknowns -> entry."""
+    nodes = [*([(0, tree.nodes[0])] if tree.structure.root.moves else []), *((-c, n) for c, n in enumerate(tree.coordinates, 1))]
+    places = {nb.node_place("u", n, i) - nb.nq: ("u", j, i) for j, n in nodes if n not in tree.moved_nodes
+              for i in range(n.kind.sizes[1])}
+    return {(places[a], places[b]): part.constant([m]) for (a, b), m in mass.items() if a in places and b in places}
 
 
 def solve_alone(part: Operations, mass: dict[tuple[int, int], float], rate: Callable[[int], int], rest: Sequence[int]) -> None:
