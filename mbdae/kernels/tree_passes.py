@@ -179,7 +179,7 @@ class TreePasses:
         return np.array(table, dtype=np.intp).reshape(len(run), len(kernel.inputs))
 
     def write_motion(self, part: Operations, nodes: Sequence[int], to: Callable[[int, str, int], int],
-                     heads: tuple[str, ...] = ("q", "u")) -> None:
+                     heads: tuple[str, ...] = ("q", "u", "up")) -> None:
         """Append operations that write q, u and u' of the bodies `nodes` to the slots to(body, head, i). heads: which of "q",
         "u", "up"."""
         for kind in dict.fromkeys(map(self._kind, nodes)):

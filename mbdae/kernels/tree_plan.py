@@ -193,20 +193,11 @@ class ProgrammedTree:
         tree.accelerations(made, lambda place: made.slot(("up", *place[1:])), given=True)
         return [self._piece(self._motion(made, tree, carried_nodes(self.structure)), None, made)]
 
-    def velocities(self) -> list[Piece]:
-        """Kernels of the derivatives of the velocities of all carried bodies by the velocity unknowns of the tree."""
-        made = Inline()
-        motion = self._motion(made, self._outwards(made, False), carried_nodes(self.structure), ("u",))
-        seeds = [s for s, place in made.inputs.items() if place[0] == "u"]
-        found = made.program.derivatives([e for _, e in motion], seeds)
-        entries = [((t, made.inputs[s]), e) for (t, _), row in zip(motion, found, strict=True) for s, e in row.items()]
-        return self._chunks(entries, made)
-
-    def _chunks(self, entries: list[tuple[Any, Expr]], made: Inline | None = None) -> list[Piece]:
+    def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:
         """One kernel for all entries, or several by columns of the Jacobian where one would be slow to compile."""
-        program = (made or self.made).program
+        program = self.program
         if len(program.needed([e for _, e in entries])) <= CHUNK:
-            return [self._piece(entries, made=made)] if entries else []
+            return [self._piece(entries)] if entries else []
         by_column: dict[Any, list[tuple[Any, Expr]]] = {}
         for entry in entries:
             by_column.setdefault(entry[0][1], []).append(entry)
@@ -215,7 +206,7 @@ class ProgrammedTree:
             if pieces[-1] and len(program.needed([e for _, e in pieces[-1] + column])) > CHUNK:
                 pieces.append([])
             pieces[-1] += column
-        return [self._piece(piece, made=made) for piece in pieces]
+        return [self._piece(piece) for piece in pieces]
 
 
 class TreePlan:
@@ -298,12 +289,6 @@ class TreePlan:
     def motion_of_all(self) -> Piece:
         """Kernel of q, u and u' of every body that the joints of the tree carry."""
         return self._known("motion_of_all")[0]
-
-    @cached_property
-    def velocities(self) -> list[Piece]:
-        """Kernels of the derivatives of the velocities of all carried bodies by those of the joint coordinates and of the
-        root."""
-        return self._known("velocities")
 
 
 def carried_nodes(structure: TreeStructure) -> tuple[int, ...]:

@@ -161,11 +161,11 @@ API int scene_part(Scene *s, const Part *part, double t, const double *y, const 
   return code ? code : run(*part, s->W, s->x, &s->bad);
 }
 
-/* `count` numbers that the residual leaves, at k states, one row of y (k, stride) each. */
-API int scene_values(Scene *s, I k, const double *t, const double *y, I stride, I count, double *out) {
+/* `count` numbers that the residual leaves, at k states, one row of y (k, stride) and y', or NULL, each. */
+API int scene_values(Scene *s, I k, const double *t, const double *y, const double *yp, I stride, I count, double *out) {
   int code = DONE;
   for (I i = 0; i < k && !code; i++) {
-    code = scene_part(s, &s->residual, t[i], y + i * stride, NULL);
+    code = scene_part(s, &s->residual, t[i], y + i * stride, yp ? yp + i * stride : NULL);
     memcpy(out + i * count, s->W + s->rows, sizeof(double) * (size_t)count);
   }
   return code;

@@ -280,7 +280,7 @@ core = declared(
     ("scene_jacobian", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),
     ("scene_rates", ctypes.c_int, (Pointer, Number, Pointer, Pointer)),
     ("scene_part", ctypes.c_int, (Pointer, Pointer, Number, Pointer, Pointer)),
-    ("scene_values", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Whole, Whole, Pointer)),
+    ("scene_values", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Whole, Whole, Pointer)),
     ("scene_residuals", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
 )
 

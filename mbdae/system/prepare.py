@@ -23,9 +23,9 @@ from mbdae.system.model.model import Model, build
 from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, by_order, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
-from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
+from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics, row_sizes
-from mbdae.system.motion.ordered_motion import OrderedMechanics, bodies_of
+from mbdae.system.motion.tree_mechanics import TreeMechanics
 from mbdae.system.nearest import start_positions
 from mbdae.system.redundancy import RankReport, analyse
 from mbdae.system.start import ChangedVelocity, Start, Starter
@@ -109,7 +109,7 @@ def _made_again(scene: SceneData, stay: Mapping[str, str], end: float, rank: Ran
                 contacts: list[ExpectedContact]) -> Prepared:
     model, moved = modelled(scene, stay)
     model.conditions.end = end
-    all_bodies = bodies_of(model, moved)
+    all_bodies = AllBodies(model, moved)
     return Prepared(model, mechanics_of(model, rank.kept, all_bodies), rank, start, time, all_bodies, contacts)
 
 
@@ -134,7 +134,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
                           f"{model.nq} and {model.nu}; continue it with the same bodies and joint models"])
     model.conditions.time = after(begin_time)  # at the start, conditions of inputs such as t < 1 are evaluated just after it
     model.conditions.end = t_end if t_end is not None else inf
-    all_bodies = bodies_of(model, moved)
+    all_bodies = AllBodies(model, moved)
     if not all_bodies.numbering.free:
         raise SceneError([f"scene '{scene.name}': recursive joints hold or prescribe all bodies, so nothing is left to solve "
                           f"for; use model=mb.Kinematic() for one of them"])
@@ -193,7 +193,7 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
     """Error messages, one sentence each, for motions without inertia: of joint coordinates where no rows besides those of the
     trees are kept, else of bodies."""
     inside = all_bodies.moved.replaced
-    if isinstance(all_rows, OrderedMechanics):
+    if isinstance(all_rows, TreeMechanics):
         return massless_unknowns(all_bodies, all_rows.without_inertia(starter.t, q))
     if all_bodies.moved.trees and not all_bodies.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
         return massless_coordinates(all_bodies, all_rows.mass, starter.t, q)
@@ -202,8 +202,6 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
 
 def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> Mechanics:
     """The mechanics of all nodes with these rows, of which `redundant` follow from the others."""
-    if all_bodies.moved.alone:
-        return OrderedMechanics(model, rows, all_bodies)
     # with beams the sparse equations with constraint rows cost less than joint coordinates here; runs integrate the latter anyway
     reduced = all_bodies.moved.trees and not model.lines
     return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)

@@ -24,7 +24,12 @@ def inputs(prepared: Prepared, tree: Tree, plan: TreePlan, rng: np.random.Genera
     """Every input of a tree's program at a random state: numbers of the scene, random accelerations and forces."""
     e = prepared.all_bodies
     t, q, u = random_state(prepared, rng)
-    W = e.workspace(t, q, u, rng.normal(size=u.shape))[0]
+    nb = e.numbering
+    W, up = nb.workspace(1), rng.normal(size=u.shape)
+    for first, part in ((0, q), (nb.nq, u), (nb.n + nb.nq, up)):
+        W[:, first : first + part.shape[1]] = part
+    nb.fill_clock(W, t)
+    W = W[0]
     return {str(symbol): complex(rng.normal() if place[0] in ("wu", "wq") else W[e.moved.slot(e.numbering, tree, place)])
             for symbol, place in plan.places.items()}
 

@@ -34,13 +34,6 @@ def test_a_stored_run_has_the_motion_of_all_bodies(spatial, tmp_path):
     assert r.energy.kinetic[-1] > 0.01
 
 
-def test_the_motion_by_kernels_of_whole_trees_is_refused():
-    """It would leave all bodies where they are drawn."""
-    p = chain(20).simulate(0.01, 1e-3).prepared
-    with pytest.raises(TypeError, match="joint by joint"):
-        AllBodies(p.model, p.all_bodies.moved).states(np.zeros(1), np.zeros((1, 40)))
-
-
 def test_radau_factorises_full_matrices_of_any_size():
     s = chain(260)
     r = s.simulate(2e-3, solver=mb.RadauIIA(3, rtol=1e-6))

@@ -7,7 +7,7 @@ values of kernels. Here the tables of all these terms are made; `evaluation.py` 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree_motion import Open
-from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter
+from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter, emit_pieces
 from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern
 from mbdae.system.base import Array, Places
 from mbdae.system.model.beams import ElementBatch, Line, batches
@@ -30,7 +30,7 @@ from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
-from mbdae.system.motion.constrained import Columns, Loaded
+from mbdae.system.motion.constrained import Columns, Emitted
 from mbdae.system.motion.mechanics import LARGE
 
 #: index of some kinds of unknowns, in place of that of the form, where the stresses of beams are unknowns ("z"). ELASTIC: steps
@@ -283,9 +283,9 @@ class Assembly:
         own."""
         return {name: value for name, value in self.__dict__.items() if name != "evaluation"}
 
-    def motion(self) -> Loaded:
-        """Kernels of the motion of loaded nodes (bodies of trees on which other laws act), and the slots they read and write."""
-        return self._loaded[0]
+    def motion(self) -> Emitted | None:
+        """Function that appends the motion of loaded nodes (bodies of trees on which other laws act); None where there are none."""
+        return partial(emit_pieces, self._loaded[0]) if self._loaded[0] else None
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from mbdae.native.program import Operations, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.constrained import Columns, Index, Loaded, Workspace, narrow_order
+from mbdae.system.motion.constrained import Columns, Index, Workspace, narrow_order
 
 
 class Scatter:
@@ -69,6 +70,12 @@ class Scatter:
             part.add(first + places, kernel.emit(part, gather))
 
 
+def emit_pieces(pieces: Sequence[Any], part: Operations) -> None:
+    """Append kernels of trees, each given with the slots that it reads and those of its values."""
+    for piece, gather, places in pieces:
+        part.set(places, piece.kernel.emit(part, gather))
+
+
 class EquationsOfScene(Workspace):
     """Residual, Jacobian and, where nothing is constrained, right-hand side of the equations of a scene.
 
@@ -77,9 +84,9 @@ class EquationsOfScene(Workspace):
     derivatives; pattern: row and column of their values; place: position of each value among the entries of the Jacobian; c
     (2, nnz + 1): constant parts of the entries of dF/dy and dF/dy', and a spare one."""
 
-    def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, stages: tuple[Loaded, Scatter, Any],
+    def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, stages: tuple[Any, Scatter, Any],
                  terms_of_jacobian: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> None:
-        super().__init__(numbering, stages[0])
+        super().__init__(numbering, partial(emit_pieces, stages[0]))
         self._terms, self._offset, self._stages = terms, offset, stages
         operations = self.operations
         self.rows, self.nnz = operations.slots(len(offset)), len(c[0]) - 1

@@ -20,7 +20,7 @@ from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.constrained import Workspace
-from mbdae.system.motion.ordered_motion import own_inertia, solve_alone
+from mbdae.system.motion.tree_mechanics import own_inertia, solve_alone
 
 Inertia = dict[tuple[int, int], float]
 

@@ -9,7 +9,7 @@ motion is evaluated first, the laws outside read it, and the tree's kernel proje
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from mbdae.inputs.resolution import LongestStep, Stretches, resolved
 from mbdae.inputs.timed import sided, split, used
 from mbdae.kernels.tree_passes import TreePasses
 from mbdae.kernels.tree_plan import MOST_SOLVED, Piece, TreePlan, tree_plan
+from mbdae.native.program import Operations
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.outputs import insert, loads
@@ -214,6 +215,22 @@ class MovedBodies:
             return numbering.further + self._constants[tree.joints[0], owner, name]
         return numbering.slot(g, i, name)
 
+
+    def motion(self, part: Operations, numbering: Numbering, to: Callable[[Node, str, int], int]) -> None:
+        """Append q, u and u' ("up") of all nodes that the trees move, in the slots to(node, head, i)."""
+        for plan, trees in self.plans():
+            piece = plan.motion_of_all
+            values = piece.kernel.emit(part, self.gather(numbering, piece, trees))
+            part.set([[to(tree.node(j), head, i) for head, j, i in piece.targets] for tree in trees], values)
+        for tree in self.trees:
+            if self.ordered:
+                passes = self.passes(numbering, tree, quaternion=True)
+                passes.outwards(part)
+                passes.accelerations(part, lambda place, of=tree: slot_of(numbering, of, ("up", *place[1:])), given=True)  # type: ignore[misc]
+                passes.write_motion(part, [j for j in passes.bodies if j], lambda j, head, i, of=tree: to(of.node(j), head, i))  # type: ignore[misc]
+            driven = [(to(tree.node(-c), head, 0), self.slot(numbering, tree, ("clock", c, order)))
+                      for _, c, _ in tree.driven for order, head in enumerate(("q", "u", "up"))]
+            part.set([at for at, _ in driven], [slot for _, slot in driven])
 
     def passes(self, numbering: Numbering, tree: Tree, quaternion: bool = False,
                inertia: Mapping[tuple[Any, Any], int] | None = None) -> TreePasses:

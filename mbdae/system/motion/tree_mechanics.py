@@ -1,9 +1,7 @@
-"""Trees of any size at given states, evaluated body by body by the articulated-body recursion: the motion of all bodies, and the
-accelerations that given forces cause."""
+"""Mechanics of scenes with trees: accelerations in joint coordinates, and the reactions of the joints that these satisfy."""
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -12,134 +10,30 @@ from typing import Any
 import numpy as np
 
 from mbdae.kernels.tree_passes import TreePasses
-from mbdae.native.program import Operations, core
+from mbdae.native.program import Operations
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import jacobian_G
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
-from mbdae.system.model.nodes import Node
-from mbdae.system.model.numbering import Numbering
+from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.trees import Tree
-from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
-from mbdae.system.motion.constrained import Workspace
-from mbdae.system.motion.states import Solve, blocks
+from mbdae.system.motion.all_bodies import AllBodies
+from mbdae.system.motion.constrained import Workspace, least_norm, solve_constrained
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.states import Solve
 
 #: pivot of the mass matrix over the largest pivot, up to which a motion counts as having no inertia
 NOTHING = 1e-13
 
 
-class _AtStates(Workspace):
-    """Operations that are run for one state after the other. A state is a workspace: unknowns and all values prescribed in
-    time."""
-
-    def __init__(self, numbering: Numbering) -> None:
-        super().__init__(numbering)
-        self.clock = self.operations.part()  # empty, because a state already contains the values prescribed in time
-        self.part = self.operations.part()
-
-    def ready(self, result: int, count: int) -> None:
-        """Compile the operations, whose results are the `count` numbers from slot `result` on."""
-        self.finish(self.part)
-        self.make("residual")
-        self._found, _ = self.view(result, count)
-        self._at_yp = self.view(self.n, self.n)[1]
-
-    def values(self, W: Array, more: tuple[int, Array] | None = None) -> Array:
-        """Results (nt, count) at workspaces W (nt, width). more: a slot and further numbers (nt, k) to be written from there
-        on."""
-        out = np.empty((len(W), len(self._found)))
-        for i, row in enumerate(W):
-            self.W[: row.size] = row
-            if more is not None:
-                self.W[more[0] : more[0] + more[1].shape[1]] = more[1][i]
-            self.code = core().scene_part(self.address, ctypes.byref(self.scene.residual), np.nan, self._at_y, self._at_yp)
-            out[i] = self._found
-        return out
-
-
-class OrderedMotion(_AtStates):
-    """Computes q, u and u' of all nodes, one after the other, from workspaces of a numbering."""
-
-    def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering) -> None:
-        super().__init__(numbering)
-        self.sizes, part = (model.nq, model.nu, model.nu), self.part
-        starts = dict(zip(("q", "u", "up"), (0, model.nq, model.nq + model.nu), strict=True))
-        result = self.operations.slots(sum(self.sizes))
-        part.load(result, np.zeros(sum(self.sizes)))
-
-        def place(node: Node, head: str, i: int) -> int:
-            return result + starts[head] + (node.q if head == "q" else node.u) + i
-
-        for head, unknown in (("q", 0), ("u", numbering.nq), ("up", numbering.n + numbering.nq)):
-            own = numbering.of_positions if head == "q" else numbering.of_velocities
-            part.set(result + starts[head] + own, unknown + np.arange(len(own)))
-        for tree in moved.trees:
-            ordered = moved.passes(numbering, tree, quaternion=True)
-            ordered.outwards(part)
-            ordered.accelerations(part, lambda place: slot_of(numbering, tree, ("up", *place[1:])), given=True)  # noqa: B023
-            ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, place), tuple(starts))
-            driven = [(place(tree.node(-c), head, 0), moved.slot(numbering, tree, ("clock", c, order)))
-                      for _, c, _ in tree.driven for order, head in enumerate(starts)]
-            part.set([to for to, _ in driven], [slot for _, slot in driven])
-        self.ready(result, sum(self.sizes))
-
-    def of_all(self, W: Array) -> tuple[Array, Array, Array]:
-        """q (nt, nq), u and u' (nt, nu) of all nodes at workspaces W (nt, width)."""
-        found = self.values(W)
-        nq, nu, _ = self.sizes
-        return found[:, :nq], found[:, nq : nq + nu], found[:, nq + nu :]
-
-
-def _to(tree: Tree, place: Callable[[Node, str, int], int]) -> Callable[[int, str, int], int]:
-    return lambda j, head, i: place(tree.node(j), head, i)
-
-
-class OrderedBodies(AllBodies):
-    """The motion of all bodies where trees are evaluated joint by joint."""
-
-    @cached_property
-    def _by_order(self) -> OrderedMotion:
-        return OrderedMotion(self.model, self.moved, self.numbering)
-
-    def states(self, t: Array, y: Array) -> tuple[Array, Array]:
-        parts = blocks(len(t), self.numbering.width)
-        found = [AllBodies.states(self, t[part], y[part]) for part in parts]
-        return np.concatenate([q for q, _ in found]), np.concatenate([u for _, u in found])
-
-    def accelerations(self, t: Array, q: Array, u: Array, up: Array) -> Array:
-        parts = blocks(len(t), self.numbering.width)
-        return np.concatenate([AllBodies.accelerations(self, t[part], q[part], u[part], up[part]) for part in parts])
-
-    def _motion(self, W: Array, up: Array | None) -> tuple[Array, Array, Array]:
-        return self._by_order.of_all(W)
-
-    def velocity_map(self, W: Array) -> Array:
-        """As `AllBodies.velocity_map`, column by column: velocities for one velocity unknown equal to 1 and the others 0, less
-        those for all 0, because velocities depend on the unknowns linearly."""
-        first, columns = self.nq, np.zeros((len(W), self.model.nu, self.nu))
-        still = W.copy()
-        still[:, first : first + self.nu] = 0.0
-        rest = self._motion(still, None)[1]
-        for k in range(self.nu):
-            still[:, first + k] = 1.0
-            columns[:, :, k] = self._motion(still, None)[1] - rest
-            still[:, first + k] = 0.0
-        return columns
-
-
-def bodies_of(model: Model, moved: MovedBodies) -> AllBodies:
-    """The object that evaluates the motion of all bodies of a model: by kernels of whole trees, or joint by joint."""
-    return (OrderedBodies if moved.ordered else AllBodies)(model, moved)
-
-
-class _Accelerations(_AtStates):
+class _Accelerations(Workspace):
     """Computes u' of all nodes from forces on them, which are given in the slots from `force` on. mass: (row, column) -> entry of
     the mass matrix among the velocity unknowns."""
 
     def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering, mass: dict[tuple[int, int], float]) -> None:
         super().__init__(numbering)
-        nb, part = numbering, self.part
+        nb, part = numbering, self.operations.part()
         self.force = self.operations.slots(model.nu)
         rates, own, every = part.slots(nb.nu), nb.of_velocities, part.zeros(model.nu)
         left = part.zeros(model.nu)
@@ -149,12 +43,21 @@ class _Accelerations(_AtStates):
         for tree in moved.trees:
             ordered = moved.passes(nb, _bare(model, tree), inertia=own_inertia(nb, part, tree, mass))
             self.pivots += self._solve(part, ordered, tree, left, rates)
-            ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, lambda n, _, i: every + n.u + i), ("up",))
+            ordered.write_motion(part, [j for j in ordered.bodies if j], lambda j, _, i, of=tree: every + of.node(j).u + i, ("up",))  # type: ignore[misc]
             driven = [(every + tree.node(-c).u, moved.slot(nb, tree, ("clock", c, 2))) for _, c, _ in tree.driven]
             part.set([to for to, _ in driven], [slot for _, slot in driven])
-        self._alone(part, mass, rates, {k for _, k in self.pivots})
+        solve_alone(part, mass, lambda k: rates + k, sorted(set(range(nb.nu)) - {k for _, k in self.pivots}))
         part.set(every + own, rates + np.arange(nb.nu))
-        self.ready(every, model.nu)
+        self.results(part, every, model.nu)
+
+    def of_forces(self, t: Array, q: Array, u: Array, f: Array) -> Array:
+        """u' (nt, nu) of all nodes at q, u of the unknowns (nt, ...), for forces f (nt, nu) on all nodes."""
+        y, out = np.zeros((1, self.n)), np.empty_like(f)
+        for i in range(len(t)):
+            y[0, : self.numbering.nq], y[0, self.numbering.nq : self.numbering.nq + self.numbering.nu] = q[i], u[i]
+            self.W[self.force : self.force + f.shape[1]] = f[i]
+            out[i] = self.at_states(t[i : i + 1], y)[0]
+        return out
 
     def _solve(self, part: Operations, ordered: TreePasses, tree: Tree, left: int, rates: int) -> list[tuple[int, int]]:
         ordered.outwards(part)
@@ -171,9 +74,6 @@ class _Accelerations(_AtStates):
         pivots = [(slot, rate(place) - rates) for slot, place in ordered.inwards(part, rate)]
         ordered.accelerations(part, rate)
         return pivots
-
-    def _alone(self, part: Operations, mass: dict[tuple[int, int], float], rates: int, solved: set[int]) -> None:
-        solve_alone(part, mass, lambda k: rates + k, sorted(set(range(self.numbering.nu)) - solved))
 
 
 def own_inertia(nb: Numbering, part: Operations, tree: Tree, mass: dict[tuple[int, int], float]) -> dict[Any, int]:
@@ -215,28 +115,75 @@ def _bare(model: Model, tree: Tree) -> Tree:
     return replace(tree, structure=structure, members=tuple(tree.members[k] for k in kept))
 
 
-class OrderedMechanics(TreeMechanics):
-    """Mechanics of a model whose trees are evaluated joint by joint and whose constraint rows all belong to joints of these
-    trees."""
+class TreeMechanics(Mechanics):
+    """Mechanics of a model with recursive joints: accelerations are solved for in joint coordinates; the reactions of the
+    recursive joints then follow from the balance of every body, from the leaves of the trees to the root."""
 
-    carries_bodies = True
+    def __init__(self, model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> None:
+        super().__init__(model, rows, redundant)
+        self.all_bodies = all_bodies
+
+    def admissible(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
+        """q (nt, nq) and u (nt, nu) with every body where the coordinates of its recursive joints place it: positions of such
+        bodies in the arguments count for nothing."""
+        return self.all_bodies.states(t, np.hstack(self.all_bodies.reduced(q, u)))
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
+        """u' (nt, nu) and lambda (nt, m) of all nodes and rows, those of recursive joints included."""
         e = self.all_bodies
         qr, ur = e.reduced(q, u)
+        if e.moved.alone:
+            return self._by_passes(t, q, qr, ur)
+        T = e.velocity_map(t, qr)
+        bias = e.accelerations(t, qr, ur, np.zeros_like(ur))
+        G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), self.mass, self.closing
+        Tt, units = T.transpose(0, 2, 1), 1 / self.velocity_units[e.numbering.of_velocities]
+        mass, rows = Tt @ (M @ T), G[:, closing] @ T
+        right = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias)
+        E = self.unique(G[:, closing], rows, 1 / units)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
-            acceleration = np.concatenate([
-                self._by_order.values(e.workspace(t[part], qr[part], ur[part]), (self._by_order.force, f[part]))
-                for part in blocks(len(t), e.numbering.width)])
+            # friction depends on multipliers of joints that close loops only: a joint with reaction friction is never recursive
+            inner = None if slope is None else slope[:, :, closing]
+            reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
+            ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
+            acceleration = np.einsum("tij,tj->ti", T, ud) + bias
+            # G^T lambda, the sum of all reactions, once the friction that depends on lambda is added to f
+            left = f - acceleration @ M
+            if inner is not None:
+                left += np.einsum("tij,tj->ti", inner, lam)
+            if self.redundant:
+                return acceleration, least_norm(G * self.velocity_units, left * self.velocity_units)
             multipliers = np.zeros((len(t), self.m))
-            self._joint_by_joint(t, q, f - acceleration @ self.mass, multipliers)
+            multipliers[:, closing] = lam
+            self._leaf_to_root(t, q, left - np.einsum("tij,ti->tj", G[:, closing], lam), multipliers)
             return acceleration, multipliers
 
         return solve
 
     @cached_property
-    def _by_order(self) -> _Accelerations:
+    def closing(self) -> Any:
+        """(k,) numbers of the rows of joints that are not recursive: they close loops between bodies of the trees."""
+        inside = self.all_bodies.moved.replaced
+        return np.array([n for n, r in enumerate(self.rows) if (r.group, r.instance) not in inside], dtype=int)
+
+    def _by_passes(self, t: Array, q: Array, qr: Array, ur: Array) -> Solve:
+        """As `_constrained`, where all rows belong to trees that are evaluated joint by joint: without any matrix of all bodies."""
+
+        def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
+            acceleration, multipliers = self._passes.of_forces(t, qr, ur, f), np.zeros((len(t), self.m))
+            self._leaf_to_root(t, q, f - acceleration @ self.mass, multipliers)
+            return acceleration, multipliers
+
+        return solve
+
+    @property
+    def carries_bodies(self) -> bool:
+        """Whether all rows belong to trees that are evaluated joint by joint."""
+        return self.all_bodies.moved.alone
+
+    @cached_property
+    def _passes(self) -> _Accelerations:
         e = self.all_bodies
         number = {int(k): i for i, k in enumerate(e.numbering.of_velocities)}
         mass = {(number[a], number[b]): m for (a, b), m in self.inertia.items() if a in number and b in number}
@@ -244,15 +191,16 @@ class OrderedMechanics(TreeMechanics):
 
     def without_inertia(self, t: Array, q: Array) -> list[int]:
         """Numbers, among the velocity unknowns, of those that have no inertia at positions q (nq,)."""
-        e, solver = self.all_bodies, self._by_order
-        W = e.workspace(t, *e.reduced(q[None], np.zeros((1, self.nu))))
-        solver.values(W, (solver.force, np.zeros((1, self.nu))))
+        zero, solver = np.zeros((1, self.nu)), self._passes
+        solver.of_forces(t, *self.all_bodies.reduced(q[None], zero), zero)
         pivots = np.array([solver.W[slot] for slot, _ in solver.pivots])
         lost = np.flatnonzero(~(pivots > NOTHING * float(np.max(pivots, initial=0.0))))
         return [solver.pivots[i][1] for i in lost]
 
-    def _joint_by_joint(self, t: Array, q: Array, left: Array, multipliers: Array) -> None:
-        """As `TreeMechanics._leaf_to_root`, but with the entries of G of one joint at a time, never the whole matrix."""
+    def _leaf_to_root(self, t: Array, q: Array, left: Array, multipliers: Array) -> None:
+        """Solve G^T lambda = left (nt, nu) joint by joint, from the leaves to the root: the reaction of a joint balances the
+        force on the body that it moves, and its opposite is added to the force left on the carrying body. The entries of G are
+        those of one joint at a time, never the whole matrix."""
         entries = {g: (p.targets, values) for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu)))}
         numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
         for tree in self.all_bodies.moved.trees:
