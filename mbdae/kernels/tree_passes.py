@@ -8,6 +8,8 @@ tables of slots grow with the tree.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +19,7 @@ from mbdae.kernels import links
 from mbdae.kernels.links import BodyKernels, ProgramKernel
 from mbdae.native.program import Operations
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.links import Shape, directions
+from mbdae.symbolic.links import directions
 from mbdae.symbolic.tree_motion import Member, Open, TreeStructure
 
 Index = NDArray[np.intp]
@@ -47,7 +49,7 @@ class TreePasses:
     def __init__(self, structure: TreeStructure, slot: Slot, open: Open = Open.FEWEST, quaternion: bool = False,
                  inertia: Mapping[tuple[Place, Place], int] | None = None) -> None:
         self.structure, self.slot, self.quaternion, self._open = structure, slot, quaternion, open
-        self._inertia = inertia or {}
+        self.inertia = inertia or {}
         self._base: dict[int, int] = {}
         self._kept: dict[int, tuple[int, ProgramKernel]] = {}
         self._accelerations: dict[int, tuple[int, ProgramKernel]] = {}
@@ -57,10 +59,17 @@ class TreePasses:
             self.bodies = self._bodies()
         self._runs = self._ordered()
 
+    def copied(self, inertia: Mapping[tuple[Place, Place], int]) -> TreePasses:
+        """A copy with another inertia by laws outside, to be continued on its own after what has been appended so far."""
+        made = copy(self)
+        made.inertia, made._kept, made._accelerations = inertia, {}, {}
+        return made
+
     @property
     def size(self) -> tuple[int, int]:
         """Number of different kernels of the joints, and number of arithmetic operations of one evaluation of all joints."""
-        every = [kernel for own in self.bodies.values() for kernel in (own.kernels.outward, *own.kernels.passes[:2])]
+        every = [kernel for own in self.bodies.values() for kernel in (
+            own.kernels.outward, *(links.pass_kernel(own.kernels.shape, name) for name in ("inward", "outward")))]
         sizes = {id(kernel): kernel.operations for kernel in {id(k): k for k in every}.values()}
         return len(sizes), sum(sizes[id(kernel)] for kernel in every)
 
@@ -76,22 +85,16 @@ class TreePasses:
                 alone.setdefault(nodes[0], []).append(m)
             else:
                 self._between.append((m, nodes))
-        owned, found = {a for a, _ in self._inertia}, dict[int, Own]()
+        found: dict[int, Own] = {}
         if structure.root.moves:
             found[0] = Own(links.root_kernels(structure.root, self.quaternion), -1, ())
         kinds = [structure.root, *(link.kind for link in structure.links)]
         for j, link in enumerate(structure.links, start=1):
             members = tuple(alone.get(j, ()))
             stated = tuple(links.between(structure.members[m], {j: 1}, self._open) for m in members)
-            heavy = any(a in owned for a in self._velocities(j))
-            kernels = links.link_kernels(kinds[link.parent], links.alone(link, self._open), stated, self.quaternion, heavy)
+            kernels = links.link_kernels(kinds[link.parent], links.alone(link, self._open), stated, self.quaternion)
             found[j] = Own(kernels, link.parent if link.parent in found else -1, members)
         return found
-
-    def _velocities(self, j: int) -> list[Place]:
-        link = self.structure.links[j - 1]
-        return [("u", -(link.first + n), i) for n, (name, driven) in enumerate(zip(link.coordinates, link.prescribed, strict=True))
-                if not driven for i in range(3 if link.law.coordinates[name].unit == "rotation" else 1)]
 
     def _ordered(self) -> list[list[int]]:
         """The bodies in runs, each of bodies with the same kernels; a body comes after the one that carries it."""
@@ -218,7 +221,7 @@ class TreePasses:
             return first[j] + place[1] if place[0] == "w" else self.at(j, place)
 
         along: dict[int, list[int]] = {}
-        for (_, node, _), slot in self._projected(part, links.projection, read, lambda j, i: first[j] + i):
+        for (_, node, _), slot in self._projected(part, "projected", read, lambda j, i: first[j] + i):
             along.setdefault(node, []).append(slot)
         for node, slots in along.items():
             plain = len(slots) - 3 if self._by_quaternion(node) else len(slots)
@@ -245,17 +248,17 @@ class TreePasses:
                 return first + kernel.column[place]
             return self.at(j, place)
 
-        found = self._projected(part, links.balance, read, lambda j, i: self.at(j, ("p", i)))
+        found = self._projected(part, "balance", read, lambda j, i: self.at(j, ("p", i)))
         part.add([row(place) for place, _ in found], [slot for _, slot in found])
 
-    def _projected(self, part: Operations, kernel_of: Callable[[Shape], ProgramKernel], read: Callable[[int, Place], int],
+    def _projected(self, part: Operations, name: str, read: Callable[[int, Place], int],
                    force: Callable[[int, int], int]) -> list[tuple[Place, int]]:
         """Append the projection of forces, from the leaves to the root: on every body those on it, in slots force(body, i), and
         those of what it carries. Returns every velocity with the slot of the force along it."""
         rows: list[tuple[Place, int]] = []
         for run in reversed(self._runs):
             own, back = self.bodies[run[0]].kernels, run[::-1]
-            kernel, parent = kernel_of(own.shape), own.shape.parent
+            kernel, parent = links.pass_kernel(own.shape, name), own.shape.parent
             if kernel.targets:
                 to = [[force(self.bodies[j].parent, i) for i in range(parent)] for j in back]
                 sums = np.array(to, dtype=np.intp).reshape(len(back), -1)
@@ -272,7 +275,8 @@ class TreePasses:
         pivots: list[tuple[int, Place]] = []
         for run in reversed(self._runs):
             own, back = self.bodies[run[0]].kernels, run[::-1]
-            kernel = own.passes[0]
+            freedoms = [self.unknown(j, place) for j in run for place in own.freedoms]
+            kernel = links.pass_kernel(replace(own.shape, heavy=any((a, a) in self.inertia for a in freedoms)), "inward")
             if not kernel.targets:
                 continue
             first = part.slots(len(run) * kernel.width)
@@ -293,7 +297,7 @@ class TreePasses:
                 return force(self.unknown(j, freedoms[place[1]]))
             if place[0] == "C":
                 a, b = (self.unknown(j, freedoms[k]) for k in place[1:])
-                found = self._inertia.get((a, b))
+                found = self.inertia.get((a, b))
                 return part.constant([0.0]) if found is None else found
             return self.at(j, place)
 
@@ -306,7 +310,7 @@ class TreePasses:
         found: list[int] = []
         for run in self._runs:
             own = self.bodies[run[0]].kernels
-            kernel = own.passes[2 if given else 1]
+            kernel = links.pass_kernel(own.shape, "outward, given" if given else "outward")
             first = part.slots(len(run) * kernel.width)
             self._accelerations |= {j: (first + r * kernel.width, kernel) for r, j in enumerate(run)}
             kernel.emit(part, self._table(run, kernel, self._outer(rate)), first)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -15,10 +16,9 @@ from mbdae.kernels.links import structure_key
 from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.native.program import block
 from mbdae.process import made_once
-from mbdae.symbolic.program import Program
 from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.program import Program
 from mbdae.symbolic.rebuild import substituted, symbols_of
-from mbdae.symbolic.tree import OPERATIONS
 from mbdae.symbolic.tree_motion import TreeStructure
 from mbdae.symbolic.vectors import Expr
 
@@ -28,13 +28,10 @@ CHUNK = 3000
 #: number of operations below which LLVM optimises a kernel, in at most some hundredths of a second; that which solves for the
 #: accelerations of a tree is always optimised
 OPTIMISED = 1000
-#: largest number of accelerations of a tree, and of operations of the kernel that solves for them, with which that kernel is
-#: used. Without beams and constraint rows, trees are evaluated joint by joint where one of them has more than MOST_SOLVED
-#: velocities
-MOST_SOLVED, LONGEST_SOLVED = 16, 2000
 
 
 Entries = list[tuple[Any, Expr]]
+Pairs = tuple[tuple[Place, Place], ...]
 
 
 class Piece(NamedTuple):
@@ -58,12 +55,13 @@ class Inline:
         """The slot of the input at a place."""
         if place not in self._slots:
             self._slots[place] = self.size
-            self.values[self.size] = symbol = se.Symbol("_".join(map(str, place)).replace("-", "c"))
+            self.values[self.size] = symbol = se.Symbol(re.sub(r"\W+", "_", "_".join(map(str, place)).replace("-", "c")))
             self.inputs[symbol] = place
             self.size += 1
         return self._slots[place]
 
     def slots(self, count: int) -> int:
+        """Reserve slots; this and the other methods are those of `Operations`."""
         self.size += int(count)
         return self.size - int(count)
 
@@ -102,55 +100,64 @@ class Inline:
 
 
 class ProgrammedTree:
-    """The passes over a tree as one straight-line program, with its derivatives, and kernels that contain parts of it. Raises
-    OverflowError where the Jacobian takes more than `OPERATIONS` operations."""
+    """The passes over a tree as one straight-line program, with its derivatives, and kernels that contain parts of it."""
 
     def __init__(self, structure: TreeStructure) -> None:
         self.structure, self.made = structure, Inline()
         self.program, self.places = self.made.program, self.made.inputs
-        tree = self._outwards(self.made)
-        tree.accelerations(self.made, lambda place: self.made.slot(("up", *place[1:])), given=True)
-        self.motion = self._motion(self.made, tree, structure.loaded)
-        self.rows = self._rows(tree)
-        outputs = [*self.rows, *self.motion]
-        seeds = [s for s, place in self.places.items() if place[0] in ("q", "u", "up", "wu", "wq")]
-        found = self.program.derivatives([e for _, e in outputs], seeds, limit=OPERATIONS)
-        self.derivatives: list[tuple[Target, Target, Expr]] = [
-            (target, self.places[seed], e) for (target, _), row in zip(outputs, found, strict=True) for seed, e in row.items()
-        ]
-        self.operations = len(self.program.steps)
+        self._tree = TreePasses(structure, self.made.slot, quaternion=True)
+        self._tree.outwards(self.made)  # type: ignore[arg-type]
+        self._tree.accelerations(self.made, self._rate, given=True)  # type: ignore[arg-type]
+        self._before = dict(self.made.values)  # the passes inwards add to these
 
-    def _outwards(self, made: Any, quaternion: bool = True) -> TreePasses:
-        tree = TreePasses(self.structure, made.slot, quaternion=quaternion)
-        tree.outwards(made)
-        return tree
+    def _rate(self, place: Place) -> int:
+        return self.made.slot(("up", *place[1:]))
 
-    def _motion(self, made: Any, tree: TreePasses, nodes: Sequence[int], heads: tuple[str, ...] = ("q", "u", "up")) -> Entries:
+    def _loaded(self) -> TreePasses:
+        """The passes after those outwards, with the forces of laws outside of the tree."""
+        self.made.values |= self._before
+        self._tree.loads(self.made, self.structure.loaded, lambda j, i: self.made.slot(("wu", j, i)))  # type: ignore[arg-type]
+        return self._tree
+
+    def _motion(self, nodes: Sequence[int]) -> Entries:
         to: dict[Place, int] = {}
-        tree.write_motion(made, nodes, lambda j, head, i: to.setdefault((head, j, i), made.slots(1)), heads)
-        return [(place, made.values[slot]) for place, slot in to.items()]
+        self._tree.write_motion(self.made, nodes, lambda j, head, i: to.setdefault((head, j, i), self.made.slots(1)))  # type: ignore[arg-type]
+        return [(place, self.made.values[slot]) for place, slot in to.items()]
 
-    def _rows(self, tree: TreePasses) -> Entries:
+    @cached_property
+    def motion(self) -> Entries:
+        """q, u and u' of the loaded nodes: the bodies of the tree on which laws outside of it act."""
+        return self._motion(self.structure.loaded)
+
+    @cached_property
+    def rows(self) -> Entries:
         """Rows of the equations of motion ("u"), and corrections of q' ("q") where laws outside act on bodies of the tree."""
-        made, at, to = self.made, self.structure.loaded, dict[Place, int]()
+        made, at, to, tree = self.made, self.structure.loaded, dict[Place, int](), self._loaded()
 
         def row(place: Place) -> int:
             return to[place] if place in to else to.setdefault(place, made.zeros(1))
 
-        tree.loads(made, at, lambda j, i: made.slot(("wu", j, i)))
-        tree.balance(made, row)
         if at:
-            tree.corrections(made, at, lambda j, i: made.slot(("wq", j, i)), row)
+            tree.corrections(made, at, lambda j, i: made.slot(("wq", j, i)), row)  # type: ignore[arg-type]
+        tree.balance(made, row)  # type: ignore[arg-type]
         return [(place, made.values[slot]) for place, slot in to.items() if made.values[slot] != 0]
 
-    def _piece(self, entries: Sequence[tuple[Any, Expr]], level: int | None = None, made: Inline | None = None) -> Piece:
-        of = made or self.made
-        outputs = of.program.closed([e for _, e in entries])
+    @cached_property
+    def derivatives(self) -> list[tuple[Target, Target, Expr]]:
+        """Derivatives of `rows` and `motion`: output, input, derivative."""
+        outputs = [*self.rows, *self.motion]
+        seeds = [s for s, place in self.places.items() if place[0] in ("q", "u", "up", "wu", "wq")]
+        found = self.program.derivatives([e for _, e in outputs], seeds)
+        return [(target, self.places[seed], e)
+                for (target, _), row in zip(outputs, found, strict=True) for seed, e in row.items()]
+
+    def _piece(self, entries: Sequence[tuple[Any, Expr]], level: int | None = None) -> Piece:
+        outputs = self.program.closed([e for _, e in entries])
         used = symbols_of(outputs)
-        symbols = [s for s in of.inputs if s in used]
+        symbols = [s for s in self.places if s in used]
         if level is None:
-            level = 2 if len(of.program.needed([e for _, e in entries])) < OPTIMISED else 0
-        return Piece(tuple(of.inputs[s] for s in symbols), tuple(t for t, _ in entries), Kernel(symbols, outputs, level))
+            level = 2 if len(self.program.needed([e for _, e in entries])) < OPTIMISED else 0
+        return Piece(tuple(self.places[s] for s in symbols), tuple(t for t, _ in entries), Kernel(symbols, outputs, level))
 
     def residual(self) -> list[Piece]:
         """Kernel of the equations of motion of the tree."""
@@ -164,34 +171,19 @@ class ProgrammedTree:
         """Kernels of the derivatives of `residual` and `forward`."""
         return self._chunks([((target, place), e) for target, place, e in self.derivatives])
 
-    def mass(self) -> list[Piece]:
-        """Kernels of the mass matrix: derivatives of the equations of motion by accelerations."""
-        return self._chunks([((t, p), e) for t, p, e in self.derivatives if p[0] == "up" and t[0] == "u" and t[1] <= 0])
-
-    def rates(self) -> list[Piece]:
-        """Kernel of the accelerations, see `TreePlan.rates`; an empty list where there is none."""
-        made, up = Inline(), dict[Place, int]()
-        if self.structure.loaded or self.structure.root.moves or sum(t[0] == "u" for t, _ in self.rows) > MOST_SOLVED:
-            return []
-        tree = self._outwards(made, False)
-        pivots = tree.inwards(made, lambda place: made.slot(("force", *place[1:])))
-        tree.accelerations(made, lambda place: up.setdefault(place, made.slots(1)))
-        rows, at = [t for t, _ in self.rows if t[0] == "u"], {place: slot for slot, place in pivots}
-        found = [made.values[slots[place]] for slots in (up, at) for place in rows]
-        if len(made.program.needed(found)) > LONGEST_SOLVED:
-            return []
-        piece = self._piece(list(enumerate(found)), 2, made)
-        forces = [se.Symbol("force_" + f"{t[1]}_{t[2]}".replace("-", "c")) for t in rows]
-        symbols = [s for s in piece.kernel.symbols if s not in forces]
-        kernel = Kernel([*symbols, *forces], piece.kernel.expressions, 2)
-        return [Piece(tuple(made.inputs[s] for s in symbols), tuple(rows), kernel)]
+    def rates(self, pairs: Pairs = ()) -> list[Piece]:
+        """Kernel of the accelerations, see `TreePlan.rates`."""
+        made, up = self.made, dict[Place, int]()
+        tree = self._loaded().copied({(a, b): made.slot(("own", a, b)) for a, b in pairs})
+        pivots = tree.inwards(made, lambda place: made.slot(("force", *place[1:])))  # type: ignore[arg-type]
+        tree.accelerations(made, lambda place: up.setdefault(place, made.slots(1)))  # type: ignore[arg-type]
+        number = {place: slot for slot, place in pivots}
+        return [self._piece([(place, made.values[slot]) for of in (up, {place: number[place] for place in up})
+                             for place, slot in of.items()], 2)]
 
     def motion_of_all(self) -> list[Piece]:
         """Kernel of q, u and u' of every body that the joints of the tree carry."""
-        made = Inline()
-        tree = self._outwards(made)
-        tree.accelerations(made, lambda place: made.slot(("up", *place[1:])), given=True)
-        return [self._piece(self._motion(made, tree, carried_nodes(self.structure)), None, made)]
+        return [self._piece(self._motion(carried_nodes(self.structure)))]
 
     def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:
         """One kernel for all entries, or several by columns of the Jacobian where one would be slow to compile."""
@@ -210,52 +202,42 @@ class ProgrammedTree:
 
 
 class TreePlan:
-    """The kernels of a tree, read from disk where an earlier process stored them. Raises OverflowError where the Jacobian takes
-    more than `OPERATIONS` operations. operations: number of operations of the whole program."""
+    """The kernels of a tree, read from disk where an earlier process stored them."""
 
     def __init__(self, structure: TreeStructure) -> None:
         self.structure, self.key = structure, structure_key(structure)
         self._pieces: dict[str, list[Piece]] = {}
-        found = recall(self.key)
-        if found is None:
-            keep(self.key, found := self._size())
-        self.operations, fits = found
-        if not fits:
-            raise OverflowError(self.operations)
-
-    def _size(self) -> tuple[int, bool]:
-        try:
-            return self.programmed.operations, True
-        except OverflowError as large:
-            return int(large.args[0]), False
+        self._rates: dict[Pairs, Piece] = {}
 
     @cached_property
     def programmed(self) -> ProgrammedTree:
         """The program of the tree, derived when it is first needed."""
         return ProgrammedTree(self.structure)
 
-    def _cut(self, what: str, n: int) -> Kernel:
+    def _cut(self, what: str, n: int, *args: Any) -> Kernel:
         """Kernel n of those that the method `what` of `ProgrammedTree` returns."""
-        if what not in self._pieces:
-            self._pieces[what] = getattr(self.programmed, what)()
-        return self._pieces[what][n].kernel
+        name = f"{what}{args or ''}"
+        if name not in self._pieces:
+            self._pieces[name] = getattr(self.programmed, what)(*args)
+        return self._pieces[name][n].kernel
 
-    def _known(self, what: str) -> list[Piece]:
+    def _known(self, what: str, *args: Any) -> list[Piece]:
         """The kernels that the method `what` of `ProgrammedTree` returns, made from tables on disk where these exist; expressions
         are then derived only when something asks for them."""
-        key = part_key(self.key, what)
+        name = f"{what}{args or ''}"
+        key = part_key(self.key, name)
         tables = recall(key)
         if tables is None:
-            self._pieces[what] = getattr(self.programmed, what)()
+            self._pieces[name] = getattr(self.programmed, what)(*args)
             tables = [(p.inputs, p.targets, tuple(map(str, p.kernel.symbols)), p.kernel.level, p.kernel.width)
-                      for p in self._pieces[what]]
+                      for p in self._pieces[name]]
             keep(key, tables)
-        return [Piece(inputs, targets, Kernel(tuple(map(se.Symbol, symbols)), partial(self._expressions, what, n), level, width,
-                                              part_key(key, str(n))))
+        return [Piece(inputs, targets, Kernel(tuple(map(se.Symbol, symbols)), partial(self._expressions, what, n, *args), level,
+                                              width, part_key(key, str(n))))
                 for n, (inputs, targets, symbols, level, width) in enumerate(tables)]
 
-    def _expressions(self, what: str, n: int) -> list[Expr]:
-        return self._cut(what, n).expressions
+    def _expressions(self, what: str, n: int, *args: Any) -> list[Expr]:
+        return self._cut(what, n, *args).expressions
 
     @cached_property
     def residual(self) -> Piece:
@@ -272,18 +254,13 @@ class TreePlan:
         """Kernels of the derivatives of `residual` and `forward`; a target is the pair of an output of these and an input."""
         return self._known("jacobian")
 
-    @cached_property
-    def mass(self) -> list[Piece]:
-        """Kernels of the mass matrix: derivatives of the equations of motion by accelerations."""
-        return self._known("mass")
-
-    @cached_property
-    def rates(self) -> Piece | None:
-        """Kernel of the accelerations of a tree on whose bodies no law outside of it acts, and of the pivots of its mass matrix;
-        targets: the equations of motion. After the inputs of the tree it reads one number per equation: what other laws (on the
-        joint coordinates) add to its right-hand side. None where bodies are loaded, the root is free, or the kernel would be
-        larger than MOST_SOLVED or LONGEST_SOLVED allow."""
-        return next(iter(self._known("rates")), None)
+    def rates(self, pairs: Pairs = ()) -> Piece:
+        """Kernel of the accelerations of a tree, by velocities, then of the pivots of its mass matrix, in the same order. It
+        reads the forces on the velocities, ("force", node, i), and inertia by laws outside of the tree, ("own", a, b) for the pairs of
+        velocities a, b."""
+        if pairs not in self._rates:
+            self._rates[pairs] = self._known("rates", pairs)[0]
+        return self._rates[pairs]
 
     @cached_property
     def motion_of_all(self) -> Piece:

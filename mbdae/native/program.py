@@ -268,9 +268,9 @@ class Scene(ctypes.Structure):
 
     _fields_ = (
         ("W", Pointer), ("x", Pointer),
-        *((name, Whole) for name in ("n", "dotted", "nnz", "rows", "fy", "fyp", "rates", "at", "bad")),
+        *((name, Whole) for name in ("n", "dotted", "nnz", "rows", "fy", "fyp", "rates", "at", "bad", "distance", "explicit")),
         ("read", Pointer), ("t", Number), ("side", Number),
-        *((name, Part) for name in ("clock", "residual", "jacobian", "of_rates")),
+        *((name, Part) for name in ("clock", "residual", "jacobian", "of_rates", "changes")),
     )
 
 

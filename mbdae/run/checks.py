@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ListsAttributes
-from mbdae.kernels.tree_plan import tree_plan
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import counted, lines, titled
 from mbdae.run.choice import Choice, Reduction, choose, reductions, with_recursive_joints
@@ -256,10 +255,9 @@ class Check(ListsAttributes):
     def _kernels_of(self, tree: Tree) -> str:
         """How the equations of a tree are evaluated, in words."""
         bodies = self.prepared.all_bodies
-        if not bodies.moved.ordered:
-            return f"{tree_plan(tree.structure).operations} operations in one program"
         kernels, operations = bodies.moved.passes(bodies.numbering, tree).size
-        return f"{operations} operations by {kernels} functions of single joints"
+        return f"{operations} operations " + (f"by {kernels} functions of single joints" if bodies.moved.ordered else
+                                              "in one program")
 
     def _of_recursive_joints(self) -> list[str]:
         """Lines on the trees of recursive joints with operation counts, and on joints that keep their constraint equations."""

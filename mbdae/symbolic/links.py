@@ -25,7 +25,7 @@ import symengine as se
 
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.tree import TreeProgram, Wrench
+from mbdae.symbolic.tree import TreeProgram
 from mbdae.symbolic.tree_motion import Link, Member, State, TreeStructure
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 

@@ -34,12 +34,6 @@ from mbdae.symbolic.vectors import (
     rotation_per_component,
 )
 
-#: a tree of recursive joints whose Jacobian takes more steps gets no kernel for the whole tree, which would cost more to compile
-#: than it saves: it is evaluated joint by joint, or its joints become kinematic. For export the steps are counted before the tree
-#: is differentiated
-OPERATIONS = 8500
-
-
 Wrench = tuple[Vec, Vec]  #: force and torque about the node, inertial components, left-hand side
 
 

@@ -20,7 +20,7 @@ from mbdae.system.base import Array
 from mbdae.system.changes import cheapest
 from mbdae.system.dependent_rows import smallest, unit_rows
 from mbdae.system.model.model import Model, build
-from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, by_order, too_large
+from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, is_large, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import AllBodies
@@ -212,15 +212,13 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
     kinematic. by_rows: recursive joints that are treated as kinematic anyway -> why."""
     model = build(scene, by_rows)
     moved = MovedBodies(model, find_trees(model))
-    if moved.trees and by_order(model, moved):
-        return model, MovedBodies(model, moved.trees, ordered=True)
-    kept = too_large(moved) | acted_on_while_prescribed(moved)
+    kept = too_large(model, moved) | acted_on_while_prescribed(moved)
     if not kept and not AllBodies(model, moved).numbering.free:  # every coordinate of the trees is prescribed
         kept = {c.name: "without these equations the scene would have no unknowns" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})
         moved = MovedBodies(model, find_trees(model))
-    return model, moved
+    return model, MovedBodies(model, moved.trees, ordered=True) if any(map(is_large, moved.trees)) else moved
 
 
 def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:
@@ -313,7 +311,7 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
     if np.all(np.abs(rate) <= FITS * mechanics.speed(start.u) / mechanics.model.length * row_sizes(mechanics, start.t, start.q)):
         return start.u, []
-    if mechanics.large and not isinstance(mechanics, OrderedMechanics):
+    if mechanics.large and not mechanics.carries_bodies:
         change = cheapest(M, mechanics.velocity_units, G, -rate, np.zeros(mechanics.nu))
     else:
         G, M = as_full(G), as_full(M)

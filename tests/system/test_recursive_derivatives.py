@@ -53,11 +53,11 @@ def test_jacobian_of_the_program_by_complex_step(scene: Callable[[], mb.Scene]) 
     prepared, rng, step = prepare(scene()), np.random.default_rng(12), 1e-30
     for tree in prepared.all_bodies.moved.trees:
         plan = tree_plan(tree.structure).programmed
+        outputs, derivatives = [*plan.rows, *plan.motion], plan.derivatives
         run, values = evaluated(plan), inputs(prepared, tree, plan, rng)
-        outputs = [*plan.rows, *plan.motion]
         seeds = [symbol for symbol, place in plan.places.items() if place[0] in SEEDS]
         here = run(values)
-        exact = {(target, place): eval(str(e), {}, here).real for target, place, e in plan.derivatives}
+        exact = {(target, place): eval(str(e), {}, here).real for target, place, e in derivatives}
         for seed in seeds:
             moved = run({**values, str(seed): values[str(seed)] + 1j * step})
             column = {target: complex(eval(str(e), {}, moved)).imag / step for target, e in outputs}

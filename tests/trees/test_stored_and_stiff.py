@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.system.motion.all_bodies import AllBodies
 
 
 def chain(n: int, spatial: bool = False) -> mb.Scene:

@@ -217,7 +217,8 @@ def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, 
     motion of these is evaluated first."""
     needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
     carried = bool(needed & set(moved.nodes))
-    nb = Numbering(model, [], (), False, moved.nodes, moved.nodes if carried else (), moved.replaced, moved.constants, moved.sharing)
+    loaded = moved.nodes if carried else ()
+    nb = Numbering(model, [], (), False, moved.nodes, loaded, moved.replaced, moved.constants, moved.sharing)
     plans = [plan(model.groups[g].derived, outputs) for g, _ in watched]
     gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
     motion = partial(moved.motion, numbering=nb, to=lambda node, head, i: nb.node_place(head, node, i)) if carried else None

@@ -89,6 +89,10 @@ class Entries:
         self._terms.append(self._instances + np.repeat(np.arange(len(rows)), rows.shape[1]))
         self._instances += len(rows)
 
+    def reads(self, slots: set[int]) -> bool:
+        """Whether a constant entry is a derivative by one of these columns."""
+        return any(not slots.isdisjoint(columns.tolist()) for _, columns, _ in self._fixed)
+
     def chain(self, piece: Piece, trees: int, slot: Callable[[int, tuple[object, ...]], int]) -> None:
         """Add the values of a kernel of derivatives for this number of trees of one structure; slot(tree, place): slot of a row,
         of a node's motion or of an input of the kernel."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mbdae.deferred import entries_of, issparse, sp
 from mbdae.errors import internal
 from mbdae.native import Entries, largest_pivots
-from mbdae.native.program import Operations, Scene, core
+from mbdae.native.program import Operations, Scene, Tangent, core
 from mbdae.native.sparse import Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
@@ -224,19 +224,21 @@ class Workspace:
             motion(self.motion)
 
     def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
-               unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
+               changes: Tangent | None = None, unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
         """Allocate the array and make the table that C reads, after which no operations can be added.
 
-        residual, jacobian, rates: lists of operations; unknowns: length of the y that C is given, by default n; rates_at: slot of
-        the result y'; slots: first slots `rows`, `fy` and `fyp` of the other results, as in `Scene`."""
+        residual, jacobian, rates: lists of operations; changes: of the residual, or of y', where the Jacobian is full; unknowns:
+        length of the y that C is given, by default n; rates_at: slot of the result y'; slots: first slots `rows`, `fy` and `fyp`
+        of the other results, as in `Scene`."""
         nb = self.numbering
         self.W = np.zeros(self.operations.size)
         self.W[: nb.width] = nb.workspace(1)[0]
         self.operations.fill(self.W)
         self.of_rates = rates
         parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "rates": rates}
-        self._parts = {name: part for name, part in parts.items() if part is not None}
-        self._x = np.zeros(max(part.widest for part in self._parts.values()) + 1)
+        self._parts = {name: part for name, part in parts.items() if part is not None and (part.steps or name != "rates")}
+        self._changes, slots["distance"] = changes, 0 if changes is None else changes.distance
+        self._x = np.zeros(2 * max(part.widest for part in self._parts.values()) + 1)
         self._kept: list[Any] = [nb]
         self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns,
                            dotted=self.n, at=self.at, rates=rates_at, bad=-1, read=nb.model.conditions.read.ctypes.data,
@@ -250,6 +252,11 @@ class Workspace:
     def make(self, *parts: str) -> None:
         """Compile those of the parts "residual", "jacobian" and "rates" that are not compiled yet; to be called before they
         run."""
+        if "jacobian" in parts and self._changes is not None:
+            self.make("residual", "rates")
+            self.scene.changes, kept = self._changes.part.table(len(self.W))
+            self._kept.append(kept)
+            self._changes = None
         for name in parts:
             if name in self._parts:
                 table, kept = self._parts[name].table(len(self.W))
@@ -272,13 +279,13 @@ class Workspace:
     def at_states(self, t: Array, y: Array, yp: Array | None = None) -> Array:
         """The results (k, width) at times (k,), unknowns y (k, n or more) and their rates, of the same shape, which are 0 unless
         given."""
-        t, y, yp = (None if x is None else np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
-        assert t is not None and y is not None
+        t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
+        yp = None if yp is None else np.ascontiguousarray(yp, dtype=float)
         if y.shape != (len(t), max(self.n, y.shape[1])) or (yp is not None and yp.shape != y.shape):
             raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
         out = np.empty((len(t), self.width))
-        core().scene_values(self.address, len(t), t.ctypes.data, y.ctypes.data, None if yp is None else yp.ctypes.data, y.shape[1],
-                            self.width, out.ctypes.data)
+        rates = None if yp is None else yp.ctypes.data
+        core().scene_values(self.address, len(t), t.ctypes.data, y.ctypes.data, rates, y.shape[1], self.width, out.ctypes.data)
         return out
 
     def solved(self, t: float, y: Array, out: Array) -> int:

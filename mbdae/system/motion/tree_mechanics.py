@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mbdae.kernels.tree_passes import TreePasses
+from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.native.program import Operations
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import jacobian_G
@@ -25,13 +25,14 @@ from mbdae.system.motion.states import Solve
 
 #: pivot of the mass matrix over the largest pivot, up to which a motion counts as having no inertia
 NOTHING = 1e-13
+Inertia = Mapping[tuple[int, int], float]  #: (row, column) among the velocity unknowns -> entry of the mass matrix
 
 
 class _Accelerations(Workspace):
     """Computes u' of all nodes from forces on them, which are given in the slots from `force` on. mass: (row, column) -> entry of
     the mass matrix among the velocity unknowns."""
 
-    def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering, mass: dict[tuple[int, int], float]) -> None:
+    def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering, mass: Inertia) -> None:
         super().__init__(numbering)
         nb, part = numbering, self.operations.part()
         self.force = self.operations.slots(model.nu)
@@ -41,9 +42,11 @@ class _Accelerations(Workspace):
         part.set(rates + np.arange(nb.nu), self.force + own)
         self.pivots: list[tuple[int, int]] = []
         for tree in moved.trees:
-            ordered = moved.passes(nb, _bare(model, tree), inertia=own_inertia(nb, part, tree, mass))
+            ordered = moved.passes(nb, _bare(model, tree), inertia={
+                pair: part.constant([m]) for pair, m in own_inertia(nb, tree, mass).items()})
             self.pivots += self._solve(part, ordered, tree, left, rates)
-            ordered.write_motion(part, [j for j in ordered.bodies if j], lambda j, _, i, of=tree: every + of.node(j).u + i, ("up",))  # type: ignore[misc]
+            ordered.write_motion(part, [j for j in ordered.bodies if j],
+                                 lambda j, _, i, of=tree: every + of.node(j).u + i, ("up",))  # type: ignore[misc]
             driven = [(every + tree.node(-c).u, moved.slot(nb, tree, ("clock", c, 2))) for _, c, _ in tree.driven]
             part.set([to for to, _ in driven], [slot for _, slot in driven])
         solve_alone(part, mass, lambda k: rates + k, sorted(set(range(nb.nu)) - {k for _, k in self.pivots}))
@@ -76,17 +79,17 @@ class _Accelerations(Workspace):
         return pivots
 
 
-def own_inertia(nb: Numbering, part: Operations, tree: Tree, mass: dict[tuple[int, int], float]) -> dict[Any, int]:
-    """Entries of the mass matrix by laws outside of a tree, by pairs of its velocities: slots of constants.
+def own_inertia(nb: Numbering, tree: Tree, mass: Inertia) -> dict[tuple[Place, Place], float]:
+    """Entries of the mass matrix by laws outside of a tree, by pairs of its velocities. mass: (row, column) among the velocity
+    unknowns -> entry."""
+    nodes = [(0, tree.nodes[0])] if tree.structure.root.moves else []
+    nodes += [(-c, n) for c, n in enumerate(tree.coordinates, 1) if n not in tree.moved_nodes]
+    places: dict[int, Place] = {nb.node_place("u", n, i) - nb.nq: ("u", j, i) for j, n in nodes if n is not None
+                                for i in range(n.kind.sizes[1])}
+    return {(places[a], places[b]): m for (a, b), m in mass.items() if a in places and b in places}
 
-    mass: (row, column) among the velocity unknowns -> entry."""
-    nodes = [*([(0, tree.nodes[0])] if tree.structure.root.moves else []), *((-c, n) for c, n in enumerate(tree.coordinates, 1))]
-    places = {nb.node_place("u", n, i) - nb.nq: ("u", j, i) for j, n in nodes if n not in tree.moved_nodes
-              for i in range(n.kind.sizes[1])}
-    return {(places[a], places[b]): part.constant([m]) for (a, b), m in mass.items() if a in places and b in places}
 
-
-def solve_alone(part: Operations, mass: dict[tuple[int, int], float], rate: Callable[[int], int], rest: Sequence[int]) -> None:
+def solve_alone(part: Operations, mass: Inertia, rate: Callable[[int], int], rest: Sequence[int]) -> None:
     """Append the accelerations of the velocity unknowns `rest`, which belong to no tree, by Cholesky of their constant mass
     matrix.
 
@@ -121,7 +124,7 @@ class TreeMechanics(Mechanics):
 
     def __init__(self, model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> None:
         super().__init__(model, rows, redundant)
-        self.all_bodies = all_bodies
+        self.all_bodies, self.carries_bodies = all_bodies, all_bodies.moved.alone
 
     def admissible(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
         """q (nt, nq) and u (nt, nu) with every body where the coordinates of its recursive joints place it: positions of such
@@ -162,13 +165,13 @@ class TreeMechanics(Mechanics):
         return solve
 
     @cached_property
-    def closing(self) -> Any:
+    def closing(self) -> NDArray[np.intp]:
         """(k,) numbers of the rows of joints that are not recursive: they close loops between bodies of the trees."""
         inside = self.all_bodies.moved.replaced
         return np.array([n for n, r in enumerate(self.rows) if (r.group, r.instance) not in inside], dtype=int)
 
     def _by_passes(self, t: Array, q: Array, qr: Array, ur: Array) -> Solve:
-        """As `_constrained`, where all rows belong to trees that are evaluated joint by joint: without any matrix of all bodies."""
+        """As `_constrained`, where all rows belong to trees evaluated joint by joint: without any matrix of all bodies."""
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
             acceleration, multipliers = self._passes.of_forces(t, qr, ur, f), np.zeros((len(t), self.m))
@@ -176,11 +179,6 @@ class TreeMechanics(Mechanics):
             return acceleration, multipliers
 
         return solve
-
-    @property
-    def carries_bodies(self) -> bool:
-        """Whether all rows belong to trees that are evaluated joint by joint."""
-        return self.all_bodies.moved.alone
 
     @cached_property
     def _passes(self) -> _Accelerations:
