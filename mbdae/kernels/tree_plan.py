@@ -66,20 +66,25 @@ class Inline:
         return self.size - int(count)
 
     def zeros(self, count: int) -> int:
+        """Slots of zeros."""
         return self.constant([0] * count)
 
     def constant(self, values: Any) -> int:
+        """Slots of constants."""
         first = self.slots(len(values))
         self.load(first, values)
         return first
 
     def load(self, first: int, values: Any) -> None:
+        """Constants into consecutive slots."""
         self.values |= {first + i: se.Integer(int(v)) if v == int(v) else se.RealDouble(v) for i, v in enumerate(values)}
 
     def call(self, kernel: Any, gather: Any, first: int | None = None) -> Any:
+        """A kernel at points (points, inputs)."""
         return self.hand_on(kernel, gather, np.zeros((len(gather), 0), dtype=np.intp), first)
 
     def hand_on(self, kernel: Any, gather: Any, to: Any, first: int | None = None) -> Any:
+        """A kernel at one point after the other, with its first values added to the slots `to`."""
         first = self.slots(len(gather) * kernel.width) if first is None else first
         found, (program, outputs) = block(first, len(gather), kernel.width), kernel.straight()
         needed, let = program.needed(outputs), self.program.let
@@ -92,9 +97,11 @@ class Inline:
         return found
 
     def set(self, to: Any, from_: Any) -> None:
+        """Copies."""
         self.values |= {a: self.values[b] for a, b in zip(np.ravel(to).tolist(), np.ravel(from_).tolist(), strict=True)}
 
     def add(self, to: Any, from_: Any) -> None:
+        """Sums."""
         for a, b in zip(np.ravel(to).tolist(), np.ravel(from_).tolist(), strict=True):
             self.values[a] = self.program.let(self.values[a] + self.values[b])
 
@@ -256,8 +263,8 @@ class TreePlan:
 
     def rates(self, pairs: Pairs = ()) -> Piece:
         """Kernel of the accelerations of a tree, by velocities, then of the pivots of its mass matrix, in the same order. It
-        reads the forces on the velocities, ("force", node, i), and inertia by laws outside of the tree, ("own", a, b) for the pairs of
-        velocities a, b."""
+        reads the forces on the velocities, ("force", node, i), and inertia by laws outside of the tree, ("own", a, b) for the
+        pairs of velocities a, b."""
         if pairs not in self._rates:
             self._rates[pairs] = self._known("rates", pairs)[0]
         return self._rates[pairs]

@@ -2,8 +2,8 @@
 
 A body is carried where its position follows from another body and the coordinates of a joint, by the motion that the joint
 states (`symbolic/motion.py`): elementary motions one after the other, none for a weld. The program goes from the root outwards
-(positions, velocities, accelerations) and evaluates the laws between the bodies. `symbolic/links.py` cuts it at the bodies: forces
-go from the leaves to the root in the passes there, whose derivative contains the geometric stiffness (Eqs. 24-33 of
+(positions, velocities, accelerations) and evaluates the laws between the bodies. `symbolic/links.py` cuts it at the bodies:
+forces go from the leaves to the root in the passes there, whose derivative contains the geometric stiffness (Eqs. 24-33 of
 validation/paper).
 """
 

@@ -50,7 +50,8 @@ class SceneSystem(System):
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
         self.label = made.label
         if made.explicit:
-            self.rate_jacobian, self.rate_products = (partial(self.owner.alone, f) for f in (made.rate_jacobian, made.products))
+            self.rate_products = partial(self.owner.alone, lambda *args: made.evaluation.products(*args))
+            self.rate_jacobian = lambda t, y: self.rate_products(t, y, np.eye(self.n)).T
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)

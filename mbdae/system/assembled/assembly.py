@@ -6,7 +6,6 @@ values of kernels. Here the tables of all these terms are made; `evaluation.py` 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,21 +16,19 @@ from mbdae.deferred import distinct, sp
 from mbdae.errors import internal
 from mbdae.kernels.line_nodes import ElementJacobian
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
-from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree_motion import Open
-from mbdae.system.assembled.evaluation import EquationsOfScene, JacobianTerms, Scatter
-from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern
-from mbdae.system.assembled.tree_terms import TreeTerms
+from mbdae.system.assembled.evaluation import EquationsOfScene, JacobianTerms
+from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern, Scatter
+from mbdae.system.assembled.tree_terms import TreeTerms, add_derivatives
 from mbdae.system.base import Array, Places
 from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
-from mbdae.system.model.moved_bodies import MovedBodies, slot_of
+from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
-from mbdae.system.model.trees import Tree
 from mbdae.system.motion.constrained import Columns, Emitted
 from mbdae.system.motion.mechanics import LARGE
 
@@ -67,8 +64,6 @@ class Assembly:
         self._offset = np.zeros(1 + nb.first_input - self.n)  # constants in the rows of F, a spare row and rows of loaded nodes
         self._residual, self._jacobian = Scatter(), Scatter()
         self._inert = False  #: whether laws have inertia that varies (kernels that read u'), or act so on bodies of trees
-        #: kernels of derivatives of trees with loaded nodes (bodies on which other laws act), with the slots that they read
-        self._trees: list[tuple[Any, NDArray[np.intp]]] = []
         #: whether the Jacobian has a sparsity pattern; False: it is full, and made column by column
         self.has_pattern = not moved.ordered
         entries = Entries(self.n)
@@ -86,8 +81,8 @@ class Assembly:
                 self._add_elements(batch, entries)
         for line in model.lines:
             self._add_inertia(line, entries)
-        for plan, equal in moved.plans():
-            self._add_tree(plan, equal, entries)
+        #: kernels of derivatives of trees with loaded nodes (bodies on which other laws act), with the slots that they read
+        self._trees = add_derivatives(moved, nb, entries, self._jacobian)
         up = {nb.node_place("up", n, i) for n in moved.loaded for i in range(n.kind.sizes[1])}
         self._inert |= bool(up) and entries.reads(up)
         self._finish(entries.finish(), self.has_pattern and (sparse if sparse is not None else self.n > SPARSE_FROM))
@@ -206,23 +201,6 @@ class Assembly:
         found = [self.numbering.places(t, g, active) for t in targets]
         return np.stack(found, axis=1) if found else np.zeros((len(active), 0), dtype=np.intp)
 
-    def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
-        """Add the kernels of trees of one structure. Without loaded nodes they are evaluated like the kernels of any law."""
-        nb, moved = self.numbering, self.moved
-
-        def slots(targets: Sequence[Any]) -> NDArray[np.intp]:
-            return np.array([[slot_of(nb, tree, t) for t in targets] for tree in trees], dtype=np.intp)
-
-        for piece in plan.jacobian:
-            gather = moved.gather(nb, piece, trees)
-            if plan.structure.loaded:
-                self._trees.append((piece, gather))
-                entries.chain(piece, len(trees), lambda i, place: slot_of(nb, trees[i], place))
-                continue
-            rows, columns = slots([t for t, _ in piece.targets]), slots([p for _, p in piece.targets])
-            self._jacobian.kernel(gather, rows, piece.kernel)
-            entries.varying(rows, columns)
-
     def _finish(self, pattern: Pattern, sparse: bool) -> None:
         n, self._pattern, self.sparse = self.n, pattern, sparse
         if not self.has_pattern:
@@ -323,16 +301,8 @@ class Assembly:
 
     @property
     def explicit(self) -> bool:
-        """Whether F = y' - f(t, y), for which `products` and `rate_jacobian` exist."""
+        """Whether F = y' - f(t, y), for which `evaluation.products` exists."""
         return not self.has_pattern and not self.numbering.m
-
-    def products(self, t: float, y: Array, directions: Array) -> Array:
-        """Products (k, n) of dy'/dy with k directions (k, n) in y."""
-        return self.evaluation.products(t, y, directions)
-
-    def rate_jacobian(self, t: float, y: Array) -> Array:
-        """dy'/dy (n, n)."""
-        return self.products(t, y, np.eye(self.n)).T
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         """out = dF/dy + cj dF/dy': (n, n) where `sparsity` is None, else (nnz,) CSC data."""
@@ -344,14 +314,10 @@ class Assembly:
         if self.sparse:
             out[:] = data
             return
-        if not self.has_pattern:
-            out[:] = data.reshape(self.n, self.n).T
-            return
-        out[:] = 0.0
-        out.reshape(-1)[self._dense] = data
+        out[:] = self._full(data)
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of `pattern`."""
+        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of `pattern`, by columns where the Jacobian is full."""
         return self.evaluation.jacobian(t, y, yp)
 
     def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
@@ -359,11 +325,15 @@ class Assembly:
         return self._whole(*self.jacobian_values(t, y, yp))
 
     def _whole(self, fy: Array, fyp: Array) -> Array:
+        return np.stack([self._full(fy), self._full(fyp)])
+
+    def _full(self, data: Array) -> Array:
+        """The full matrix (n, n) with these entries (nnz,)."""
         if not self.has_pattern:
-            return np.stack([x.reshape(self.n, self.n).T for x in (fy, fyp)])
-        dense = np.zeros((2, self.n * self.n))
-        dense[:, self._dense] = fy, fyp
-        return dense.reshape(2, self.n, self.n)
+            return data.reshape(self.n, self.n).T
+        dense = np.zeros(self.n * self.n)
+        dense[self._dense] = data
+        return dense.reshape(self.n, self.n)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays, each (n, n) or (nnz,) as in `jacobian`."""

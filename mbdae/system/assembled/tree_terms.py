@@ -11,6 +11,7 @@ import numpy as np
 from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.kernels.tree_plan import Piece
 from mbdae.native.program import Operations
+from mbdae.system.assembled.jacobian_entries import Entries, Scatter
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.model.trees import Tree
@@ -34,8 +35,8 @@ class TreeTerms:
     def motion(self, part: Operations, still: bool = False) -> None:
         """Append the motion of loaded nodes, and what the other methods read. still: without accelerations."""
         for plan, trees in self._plans:
-            emit_piece(part, plan.forward, self.moved.gather(self.nb, plan.forward, trees),
-                       [[slot_of(self.nb, tree, t) for t in plan.forward.targets] for tree in trees])
+            values = plan.forward.kernel.emit(part, self.moved.gather(self.nb, plan.forward, trees))
+            part.set([[slot_of(self.nb, tree, t) for t in plan.forward.targets] for tree in trees], values)
         for passes, tree in self._passes:
             passes.outwards(part)
             if not still:
@@ -95,6 +96,19 @@ class TreeTerms:
         passes.loads(part, tree.structure.loaded, self._on_body(tree, "wu"))
 
 
-def emit_piece(part: Operations, piece: Piece, gather: Any, to: Any) -> None:
-    """Append a kernel of trees, whose values are written to the slots `to`."""
-    part.set(to, piece.kernel.emit(part, gather))
+def add_derivatives(moved: MovedBodies, nb: Numbering, entries: Entries, single: Scatter) -> list[tuple[Piece, Any]]:
+    """Add the entries of the Jacobian of trees whose passes are one function. Returns the kernels of trees with loaded nodes,
+    with the slots that they read, for the chain rule; those of other trees are added to `single` like the kernels of any law."""
+    found: list[tuple[Piece, Any]] = []
+    for plan, trees in moved.plans():
+        for piece in plan.jacobian:
+            gather = moved.gather(nb, piece, trees)
+            if plan.structure.loaded:
+                found.append((piece, gather))
+                entries.chain(piece, len(trees), lambda i, place, of=trees: slot_of(nb, of[i], place))  # type: ignore[misc]
+                continue
+            rows, columns = (np.array([[slot_of(nb, tree, pair[k]) for pair in piece.targets] for tree in trees], dtype=np.intp)
+                             for k in (0, 1))
+            single.kernel(gather, rows, piece.kernel)
+            entries.varying(rows, columns)
+    return found
