@@ -30,8 +30,8 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, scaled, state_rows, velocity
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.acceleration_kernel import POSITION, VELOCITY, stabilised
+from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.jacobian_entries import FormSpec
-from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import Row
 from mbdae.system.prepare import Prepared
@@ -270,7 +270,7 @@ def system_for(prepared: Prepared, form: Form | None = None, highest_index: int 
     if not open:
         return SceneSystem(prepared, spec)
     moved = prepared.all_bodies.moved.opened(prepared.model)
-    return SceneSystem(prepared, spec, assembly=assembly_of(moved)(prepared.model, prepared.mechanics.rows, spec, None, moved))
+    return SceneSystem(prepared, spec, assembly=Assembly(prepared.model, prepared.mechanics.rows, spec, None, moved))
 
 
 REMEDY = "give a form such as mb.GGL(), mb.Index3() or 'ggl', or None for the default of the scene"

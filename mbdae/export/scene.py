@@ -29,6 +29,7 @@ from mbdae.scene.components import Kinematic
 from mbdae.symbolic.tree_motion import Open
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.moved_bodies import MovedBodies
+from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.prepare import Prepared, prepare
 
@@ -94,7 +95,7 @@ class _Made:
         e, rows = self.e, list(map(Entry, names, row_units(self.assembly)))
         program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(self.n), self.part(e.residual_part))
         self._jacobian(program, self.rows, self.columns, e.fy + np.arange(2 * e.nnz), self.part(e.jacobian_part))
-        if e.rates_part is not None:
+        if e.rates_part.steps:
             self._rates(program, e.rates, self.part(e.rates_part))
 
     def _jacobian(self, program: Program, rows: Any, columns: Any, at: Any, part: Operations) -> None:
@@ -229,14 +230,14 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
     found = [(every.node_place(head, node, i), nb.node_place(head, node, i))
              for node in model.nodes if node not in moved.nodes
              for head, size in zip("qu", node.kind.sizes, strict=True) for i in range(size)]
-    for tree_plan, trees in moved.plans():
-        piece = tree_plan.motion_of_all
-        values = piece.kernel.emit(part, moved.gather(nb, piece, trees))
-        found += [(every.node_place(head, tree.node(node), i), value) for tree, row in zip(trees, values.tolist(), strict=True)
-                  for (head, node, i), value in zip(piece.targets, row, strict=True) if head != "up"]
-    for tree in moved.trees:
-        found += [(every.node_place(head, tree.node(-c), 0), moved.slot(nb, tree, ("clock", c, order)))
-                  for _, c, _ in tree.driven for order, head in enumerate("qu")]
+
+    def to(node: Node, head: str, i: int) -> int:
+        slot = part.slots(1)
+        if head != "up":
+            found.append((every.node_place(head, node, i), slot))
+        return slot
+
+    moved.motion(part, nb, to)
     place = {name: nb.start["s"] + i for i, name in enumerate(nb.states.values())}
     return [*found, *((every.start["s"] + i, place[name]) for i, name in enumerate(every.states.values()))]
 

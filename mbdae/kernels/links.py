@@ -1,19 +1,19 @@
 """Kernels of single joints for the articulated-body recursion over large trees, see `symbolic/links`. They are compiled once for
-every kind of joint with the body it carries, so that their number does not grow with the tree; `system/motion/ordered_tree.py`
+every kind of joint with the body it carries, so that their number does not grow with the tree; `kernels/tree_passes.py`
 calls them in order and chooses the slots that they read."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.disk import store
 from mbdae.disk.entries import Digests, keep, key_of, part_key, recall
 from mbdae.kernels import Kernel
-from mbdae.kernels.tree_plan import structure_key
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.links import (
     LinkProgram,
@@ -27,6 +27,7 @@ from mbdae.symbolic.links import (
     outward,
     projected,
 )
+from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.tree_motion import Link, Member, Open, TreeStructure
@@ -89,12 +90,12 @@ class BodyKernels:
     """The kernels of a body and of the joint by which another body (its parent) carries it, or of a root.
 
     find: derives the program; kinds: kinds of nodes of parent and body; quaternion: whether rotations are evaluated as
-    quaternions; heavy: whether the freedoms have an inertia of their own. outward: kernel of the motion of the body from that of
-    its parent, see `LinkProgram.outward`; shape: the structure that selects the kernels of the passes; freedoms: places
-    ("up", node, i) of the second rates of the joint's coordinates (of a root: of its own unknowns)."""
+    quaternions. outward: kernel of the motion of the body from that of its parent, see `LinkProgram.outward`; shape: the
+    structure that selects the kernels of the passes; freedoms: places ("up", node, i) of the second rates of the joint's
+    coordinates (of a root: of its own unknowns)."""
 
     def __init__(self, find: Callable[[], LinkProgram | RootProgram], kinds: tuple[NodeKind, NodeKind], quaternion: bool,
-                 heavy: bool, key: str | None) -> None:
+                 key: str | None) -> None:
         self._find, self._quaternion, (parent, self.kind) = find, quaternion, kinds
         key = part_key(key, f"quaternion {quaternion}")
         tables = recall(key)
@@ -102,7 +103,7 @@ class BodyKernels:
             keep(key, tables := self._tables())
         known, self.freedoms = tables
         self.outward = ProgramKernel(self._outward, part_key(key, "outward"))
-        self.shape = Shape(len(directions(self.kind)), len(directions(parent)), len(self.freedoms), known, heavy)
+        self.shape = Shape(len(directions(self.kind)), len(directions(parent)), len(self.freedoms), known)
 
     @cached_property
     def _made(self) -> tuple[LinkProgram | RootProgram, Program, list[tuple[Place, Expr]]]:
@@ -122,21 +123,10 @@ class BodyKernels:
         found, program, entries = self._made
         return Stated(program, found.inputs, [(place, e) for place, e in entries if not _is_known(place, e)])
 
-    @cached_property
-    def passes(self) -> tuple[ProgramKernel, ProgramKernel, ProgramKernel]:
-        """The inward pass, the outward pass, and the outward pass with given second rates of the coordinates."""
-        return _passes(self.shape)
-
 
 def _is_known(place: Place, e: Expr) -> bool:
     """Whether an entry of X, S or c (see `LinkProgram.outward`) is an integer constant, so that the passes contain it."""
     return place[0] in ("X", "S", "c") and isinstance(e, se.Integer)
-
-
-@lru_cache(maxsize=256)
-def projection(shape: Shape) -> ProgramKernel:
-    """The kernel that projects forces on a body on the freedoms of its joint and transfers them to the body that carries it."""
-    return _kernel(shape, "projected", projected)
 
 
 @lru_cache(maxsize=1)
@@ -146,31 +136,36 @@ def quaternion_rate() -> Kernel:
     return Kernel(list(symbols), rate_from_body_spin(symbols[:4], Vec(*symbols[4:])))
 
 
-@lru_cache(maxsize=256)
-def _passes(shape: Shape) -> tuple[ProgramKernel, ProgramKernel, ProgramKernel]:
-    return (_kernel(shape, "inward", inward), _kernel(shape, "outward", outward),
-            _kernel(shape, "outward, given", partial(outward, given=True)))
+_PASSES: dict[str, Callable[[Shape], Pass]] = {
+    "inward": inward, "outward": outward, "outward, given": partial(outward, given=True), "projected": projected,
+    "balance": partial(projected, moving=True),
+}
 
 
-def _kernel(shape: Shape, name: str, make: Callable[[Shape], Pass]) -> ProgramKernel:
+@lru_cache(maxsize=512)
+def pass_kernel(shape: Shape, name: str) -> ProgramKernel:
+    """A pass over bodies of a shape: "inward"; "outward", and "outward, given" with given second rates of the coordinates;
+    "projected" projects forces on a body on the freedoms of its joint and transfers them to the body that carries it, "balance"
+    does so with its inertia and forces at given accelerations."""
+
     def stated() -> Stated:
-        made = make(shape)
+        made = _PASSES[name](shape)
         return Stated(made.program, made.inputs, made.outputs)
 
     return ProgramKernel(stated, key_of("pass", name, Digests().of(shape)))
 
 
 @lru_cache(maxsize=512)
-def link_kernels(parent: NodeKind, link: Link, members: tuple[Member, ...], quaternion: bool, heavy: bool) -> BodyKernels:
+def link_kernels(parent: NodeKind, link: Link, members: tuple[Member, ...], quaternion: bool) -> BodyKernels:
     """The kernels of a joint and its body: in link and members the carrying body is node 0, the carried body node 1."""
     key = structure_key(TreeStructure(parent, (link,), members))
-    return BodyKernels(lambda: LinkProgram(parent, link, members), (parent, link.kind), quaternion, heavy, part_key(key, "link"))
+    return BodyKernels(lambda: LinkProgram(parent, link, members), (parent, link.kind), quaternion, part_key(key, "link"))
 
 
 @lru_cache(maxsize=8)
 def root_kernels(kind: NodeKind, quaternion: bool) -> BodyKernels:
     """The kernels of the root of a tree: a body that no joint carries, whose unknowns are its own q and u."""
-    return BodyKernels(lambda: RootProgram(kind), (NodeKind.GROUND, kind), quaternion, True, key_of("root", kind.name))
+    return BodyKernels(lambda: RootProgram(kind), (NodeKind.GROUND, kind), quaternion, key_of("root", kind.name))
 
 
 @lru_cache(maxsize=128)
@@ -218,3 +213,25 @@ def alone(link: Link, open: Open) -> Link:
 def between(member: Member, nodes: Mapping[int, int], open: Open) -> Member:
     """A law with its nodes renumbered: `nodes` maps the old numbers to the new ones. open: which of its numbers are inputs."""
     return Member(member.law, tuple(None if n is None else nodes[n] for n in member.nodes), open.inputs(member.numbers))
+
+
+def structure_key(structure: TreeStructure) -> str | None:
+    """The key of a tree on disk, from its shape, the motions of its joints and the statements of its laws; None where a law has
+    no key."""
+    if not store().used:
+        return None
+    try:
+        laws = [member.law.key for member in structure.members]
+        if None in laws:
+            return None
+        shape = [structure.root, structure.loaded, [(m.nodes, m.numbers) for m in structure.members]]
+        return key_of("tree", Digests().of([shape, laws, list(map(_link, structure.links))]))
+    except Exception:  # a law that cannot be derived (derivation reports it), or one that has no key
+        return None
+
+
+def _link(link: Link) -> list[Any]:
+    law = link.law.symbolic(link.structure)
+    stated = {f.name: getattr(link, f.name) for f in fields(link) if f.name not in ("law", "structure", "motion")}
+    units = [(name, entry.unit) for name, entry in link.law.coordinates.items()]
+    return [stated, units, list(link.law.params), symbolic_steps(law)]

@@ -37,7 +37,7 @@ static int is_calm(const Contacts *c, I i, double h, I moved) {
 
 /* After a step of h that ends at (t, y): 1 where it needs no closer look, 0 where it does, negative where Python raised. */
 API int contacts_calm(Contacts *c, double t, double h, const double *y) {
-  const int code = c->values(c->scene, 1, &t, y, c->positions, 2 * c->count, c->pairs);
+  const int code = c->values(c->scene, 1, &t, y, NULL, c->positions, 2 * c->count, c->pairs);
   if (code) return code < 0 ? code : 0;
   I moved = 0;
   for (I k = 0; k < c->positions; k++) moved |= !(fabs(y[k] - c->at[k]) <= c->reach);

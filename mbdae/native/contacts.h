@@ -10,7 +10,7 @@ typedef struct { double gap, rate, duration; } Gap;
 
 /* `values` gives gap and rate of each contact one after the other. Letters and numbers are those of `ContactSteps`. */
 typedef struct {
-  int (*values)(void *scene, I k, const double *t, const double *y, I stride, I count, double *out);
+  int (*values)(void *scene, I k, const double *t, const double *y, const double *yp, I stride, I count, double *out);
   void *scene;
   I count, positions;
   double (*logarithms)[SPEEDS];                 /* (count): of the durations */

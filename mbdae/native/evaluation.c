@@ -100,14 +100,16 @@ static int run(Part part, double *W, double *x, I *bad) {
 }
 
 /* The equations of a scene with n unknowns, whose derivatives begin at slot `dotted`. at: slots of the time and of the time at
-   which conditions of inputs are read. read: that time, NaN where it follows from the time, and the end of the run, after which
+   which conditions of inputs are read. explicit: whether F = y' - f(t, y), without a list for the residual. changes: where they are
+   given, the derivative along a direction of the residual, or of f, for a full Jacobian; the differential of slot k is in slot
+   k + distance. read: that time, NaN where it follows from the time, and the end of the run, after which
    nothing is read. */
 typedef struct {
   double *W, *x;
-  I n, dotted, nnz, rows, fy, fyp, rates, at, bad;
+  I n, dotted, nnz, rows, fy, fyp, rates, at, bad, distance, explicit;
   const double *read;
   double t, side;
-  Part clock, residual, jacobian, of_rates;
+  Part clock, residual, jacobian, of_rates, changes;
 } Scene;
 
 static double next_after(double t) { return t + 4 * (nextafter(fabs(t), INFINITY) - fabs(t)); }
@@ -130,28 +132,56 @@ static int scene_fill(Scene *s, double t, const double *y, const double *yp) {
   return run(s->clock, s->W, s->x, &s->bad);
 }
 
+API int scene_rates(void *self, double t, const double *y, double *out) {
+  Scene *s = self;
+  int code = scene_fill(s, t, y, NULL);
+  if (!code) code = run(s->of_rates, s->W, s->x, &s->bad);
+  copy(out, s->W + s->rates, s->n);
+  return code;
+}
+
 API int scene_residual(void *self, double t, const double *y, const double *yp, double *out) {
   Scene *s = self;
+  if (s->explicit) {
+    copy(out, yp, s->n); /* first, because the slots of y', where yp may be, are set to 0 */
+    int code = scene_rates(self, t, y, s->W + s->rates);
+    for (I i = 0; i < s->n; i++) out[i] -= s->W[s->rates + i];
+    return code;
+  }
   int code = scene_fill(s, t, y, yp);
   if (!code) code = run(s->residual, s->W, s->x, &s->bad);
   copy(out, s->W + s->rows, s->n);
   return code;
 }
 
-API int scene_jacobian(void *self, double t, const double *y, const double *yp, double *fy, double *fyp) {
-  Scene *s = self;
-  int code = scene_fill(s, t, y, yp);
-  if (!code) code = run(s->jacobian, s->W, s->x, &s->bad);
-  copy(fy, s->W + s->fy, s->nnz);
-  copy(fyp, s->W + s->fyp, s->nnz);
+/* The full Jacobian column by column, by the derivatives along unit directions, after the residual or f. */
+static int columns(Scene *s, double *fy, double *fyp) {
+  int code = DONE;
+  for (I by = 0; by < 2; by++) {
+    double *seed = s->W + s->distance + by * s->dotted, *out = by ? fyp : fy;
+    const double *found = s->W + s->distance + (s->explicit ? s->rates : s->rows), sign = s->explicit ? -1 : 1;
+    for (I j = 0; j < s->n && !code; j++, out += s->n) {
+      if (by && s->explicit) {
+        memset(out, 0, sizeof(double) * (size_t)s->n);
+        out[j] = 1;
+        continue;
+      }
+      seed[j] = 1;
+      code = run(s->changes, s->W, s->x, &s->bad);
+      seed[j] = 0;
+      for (I i = 0; i < s->n; i++) out[i] = sign * found[i];
+    }
+  }
   return code;
 }
 
-API int scene_rates(void *self, double t, const double *y, double *out) {
+API int scene_jacobian(void *self, double t, const double *y, const double *yp, double *fy, double *fyp) {
   Scene *s = self;
-  int code = scene_fill(s, t, y, NULL);
-  if (!code) code = run(s->of_rates, s->W, s->x, &s->bad);
-  copy(out, s->W + s->rates, s->n);
+  int code = scene_fill(s, t, y, s->explicit ? NULL : yp);
+  if (!code) code = run(s->explicit ? s->of_rates : s->changes.first ? s->residual : s->jacobian, s->W, s->x, &s->bad);
+  if (s->changes.first) return code ? code : columns(s, fy, fyp);
+  copy(fy, s->W + s->fy, s->nnz);
+  copy(fyp, s->W + s->fyp, s->nnz);
   return code;
 }
 
@@ -161,11 +191,11 @@ API int scene_part(Scene *s, const Part *part, double t, const double *y, const 
   return code ? code : run(*part, s->W, s->x, &s->bad);
 }
 
-/* `count` numbers that the residual leaves, at k states, one row of y (k, stride) each. */
-API int scene_values(Scene *s, I k, const double *t, const double *y, I stride, I count, double *out) {
+/* `count` numbers that the residual leaves, at k states, one row of y (k, stride) and y', or NULL, each. */
+API int scene_values(Scene *s, I k, const double *t, const double *y, const double *yp, I stride, I count, double *out) {
   int code = DONE;
   for (I i = 0; i < k && !code; i++) {
-    code = scene_part(s, &s->residual, t[i], y + i * stride, NULL);
+    code = scene_part(s, &s->residual, t[i], y + i * stride, yp ? yp + i * stride : NULL);
     memcpy(out + i * count, s->W + s->rows, sizeof(double) * (size_t)count);
   }
   return code;

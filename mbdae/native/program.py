@@ -268,9 +268,9 @@ class Scene(ctypes.Structure):
 
     _fields_ = (
         ("W", Pointer), ("x", Pointer),
-        *((name, Whole) for name in ("n", "dotted", "nnz", "rows", "fy", "fyp", "rates", "at", "bad")),
+        *((name, Whole) for name in ("n", "dotted", "nnz", "rows", "fy", "fyp", "rates", "at", "bad", "distance", "explicit")),
         ("read", Pointer), ("t", Number), ("side", Number),
-        *((name, Part) for name in ("clock", "residual", "jacobian", "of_rates")),
+        *((name, Part) for name in ("clock", "residual", "jacobian", "of_rates", "changes")),
     )
 
 
@@ -280,7 +280,7 @@ core = declared(
     ("scene_jacobian", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),
     ("scene_rates", ctypes.c_int, (Pointer, Number, Pointer, Pointer)),
     ("scene_part", ctypes.c_int, (Pointer, Pointer, Number, Pointer, Pointer)),
-    ("scene_values", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Whole, Whole, Pointer)),
+    ("scene_values", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Whole, Whole, Pointer)),
     ("scene_residuals", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
 )
 

@@ -57,7 +57,7 @@ class RecursiveValues(LawPage):
     def hash(self) -> str:
         """sha256 of the recursion program that is integrated."""
         made = self.plan.programmed
-        return program_fingerprint(made.tree.program, [e for _, e in [*made.rows, *made.motion]])
+        return program_fingerprint(made.program, [e for _, e in [*made.rows, *made.motion]])
 
     # -- values from the compiled recursion
 

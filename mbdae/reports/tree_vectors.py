@@ -72,6 +72,7 @@ class VectorTree(TreeProgram):
         self.reached: Any = self.program.reached
         self.way: Any = self._ways[0]
         self.l: Any = self.nodes[1]
+        self.force = self._along(self._load("wu", 1))
         self._label()
 
     def _label(self) -> None:
@@ -131,10 +132,22 @@ class VectorTree(TreeProgram):
     def _load(self, role: str, j: int) -> Wrench:
         return self.atom("F", "l"), self.atom("M", "l")
 
-    def _root_rows(self, role: str, F: Vec, N: Vec) -> dict[tuple[int, int], Expr]:
-        self.root: Any = (F, N)
-        return {}
-
+    def _along(self, wrench: Wrench) -> dict[tuple[int, int], Expr]:
+        """Rows of the joint's coordinates for a force and a moment on l, by virtual power; they pass on `root` to k."""
+        found, F = self.way, wrench[0]
+        M = wrench[1] - found.back.cross(F)  # about the end of the joint's motion
+        self.root: Any = (F, M + found.total.cross(F))
+        rows, left = dict[tuple[int, int], Expr](), found.total  # from the parent's node to the place of the motion
+        for part in reversed(found.parts):
+            m = part.moved
+            moment = M if left is found.total else M + (found.total - left).cross(F)
+            for c, slope in m.slopes.items():
+                work = part.direction @ (moment if m.step.turns else F)
+                rows[-c, 0] = rows.get((-c, 0), se.Integer(0)) + slope * work
+            if m.step.rotation is not None:
+                rows |= {(-m.number, i): axis @ moment for i, axis in enumerate(part.axes)}
+            left = left if part.displacement is ZERO else left - part.displacement
+        return rows
 
 def inserted(a: Vector, atoms: dict[Base, Vector], symbols: dict[Expr, Expr]) -> Vector:
     """A vector with atoms and symbols replaced and products expanded; named vectors without any of them are kept."""

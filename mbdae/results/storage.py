@@ -33,7 +33,6 @@ from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.all_bodies import AllBodies
-from mbdae.system.motion.ordered_motion import bodies_of
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.redundancy import RankReport
 from mbdae.system.start import Start
@@ -168,7 +167,7 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
-    all_bodies = bodies_of(model, moved)
+    all_bodies = AllBodies(model, moved)
     mechanics = mechanics_of(model, rank.kept, all_bodies)
     prepared = Prepared(model, mechanics, rank, start, header["time"], all_bodies)
     _check_unknowns(prepared, unknowns)

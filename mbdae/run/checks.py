@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ListsAttributes
-from mbdae.kernels.tree_plan import tree_plan
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import counted, lines, titled
 from mbdae.run.choice import Choice, Reduction, choose, reductions, with_recursive_joints
@@ -21,7 +20,6 @@ from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.system.model.moved_bodies import expressions_of, timeline
 from mbdae.system.model.trees import Tree
-from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 #: a joint whose point is off a rigid link that it holds by more than this fraction of the link's length is reported
@@ -257,10 +255,9 @@ class Check(ListsAttributes):
     def _kernels_of(self, tree: Tree) -> str:
         """How the equations of a tree are evaluated, in words."""
         bodies = self.prepared.all_bodies
-        if not bodies.moved.ordered:
-            return f"{tree_plan(tree.structure).operations} operations in one program"
-        kernels, operations = ordered_size(bodies.moved, bodies.numbering, tree)
-        return f"{operations} operations by {kernels} functions of single joints"
+        kernels, operations = bodies.moved.passes(bodies.numbering, tree).size
+        return f"{operations} operations " + (f"by {kernels} functions of single joints" if bodies.moved.ordered else
+                                              "in one program")
 
     def _of_recursive_joints(self) -> list[str]:
         """Lines on the trees of recursive joints with operation counts, and on joints that keep their constraint equations."""

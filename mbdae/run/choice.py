@@ -24,7 +24,6 @@ from mbdae.integrators.dop853 import DOP853
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.sundials import IDA
 from mbdae.kernels.plan import linearised_plan
-from mbdae.kernels.tree_plan import tree_plan
 from mbdae.notation import counted
 from mbdae.results.result import Result
 from mbdae.scene.components import Classical
@@ -36,7 +35,6 @@ from mbdae.system.model.model import Model, build
 from mbdae.system.model.moved_bodies import MOST_FULL, MovedBodies
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
-from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.without_multipliers import WithoutMultipliers
 
@@ -279,12 +277,9 @@ def size_of(system: Assembly) -> Size:
             kernels += bool(p.nonlinear) + bool(p.jacobian_places)
             operations += own * len(active)
     trees = system.moved.trees
-    if system.moved.ordered:
-        sizes = [ordered_size(system.moved, system.numbering, tree) for tree in trees]
-        kernels, operations = kernels + sum(k for k, _ in sizes), operations + sum(o for _, o in sizes)
-    else:
-        kernels += 2 * len({tree.structure for tree in trees})
-        operations += sum(tree_plan(tree.structure).operations for tree in trees)
+    sizes = [system.moved.passes(system.numbering, tree).size for tree in trees]
+    kernels += sum(k for k, _ in sizes) if system.moved.ordered else 2 * len({tree.structure for tree in trees})
+    operations += sum(o for _, o in sizes)
     multipliers = sum(kind in ("lambda", "mu") for kind in system.kinds)
     return Size(system.n, len(system.equations), multipliers, kernels, operations)
 

@@ -25,7 +25,7 @@ import symengine as se
 
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.tree import TreeProgram, Wrench
+from mbdae.symbolic.tree import TreeProgram
 from mbdae.symbolic.tree_motion import Link, Member, State, TreeStructure
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
@@ -184,11 +184,16 @@ def outward(shape: Shape, given: bool = False) -> Pass:
     return made
 
 
-def projected(shape: Shape) -> Pass:
+def projected(shape: Shape, moving: bool = False) -> Pass:
     """What a force ("w", i) on a body does: its components along the joint's freedoms, S^T w in ("row", k), and the force on the
-    carrying body, X^T w in ("w0", i)."""
+    carrying body, X^T w in ("w0", i). moving: w = M a + p, of inertia, acceleration and forces as in the other passes."""
     made = Pass(shape)
-    n, w, S = shape.body, made.vector("w", shape.body), made.matrix("S", shape.body, shape.freedoms)
+    n, S = shape.body, made.matrix("S", shape.body, shape.freedoms)
+    if moving:
+        a, M = made.vector("a", n), made.symmetric("M", n)
+        w = [made.program.let(p + _dot(row, a)) for p, row in zip(made.vector("p", n), M, strict=True)]
+    else:
+        w = made.vector("w", n)
     X = made.matrix("X", n, shape.parent)
     made.outputs += [(("w0", j), _dot([X[i][j] for i in range(n)], w)) for j in range(shape.parent)]
     made.outputs += [(("row", k), _dot([S[i][k] for i in range(n)], w)) for k in range(shape.freedoms)]
@@ -206,15 +211,9 @@ class PieceProgram(TreeProgram):
     """A piece of a tree. Inputs besides those of `TreeProgram`: ("x", node, name) a number of a node's motion, ("a", node, name)
     its acceleration in one of its directions."""
 
-    wrenches: dict[int, Wrench]
-
     def _given(self, node: int, kind: NodeKind) -> State:
         accelerations = set(directions(kind))
         return state_of(kind, lambda name: self._input("a" if name in accelerations else "x", node, name))
-
-    def _projected(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
-        self.wrenches = wrenches
-        return {}
 
     def _symbols(self, head: str, node: int | None = None) -> list[Expr]:
         return [s for s, place in self.inputs.items() if place[0] == head and node in (None, place[1])]

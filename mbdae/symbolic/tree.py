@@ -2,9 +2,9 @@
 
 A body is carried where its position follows from another body and the coordinates of a joint, by the motion that the joint
 states (`symbolic/motion.py`): elementary motions one after the other, none for a weld. The program goes from the root outwards
-(positions, velocities, accelerations), evaluates the laws between the bodies, and projects their forces from the leaves to the
-root: the residual of the joint coordinates and of a free root. Its Jacobian is the derivative of the program, which contains the
-geometric stiffness (Eqs. 24-33 of validation/paper).
+(positions, velocities, accelerations) and evaluates the laws between the bodies. `symbolic/links.py` cuts it at the bodies:
+forces go from the leaves to the root in the passes there, whose derivative contains the geometric stiffness (Eqs. 24-33 of
+validation/paper).
 """
 
 from __future__ import annotations
@@ -30,17 +30,9 @@ from mbdae.symbolic.vectors import (
     Expr,
     Vec,
     product,
-    rate_from_body_spin,
-    rate_from_spatial_spin,
     rotation_columns,
     rotation_per_component,
 )
-
-#: a tree of recursive joints whose Jacobian takes more steps gets no kernel for the whole tree, which would cost more to compile
-#: than it saves: it is evaluated joint by joint, or its joints become kinematic. For export the steps are counted before the tree
-#: is differentiated
-OPERATIONS = 8500
-
 
 Wrench = tuple[Vec, Vec]  #: force and torque about the node, inertial components, left-hand side
 
@@ -60,9 +52,7 @@ class TreeProgram:
         self._ways: list[Way] = []
         for j, link in enumerate(structure.links, start=1):
             self.nodes.append(self._carried(j, link))
-        self.force = self._projected("wu", self._members())
-        self.correction = self._projected("wq", {}) if structure.loaded else {}
-        self.size = len(self.program.steps)  #: number of steps before the program is differentiated
+        self.wrenches = self._members()
 
     @staticmethod
     def _program() -> Program:
@@ -253,55 +243,6 @@ class TreeProgram:
             return force, ZERO
         return force, Vec(0, 0, turning[0]) if state.kind.flat else state.of_body([turning])[0]
 
-    # -- inwards
-
-    def _projected(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
-        """Rows of the joint coordinates and of the root for forces and moments on all nodes, by virtual power: the transpose of
-        the recursion of velocities. role: "wu" (equations of motion) or "wq" (kinematic equations, whose
-        stabilising terms G^T mu transform like forces)."""
-        vec = self.program.vec
-        total = {j: wrenches.get(j, (ZERO, ZERO)) for j in range(len(self.nodes))}
-        for j in self.structure.loaded:
-            total[j] = _sum(total[j], self._load(role, j))
-        rows: dict[tuple[int, int], Expr] = {}
-        for j, link in reversed(list(enumerate(self.structure.links, start=1))):
-            found, F = self._ways[j - 1], vec(total[j][0])
-            M = vec(total[j][1] - found.back.cross(F))  # about the end of the joint's motion
-            rows |= self._joint_rows(role, found, F, M)
-            total[link.parent] = _sum(total[link.parent], (F, M + found.total.cross(F)))
-        if self.nodes[0].kind.moves:
-            rows |= self._root_rows(role, *map(vec, total[0]))
-        return {place: e for place, e in rows.items() if e != 0}
-
-    def _joint_rows(self, role: str, found: Way, F: Vec, M: Vec) -> dict[tuple[int, int], Expr]:
-        """Rows of a joint's coordinates for a force F and its moment M about the end of the joint's motion. For role "wq" the
-        rows of a free rotation are those of its quaternion."""
-        rows: dict[tuple[int, int], Expr] = {}
-        left = found.total  # from the parent's node to the place of the motion
-        for part in reversed(found.parts):
-            m = part.moved
-            moment = M if left is found.total else self.program.vec(M + (found.total - left).cross(F))
-            for c, slope in m.slopes.items():
-                work = part.direction @ (moment if m.step.turns else F)
-                rows[-c, 0] = rows.get((-c, 0), se.Integer(0)) + slope * work
-            if m.step.rotation is not None:
-                along = [axis @ moment for axis in part.axes]
-                entries = along if role == "wu" else rate_from_body_spin(m.step.rotation.P, Vec(*along))
-                rows |= {(-m.number, i): e for i, e in enumerate(entries)}
-            left = left if part.displacement is ZERO else self.program.vec(left - part.displacement)
-        return {place: self.program.let(e) for place, e in rows.items()}
-
-    def _root_rows(self, role: str, F: Vec, N: Vec) -> dict[tuple[int, int], Expr]:
-        root = self.nodes[0]
-        if root.kind is NodeKind.PLANAR:
-            turning = [N[2]]
-        elif role == "wu":
-            turning = list(root.to_body(N))
-        else:
-            turning = rate_from_spatial_spin(root.P, N)
-        entries = [*list(F)[: root.kind.translations], *turning]
-        return {(0, i): self.program.let(e) for i, e in enumerate(entries)}
-
     def _load(self, role: str, j: int) -> Wrench:
         """Force and moment on node j from the inputs that hold the terms of laws outside of the tree, of role "wu" or "wq"."""
         state = self.nodes[j]
@@ -312,11 +253,6 @@ class TreeProgram:
         return Vec(*rows[:3]), Vec(*(sum((t * x for t, x in zip(line, rows[3:], strict=True)), se.Integer(0)) for line in T))
 
     # -- outputs
-
-    def rows(self) -> list[tuple[Target, Expr]]:
-        """The residual rows of the tree."""
-        parts = (("u", self.force), ("q", self.correction))
-        return [((block, *place), e) for block, rows in parts for place, e in rows.items()]
 
     def states(self, nodes: tuple[int, ...], accelerations: bool = True) -> list[tuple[Target, Expr]]:
         """q, u and (on request) u' of some nodes."""

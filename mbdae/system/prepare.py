@@ -20,12 +20,12 @@ from mbdae.system.base import Array
 from mbdae.system.changes import cheapest
 from mbdae.system.dependent_rows import smallest, unit_rows
 from mbdae.system.model.model import Model, build
-from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, by_order, too_large
+from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, is_large, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
-from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
+from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics, row_sizes
-from mbdae.system.motion.ordered_motion import OrderedMechanics, bodies_of
+from mbdae.system.motion.tree_mechanics import TreeMechanics
 from mbdae.system.nearest import start_positions
 from mbdae.system.redundancy import RankReport, analyse
 from mbdae.system.start import ChangedVelocity, Start, Starter
@@ -109,7 +109,7 @@ def _made_again(scene: SceneData, stay: Mapping[str, str], end: float, rank: Ran
                 contacts: list[ExpectedContact]) -> Prepared:
     model, moved = modelled(scene, stay)
     model.conditions.end = end
-    all_bodies = bodies_of(model, moved)
+    all_bodies = AllBodies(model, moved)
     return Prepared(model, mechanics_of(model, rank.kept, all_bodies), rank, start, time, all_bodies, contacts)
 
 
@@ -134,7 +134,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
                           f"{model.nq} and {model.nu}; continue it with the same bodies and joint models"])
     model.conditions.time = after(begin_time)  # at the start, conditions of inputs such as t < 1 are evaluated just after it
     model.conditions.end = t_end if t_end is not None else inf
-    all_bodies = bodies_of(model, moved)
+    all_bodies = AllBodies(model, moved)
     if not all_bodies.numbering.free:
         raise SceneError([f"scene '{scene.name}': recursive joints hold or prescribe all bodies, so nothing is left to solve "
                           f"for; use model=mb.Kinematic() for one of them"])
@@ -193,7 +193,7 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
     """Error messages, one sentence each, for motions without inertia: of joint coordinates where no rows besides those of the
     trees are kept, else of bodies."""
     inside = all_bodies.moved.replaced
-    if isinstance(all_rows, OrderedMechanics):
+    if isinstance(all_rows, TreeMechanics):
         return massless_unknowns(all_bodies, all_rows.without_inertia(starter.t, q))
     if all_bodies.moved.trees and not all_bodies.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
         return massless_coordinates(all_bodies, all_rows.mass, starter.t, q)
@@ -202,8 +202,6 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
 
 def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> Mechanics:
     """The mechanics of all nodes with these rows, of which `redundant` follow from the others."""
-    if all_bodies.moved.alone:
-        return OrderedMechanics(model, rows, all_bodies)
     # with beams the sparse equations with constraint rows cost less than joint coordinates here; runs integrate the latter anyway
     reduced = all_bodies.moved.trees and not model.lines
     return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)
@@ -214,15 +212,13 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
     kinematic. by_rows: recursive joints that are treated as kinematic anyway -> why."""
     model = build(scene, by_rows)
     moved = MovedBodies(model, find_trees(model))
-    if moved.trees and by_order(model, moved):
-        return model, MovedBodies(model, moved.trees, ordered=True)
-    kept = too_large(moved) | acted_on_while_prescribed(moved)
+    kept = too_large(model, moved) | acted_on_while_prescribed(moved)
     if not kept and not AllBodies(model, moved).numbering.free:  # every coordinate of the trees is prescribed
         kept = {c.name: "without these equations the scene would have no unknowns" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})
         moved = MovedBodies(model, find_trees(model))
-    return model, moved
+    return model, MovedBodies(model, moved.trees, ordered=True) if any(map(is_large, moved.trees)) else moved
 
 
 def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:
@@ -315,7 +311,7 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
     if np.all(np.abs(rate) <= FITS * mechanics.speed(start.u) / mechanics.model.length * row_sizes(mechanics, start.t, start.q)):
         return start.u, []
-    if mechanics.large and not isinstance(mechanics, OrderedMechanics):
+    if mechanics.large and not mechanics.carries_bodies:
         change = cheapest(M, mechanics.velocity_units, G, -rate, np.zeros(mechanics.nu))
     else:
         G, M = as_full(G), as_full(M)

@@ -13,7 +13,6 @@ from mbdae.native.equations import Equations
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.guards import ContactGuards, switches_of_model
 from mbdae.system.assembled.jacobian_entries import FormSpec
-from mbdae.system.assembled.ordered_assembly import OrderedAssembly, assembly_of
 from mbdae.system.assembled.right_hand_side import numbers_of, partition_of, right_hand_side, state_rates
 from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.dependent_rows import Rows
@@ -46,12 +45,13 @@ class SceneSystem(System):
         self.kept = Kept()
         self._prepared, self._asked, self._others = prepared, (spec, sparse), others if others is not None else {}
         mechanics, start, all_bodies = prepared.mechanics, prepared.start, prepared.all_bodies
-        made = assembly or assembly_of(all_bodies.moved)(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
+        made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
         self.assembly, self.model, self.numbering, self.spec = made, made.model, made.numbering, made.spec
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
         self.label = made.label
-        if isinstance(made, OrderedAssembly) and not prepared.rows:
-            self.rate_jacobian, self.rate_products = (partial(self.owner.alone, f) for f in (made.rate_jacobian, made.products))
+        if made.explicit:
+            self.rate_products = partial(self.owner.alone, lambda *args: made.evaluation.products(*args))
+            self.rate_jacobian = lambda t, y: self.rate_products(t, y, np.eye(self.n)).T
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)

@@ -32,8 +32,7 @@ NOTHING = 1e-13
 def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array) -> list[str]:
     """Error messages, one sentence each, for coordinates of recursive joints whose motion has no inertia: the mass matrix in
     joint coordinates, scaled to a unit diagonal, has an eigenvalue 0 there. mass (nu, nu): mass matrix of all nodes."""
-    u = np.zeros((1, all_bodies.model.nu))
-    T = all_bodies.velocity_map(all_bodies.workspace(t, *all_bodies.reduced(q[None], u)))[0]
+    T = all_bodies.velocity_map(t, all_bodies.reduced(q[None], np.zeros((1, all_bodies.model.nu)))[0])[0]
     reduced = T.T @ mass @ T
     size = np.sqrt(np.diag(reduced))
     largest = float(np.max(size, initial=0.0))

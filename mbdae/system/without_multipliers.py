@@ -24,7 +24,6 @@ from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.jacobian_entries import FormSpec
-from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.assembled.right_hand_side import REMEDY, Rates, numbers_of, singular
 from mbdae.system.base import Array, Numbers, System
 from mbdae.system.dependent_rows import Rows
@@ -74,9 +73,8 @@ class WithoutMultipliers(SceneSystem):
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:
         model, moved, bare = prepared.model, prepared.all_bodies.moved, replace(spec, eliminated=False)
-        kind = assembly_of(moved)
-        self.full = kind(model, prepared.mechanics.rows, bare, sparse, moved)
-        super().__init__(prepared, spec, sparse, others, kind(model, [], replace(bare, blocks=()), False, moved))
+        self.full = Assembly(model, prepared.mechanics.rows, bare, sparse, moved)
+        super().__init__(prepared, spec, sparse, others, Assembly(model, [], replace(bare, blocks=()), False, moved))
         linear = not any(group.derived.reactive for group in model.groups)
         self._rates = Accelerations(self.full, self.n, linear, (self.t0, self.y0))
         self._rate = np.zeros(self.n)

@@ -15,7 +15,7 @@ from mbdae import disk as around
 from mbdae.disk import Store
 from mbdae.disk.entries import Digests, NoDigestError
 from mbdae.disk.entries import key_of as entry_key
-from mbdae.kernels import tree_plan
+from mbdae.kernels import links
 from mbdae.kernels.plan import _key
 from mbdae.laws.forces import PointSpring
 from mbdae.laws.joints import Revolute
@@ -40,7 +40,7 @@ def digest(value):
 def kept(tmp_path, monkeypatch):
     """A store in use."""
     store = Store(tmp_path / "kept")
-    for module in ("mbdae.symbolic.stated", "mbdae.disk.entries", "mbdae.kernels.tree_plan", "mbdae.disk.entries",
+    for module in ("mbdae.symbolic.stated", "mbdae.disk.entries", "mbdae.kernels.links", "mbdae.disk.entries",
                    "mbdae.disk"):
         monkeypatch.setattr(f"{module}.store", lambda: store)
     around.surroundings.cache_clear()
@@ -208,7 +208,7 @@ def test_every_part_of_a_tree_is_in_its_key(kept):
     trees += [TreeStructure(NodeKind.GROUND, (Link(**link | {name: value}),), ()) for name, value in others.items()]
     trees += [TreeStructure(NodeKind.SPATIAL, (Link(**link),), ()), TreeStructure(NodeKind.GROUND, (Link(**link),), (), (1,)),
               TreeStructure(NodeKind.GROUND, (Link(**link), Link(**link)), ())]
-    keys = [tree_plan.structure_key(tree) for tree in trees]
+    keys = [links.structure_key(tree) for tree in trees]
     assert None not in keys
     assert len(set(keys)) == len(keys)
 

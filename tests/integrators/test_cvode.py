@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from dae_problems import Explicit, decay, pendulum
-from recursive_scenes import spring_chain
 from scenes import data, dzhanibekov
 
 import mbdae as mb
@@ -163,17 +162,18 @@ def test_beams_have_a_right_hand_side():
     assert np.abs(r.q - fine.q).max() < 1e-5
 
 
-def test_large_trees_have_factors_in_a_narrow_band(monkeypatch):
-    from mbdae.kernels.tree_plan import TreePlan
+def test_beams_have_factors_in_a_narrow_band(monkeypatch):
     from mbdae.system.motion import constrained
 
-    monkeypatch.setattr(TreePlan, "rates", property(lambda plan: None))  # as of trees that are too large for one kernel
-    full = system_for(prepare(spring_chain()))
+    s = mb.Scene("beam", gravity=(0, -9.81, 0))
+    section = mb.Section.rectangular(0.02, 0.02, E=1e5, nu=0.3, rho=1000)
+    s.revolute("A", s.ground, s.beam("b", (0, 0), (1, 0), section=section, elements=4), at=(0, 0))
+    full = system_for(prepare(s), None, mb.CVODE.highest_index)
     rates = np.empty((2, full.n))
     y = full.y0 + 0.1 * np.sin(1.0 + np.arange(full.n))
     full.rhs(0.1, y, rates[0])
     monkeypatch.setattr(constrained, "BANDED_FROM", 0)
-    narrow = system_for(prepare(spring_chain()))
+    narrow = system_for(prepare(s), None, mb.CVODE.highest_index)
     narrow.rhs(0.1, y, rates[1])
     assert not np.array_equal(narrow.assembly.evaluation.order, full.assembly.evaluation.order)
     assert rates[1] == pytest.approx(rates[0], rel=1e-9)

@@ -24,14 +24,19 @@ def inputs(prepared: Prepared, tree: Tree, plan: TreePlan, rng: np.random.Genera
     """Every input of a tree's program at a random state: numbers of the scene, random accelerations and forces."""
     e = prepared.all_bodies
     t, q, u = random_state(prepared, rng)
-    W = e.workspace(t, q, u, rng.normal(size=u.shape))[0]
-    return {str(symbol): complex(rng.normal() if place[0] in ("wu", "wq") else W[e.moved.slot(e.numbering, tree, place)])
+    nb = e.numbering
+    W, up = nb.workspace(1), rng.normal(size=u.shape)
+    for first, part in ((0, q), (nb.nq, u), (nb.n + nb.nq, up)):
+        W[:, first : first + part.shape[1]] = part
+    nb.fill_clock(W, t)
+    W = W[0]
+    return {str(symbol): complex(rng.normal() if place[0] in ("wu", "wq", "force") else W[e.moved.slot(e.numbering, tree, place)])
             for symbol, place in plan.places.items()}
 
 
 def evaluated(plan: TreePlan) -> Callable[[dict[str, Any]], dict[str, complex]]:
     """The program step by step in complex numbers: input values -> values of all steps."""
-    lines = [f"{name} = {expression}" for name, expression in plan.tree.program.steps.items()]
+    lines = [f"{name} = {expression}" for name, expression in plan.program.steps.items()]
     code = compile("\n".join(lines), "program", "exec")
 
     def run(values: dict[str, Any]) -> dict[str, complex]:
@@ -48,11 +53,11 @@ def test_jacobian_of_the_program_by_complex_step(scene: Callable[[], mb.Scene]) 
     prepared, rng, step = prepare(scene()), np.random.default_rng(12), 1e-30
     for tree in prepared.all_bodies.moved.trees:
         plan = tree_plan(tree.structure).programmed
+        outputs, derivatives = [*plan.rows, *plan.motion], plan.derivatives
         run, values = evaluated(plan), inputs(prepared, tree, plan, rng)
-        outputs = [*plan.rows, *plan.motion]
         seeds = [symbol for symbol, place in plan.places.items() if place[0] in SEEDS]
         here = run(values)
-        exact = {(target, place): eval(str(e), {}, here).real for target, place, e in plan.derivatives}
+        exact = {(target, place): eval(str(e), {}, here).real for target, place, e in derivatives}
         for seed in seeds:
             moved = run({**values, str(seed): values[str(seed)] + 1j * step})
             column = {target: complex(eval(str(e), {}, moved)).imag / step for target, e in outputs}

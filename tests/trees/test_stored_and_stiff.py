@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.system.motion.all_bodies import AllBodies
 
 
 def chain(n: int, spatial: bool = False) -> mb.Scene:
@@ -32,13 +31,6 @@ def test_a_stored_run_has_the_motion_of_all_bodies(spatial, tmp_path):
     assert np.array_equal(again["J7"].force, r["J7"].force)
     assert np.array_equal(again.energy.kinetic, r.energy.kinetic)
     assert r.energy.kinetic[-1] > 0.01
-
-
-def test_the_motion_by_kernels_of_whole_trees_is_refused():
-    """It would leave all bodies where they are drawn."""
-    p = chain(20).simulate(0.01, 1e-3).prepared
-    with pytest.raises(TypeError, match="joint by joint"):
-        AllBodies(p.model, p.all_bodies.moved).states(np.zeros(1), np.zeros((1, 40)))
 
 
 def test_radau_factorises_full_matrices_of_any_size():

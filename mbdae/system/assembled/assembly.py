@@ -6,7 +6,6 @@ values of kernels. Here the tables of all these terms are made; `evaluation.py` 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -14,23 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct, sp
+from mbdae.errors import internal
 from mbdae.kernels.line_nodes import ElementJacobian
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
-from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree_motion import Open
-from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter
-from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern
+from mbdae.system.assembled.evaluation import EquationsOfScene, JacobianTerms
+from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern, Scatter
+from mbdae.system.assembled.tree_terms import TreeTerms, add_derivatives
 from mbdae.system.base import Array, Places
 from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
-from mbdae.system.model.moved_bodies import MovedBodies, slot_of
+from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
-from mbdae.system.model.trees import Tree
-from mbdae.system.motion.constrained import Columns, Loaded
+from mbdae.system.motion.constrained import Columns, Emitted
 from mbdae.system.motion.mechanics import LARGE
 
 #: index of some kinds of unknowns, in place of that of the form, where the stresses of beams are unknowns ("z"). ELASTIC: steps
@@ -49,8 +48,6 @@ class Assembly:
     rows: constraint rows in force; spec: options of the form; sparse: whether the Jacobian is, None: by the number of unknowns;
     moved: the bodies that trees move, and which parameters are inputs of kernels."""
 
-    has_pattern = True  #: whether the Jacobian has a sparsity pattern; False: it is full
-
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
                  moved: MovedBodies | None = None) -> None:
         self.model, self.spec, self.label = model, spec, spec.label
@@ -65,12 +62,10 @@ class Assembly:
         self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.first_input - self.n)  # constants in the rows of F, a spare row and rows of loaded nodes
-        self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
-        #: whether laws outside of trees have inertia that varies (kernels that read u'). Where none of them has any inertia, y'
-        #: comes from the trees' kernels alone
-        self._inert = False
-        #: kernels of trees with loaded nodes (bodies on which other laws act): their motion, the trees' rows, derivatives of both
-        self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])
+        self._residual, self._jacobian = Scatter(), Scatter()
+        self._inert = False  #: whether laws have inertia that varies (kernels that read u'), or act so on bodies of trees
+        #: whether the Jacobian has a sparsity pattern; False: it is full, and made column by column
+        self.has_pattern = not moved.ordered
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
@@ -86,9 +81,11 @@ class Assembly:
                 self._add_elements(batch, entries)
         for line in model.lines:
             self._add_inertia(line, entries)
-        for plan, equal in moved.plans():
-            self._add_tree(plan, equal, entries)
-        self._finish(entries.finish(), sparse if sparse is not None else self.n > SPARSE_FROM)
+        #: kernels of derivatives of trees with loaded nodes (bodies on which other laws act), with the slots that they read
+        self._trees = add_derivatives(moved, nb, entries, self._jacobian)
+        up = {nb.node_place("up", n, i) for n in moved.loaded for i in range(n.kind.sizes[1])}
+        self._inert |= bool(up) and entries.reads(up)
+        self._finish(entries.finish(), self.has_pattern and (sparse if sparse is not None else self.n > SPARSE_FROM))
 
     # -- construction
 
@@ -204,40 +201,14 @@ class Assembly:
         found = [self.numbering.places(t, g, active) for t in targets]
         return np.stack(found, axis=1) if found else np.zeros((len(active), 0), dtype=np.intp)
 
-    def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
-        """Add the kernels of trees of one structure. Without loaded nodes they are evaluated like the kernels of any law."""
-        nb, moved = self.numbering, self.moved
-
-        def slots(targets: Sequence[Any]) -> NDArray[np.intp]:
-            return np.array([[slot_of(nb, tree, t) for t in targets] for tree in trees], dtype=np.intp)
-
-        for piece in plan.mass:
-            cells = (slots([t for t, _ in piece.targets]) - nb.nq) * nb.nu + slots([p for _, p in piece.targets]) - self.n - nb.nq
-            self._mass.kernel(moved.gather(nb, piece, trees), cells, piece.kernel)
-        pieces = [plan.forward, plan.residual, *plan.jacobian]
-        gathers = [moved.gather(nb, piece, trees) for piece in pieces]
-        if plan.structure.loaded:
-            self._loaded[0].append((plan.forward, gathers[0], slots(plan.forward.targets)))
-            self._loaded[1].kernel(gathers[1], slots(plan.residual.targets), plan.residual.kernel)
-            self._loaded[2].extend((piece, gather) for piece, gather in zip(pieces[2:], gathers[2:], strict=True))
-            for piece in plan.jacobian:
-                entries.chain(piece, len(trees), lambda i, place: slot_of(nb, trees[i], place))
-            return
-        places, solved = slots(plan.residual.targets), plan.rates if not nb.m else None
-        solving = None if solved is None else (moved.gather(nb, solved, trees), solved.kernel)
-        self._residual.kernel(gathers[1], places, plan.residual.kernel, solving)
-        for piece, gather in zip(pieces[2:], gathers[2:], strict=True):
-            rows, columns = slots([t for t, _ in piece.targets]), slots([p for _, p in piece.targets])
-            self._jacobian.kernel(gather, rows, piece.kernel)
-            entries.varying(rows, columns)
-
     def _finish(self, pattern: Pattern, sparse: bool) -> None:
-        n, self._pattern = self.n, pattern
+        n, self._pattern, self.sparse = self.n, pattern, sparse
+        if not self.has_pattern:
+            return
         used = distinct(np.concatenate([pattern.cells, pattern.fixed_cells]))
         used = used[used < n * n]
         indptr = np.searchsorted(used, np.arange(n + 1) * n)
         self.columns = Columns(indptr, used % max(n, 1))
-        self.sparse = sparse
         self._dense = used % max(n, 1) * n + used // max(n, 1)
 
         def position(cells: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -251,13 +222,14 @@ class Assembly:
     @cached_property
     def sparsity(self) -> Any:
         """Sparsity pattern of the Jacobian as a CSC matrix (n, n); None where the Jacobian is full."""
-        places = np.ones(len(self.columns.rows)), self.columns.rows, self.columns.first
-        return sp.csc_matrix(places, shape=(self.n, self.n)) if self.sparse else None
+        if not self.sparse:
+            return None
+        return sp.csc_matrix((np.ones(len(self.columns.rows)), self.columns.rows, self.columns.first), shape=(self.n, self.n))
 
     @cached_property
     def pattern(self) -> Places | None:
         """Sparsity pattern of the Jacobian (n, n), also where `sparse` is False; None where it is full (`has_pattern`)."""
-        return Places(self.columns.first, self.columns.rows)
+        return Places(self.columns.first, self.columns.rows) if self.has_pattern else None
 
     # -- evaluation
 
@@ -270,12 +242,15 @@ class Assembly:
 
     def operations(self) -> EquationsOfScene:
         """The native evaluation before it is compiled, so that a caller can append further operations."""
-        made = EquationsOfScene(self.numbering, self._residual, self._offset, self._loaded, self._jacobian, self._pattern,
-                                self._place, self._c)
-        if not self.numbering.m:
-            varying = self.moved.open is not Open.FEWEST or (bool(self.moved.trees) and bool(self.model.lines))
-            light = not self._inert and not (self.constant_mass != 0).sum()
-            made.with_rates(self._mass, None if varying else self.constant_mass, self.columns, light)
+        terms = None
+        if self.has_pattern:
+            terms = JacobianTerms(self._jacobian, self._trees, self._pattern, self._place, self._c)
+        elif self._inert:
+            raise internal("a law outside of a tree that is evaluated joint by joint adds inertia to its bodies")
+        made = EquationsOfScene(self.numbering, self.moved, self._residual, self._offset, self._inertia, terms)
+        if not self.numbering.m and terms is not None:
+            varying = self._inert or (self.moved.open is not Open.FEWEST and bool(self._inertia))
+            made.with_rates(None if varying else self._inertia, self.columns)
         return made
 
     def __getstate__(self) -> dict[str, Any]:
@@ -283,9 +258,11 @@ class Assembly:
         own."""
         return {name: value for name, value in self.__dict__.items() if name != "evaluation"}
 
-    def motion(self) -> Loaded:
-        """Kernels of the motion of loaded nodes (bodies of trees on which other laws act), and the slots they read and write."""
-        return self._loaded[0]
+    def motion(self) -> Emitted | None:
+        """Function that appends the motion of loaded nodes, bodies of trees on which other laws act; None: there are none."""
+        if not self.moved.loaded:
+            return None
+        return lambda part: TreeTerms(self.moved, self.numbering, part, {}).motion(part)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""
@@ -298,17 +275,34 @@ class Assembly:
     @cached_property
     def constant_mass(self) -> Any:
         """Mass matrix (nu, nu) of the velocity unknowns, its constant entries only; sparse for many unknowns."""
-        nq, nu = self.numbering.nq, self.numbering.nu
-        p, n = self._pattern, self.n
-        rows, columns = p.fixed_cells % n, p.fixed_cells // n
-        inside = p.fixed_dotted & (p.fixed_cells < n * n)
-        inside &= (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
-        i, j, values = rows[inside] - nq, columns[inside] - nq, p.fixed[inside]
+        nu, (i, j, values) = self.numbering.nu, self._constants_of_mass
         if nu > LARGE:
             return sp.csr_matrix((values, (i, j)), shape=(nu, nu))
         M = np.zeros((nu, nu))
         np.add.at(M, (i, j), values)
         return M
+
+    @cached_property
+    def _constants_of_mass(self) -> tuple[Any, Any, Array]:
+        """Rows and columns among the velocity unknowns, and values, of the constant entries of the mass matrix."""
+        nq, nu, p, n = self.numbering.nq, self.numbering.nu, self._pattern, self.n
+        rows, columns = p.fixed_cells % max(n, 1) - nq, p.fixed_cells // max(n, 1) - nq
+        inside = p.fixed_dotted & (p.fixed_cells < n * n)
+        inside &= (rows >= 0) & (rows < nu) & (columns >= 0) & (columns < nu)
+        return rows[inside], columns[inside], p.fixed[inside]
+
+    @property
+    def _inertia(self) -> dict[tuple[int, int], float]:
+        """The constant entries of the mass matrix by row and column; those of trees are in their passes."""
+        found: dict[tuple[int, int], float] = {}
+        for a, b, m in zip(*(part.tolist() for part in self._constants_of_mass), strict=True):
+            found[a, b] = found.get((a, b), 0.0) + m
+        return found
+
+    @property
+    def explicit(self) -> bool:
+        """Whether F = y' - f(t, y), for which `evaluation.products` exists."""
+        return not self.has_pattern and not self.numbering.m
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         """out = dF/dy + cj dF/dy': (n, n) where `sparsity` is None, else (nnz,) CSC data."""
@@ -320,11 +314,10 @@ class Assembly:
         if self.sparse:
             out[:] = data
             return
-        out[:] = 0.0
-        out.reshape(-1)[self._dense] = data
+        out[:] = self._full(data)
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of `pattern`."""
+        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of `pattern`, by columns where the Jacobian is full."""
         return self.evaluation.jacobian(t, y, yp)
 
     def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
@@ -332,9 +325,15 @@ class Assembly:
         return self._whole(*self.jacobian_values(t, y, yp))
 
     def _whole(self, fy: Array, fyp: Array) -> Array:
-        dense = np.zeros((2, self.n * self.n))
-        dense[:, self._dense] = fy, fyp
-        return dense.reshape(2, self.n, self.n)
+        return np.stack([self._full(fy), self._full(fyp)])
+
+    def _full(self, data: Array) -> Array:
+        """The full matrix (n, n) with these entries (nnz,)."""
+        if not self.has_pattern:
+            return data.reshape(self.n, self.n).T
+        dense = np.zeros(self.n * self.n)
+        dense[self._dense] = data
+        return dense.reshape(self.n, self.n)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays, each (n, n) or (nnz,) as in `jacobian`."""

@@ -5,112 +5,90 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdae.deferred import sp
 from mbdae.native.equations import Equations, Table
-from mbdae.native.program import Operations, address_of, core
-from mbdae.system.assembled.jacobian_entries import Pattern
+from mbdae.native.program import Operations, Tangent, address_of, core
+from mbdae.system.assembled.jacobian_entries import Pattern, Scatter
+from mbdae.system.assembled.tree_terms import TreeTerms
 from mbdae.system.base import Array
+from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.constrained import Columns, Index, Loaded, Workspace, narrow_order
+from mbdae.system.motion.constrained import Columns, Index, Workspace, narrow_order
+from mbdae.system.motion.tree_mechanics import Inertia
 
 
-class Scatter:
-    """A list of terms of F or of its Jacobian: kernels with the rows (or entries) to which their values are added; linear
-    terms."""
+class JacobianTerms(NamedTuple):
+    """laws: kernels of derivatives of laws; trees: of trees on whose bodies other laws act, each with the slots that it reads;
+    pattern: row and column of their values; place: position of each value among the entries of the Jacobian; c (2, nnz + 1):
+    constant parts of the entries of dF/dy and dF/dy', and a spare one."""
 
-    def __init__(self) -> None:
-        self.gathers: list[Index] = []
-        self.places: list[Index] = []
-        self.kernels: list[Any] = []
-        self.solved: dict[int, tuple[Index, Any]] = {}
-        self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
-
-    def kernel(self, gather: Index, places: Index, kernel: Any, solved: tuple[Index, Any] | None = None) -> None:
-        """Add a kernel for all instances of a law. gather (instances, inputs): slots that it reads; places (instances, outputs):
-        rows to which its values are added. solved, for trees alone: the kernel `TreePlan.rates` of the accelerations in the same
-        rows, and the slots that it reads."""
-        if solved is not None:
-            self.solved[len(self.kernels)] = solved
-        self.gathers.append(gather)
-        self.places.append(places)
-        self.kernels.append(kernel)
-
-    def linear(self, rows: Index, columns: Index, weights: Array) -> None:
-        """Add linear terms to rows of F: weights times the unknowns in the slots `columns`."""
-        self._linear.append((rows, columns, weights))
-
-    @property
-    def linear_terms(self) -> tuple[Index, Index, Array]:
-        """Rows, columns and weights of all linear terms."""
-        rows, columns, weights = (np.concatenate(parts) for parts in zip(*self._linear, strict=True))
-        return rows, columns, weights
-
-    def emit_right(self, part: Operations, first: int, n: int) -> list[tuple[Index, Index, Any]]:
-        """Subtract all terms that do not contain y' from the n slots from `first` on, which become right-hand sides, but not
-        those of trees that have a kernel of u'. Returns for these trees the rows, the slots that the kernel reads, and the
-        kernel."""
-        for k, (gather, places, kernel) in enumerate(zip(self.gathers, self.places, self.kernels, strict=True)):
-            if k not in self.solved:
-                values, own = kernel.emit(part, gather), places < n
-                part.add(first + places[own], values[own], -1.0)
-        rows, columns, weights = self.linear_terms
-        own = (rows < n) & (columns < n)
-        part.add(first + rows[own], columns[own], -weights[own])
-        return [(self.places[k], np.hstack([gather, first + self.places[k]]), kernel)
-                for k, (gather, kernel) in self.solved.items()]
-
-    def emit(self, part: Operations, first: int) -> None:
-        """Append operations that add the values of the kernels to their rows; row 0 is in slot `first`."""
-        for gather, places, kernel in zip(self.gathers, self.places, self.kernels, strict=True):
-            part.add(first + places, kernel.emit(part, gather))
+    laws: Scatter
+    trees: Sequence[tuple[Any, Index]]
+    pattern: Pattern
+    place: Index
+    c: Sequence[Array]
 
 
 class EquationsOfScene(Workspace):
     """Residual, Jacobian and, where nothing is constrained, right-hand side of the equations of a scene.
 
-    terms: those of F; offset: constant terms of the rows of F, of a spare row and of rows of loaded nodes; stages: kernels of
-    trees for the motion of loaded nodes, for the rows of the trees and for their derivatives; terms_of_jacobian: kernels of
-    derivatives; pattern: row and column of their values; place: position of each value among the entries of the Jacobian; c
-    (2, nnz + 1): constant parts of the entries of dF/dy and dF/dy', and a spare one."""
+    moved: the bodies that trees move; terms: of F, by laws outside of the trees; offset: constant terms of the rows of F, of a
+    spare row and of rows of loaded nodes; inertia: (row, column) -> constant entry of the mass matrix by laws outside of the
+    trees; jacobian: the terms of the Jacobian, None where it is full and made column by column."""
 
-    def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, stages: tuple[Loaded, Scatter, Any],
-                 terms_of_jacobian: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> None:
-        super().__init__(numbering, stages[0])
-        self._terms, self._offset, self._stages = terms, offset, stages
-        operations = self.operations
-        self.rows, self.nnz = operations.slots(len(offset)), len(c[0]) - 1
-        self.fy = operations.slots(2 * self.nnz)
-        self.residual_part = self._residual()
-        self.jacobian_part = self._jacobian(terms_of_jacobian, pattern, place, c)
-        self._by_law = terms_of_jacobian, pattern
-        self.rates = operations.slots(self.n)
-        self.rates_part: Operations | None = None
+    def __init__(self, numbering: Numbering, moved: MovedBodies, terms: Scatter, offset: Array, inertia: Inertia,
+                 jacobian: JacobianTerms | None) -> None:
+        super().__init__(numbering)
+        self._terms, self._offset = terms, offset
+        self.trees, operations = TreeTerms(moved, numbering, self.operations, inertia), self.operations
+        self.rows, self.nnz = operations.slots(len(offset)), self.n**2 if jacobian is None else len(jacobian.c[0]) - 1
+        self.rates, self.rates_part = operations.slots(self.n), operations.part()
         self._steady: tuple[Operations, slice] | None = None  # operations that factorise a constant mass matrix, its slots
         self._massless = -1  # number of a velocity for which the constant mass matrix is singular, or -1
+        #: F = y' - f(t, y), where large trees are evaluated joint by joint and nothing constrains them
+        self.explicit = jacobian is None and not numbering.m
+        self.fy, self.residual_part, self.jacobian_part = 0, operations.part(), operations.part()
+        if self.explicit:
+            self.with_rates(inertia, None)
+        else:
+            self.trees.motion(self.motion)
+            self.residual_part = self._residual()
+        self.change = Tangent(self.rates_part if self.explicit else self.residual_part) if jacobian is None else None
+        if jacobian is not None:
+            self.fy = operations.slots(2 * self.nnz)
+            self.jacobian_part = self._jacobian(jacobian)
+            self._by_law = jacobian
 
     def _residual(self) -> Operations:
-        part, first, nb = self.operations.part(self.motion), self.rows, self.numbering
+        part = self.operations.part(self.motion)
+        self._laws(part, self.rows, True)
+        self.trees.rows(part, self.rows)
+        return part
+
+    def _laws(self, part: Operations, first: int, dotted: bool) -> None:
+        """Append the rows of F by laws outside of the trees, from slot `first` on. dotted: with linear terms that contain y'."""
+        nb = self.numbering
         part.load(first, self._offset)
         self._terms.emit(part, first)
         rows, columns, weights = self._terms.linear_terms
-        part.add(first + rows, columns, weights)
-        if self._stages[0]:  # transform the forces on loaded nodes to joint coordinates
-            part.set(nb.loaded_rows, first + nb.loaded_rows - self.n + 1)
-            self._stages[1].emit(part, first)
-        return part
+        kept = (columns < self.n) | dotted
+        part.add(first + rows[kept], columns[kept], weights[kept])
+        part.set(nb.loaded_rows, first + nb.loaded_rows - self.n + 1)  # forces on loaded nodes, which the trees read
 
-    def _jacobian(self, terms: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> Operations:
-        operations, nnz = self.operations, self.nnz
-        staged = bool(self._stages[0])  # then evaluate F first: derivatives of trees need the forces on their bodies
+    def _jacobian(self, terms: JacobianTerms) -> Operations:
+        operations, nnz, c, place, pattern = self.operations, self.nnz, terms.c, terms.place, terms.pattern
+        staged = bool(terms.trees)  # then evaluate F first: derivatives of trees need the forces on their bodies
         part = operations.part(self.residual_part) if staged else operations.part()
         none = np.zeros(0, dtype=np.intp)
-        emitted = [kernel.emit(part, gather).ravel() for gather, kernel in zip(terms.gathers, terms.kernels, strict=True)]
+        emitted = [kernel.emit(part, gather).ravel()
+                   for gather, kernel in zip(terms.laws.gathers, terms.laws.kernels, strict=True)]
         kernels = np.concatenate([none, *emitted])
-        trees = np.concatenate([none, *(piece.kernel.emit(part, gather).ravel() for piece, gather in self._stages[2])])
+        trees = np.concatenate([none, *(piece.kernel.emit(part, gather).ravel() for piece, gather in terms.trees)])
         part.load(self.fy, np.concatenate([c[0][:-1], c[1][:-1]]))
         to = np.where(place < nnz, self.fy + place + np.where(pattern.dotted, nnz, 0), -1)
         single = self._single = np.concatenate([kernels, trees])
@@ -131,91 +109,80 @@ class EquationsOfScene(Workspace):
         part.multiply(at, factors[pattern.left[kept]], middle[pattern.value[kept]])
         part.multiply(to[kept], at, factors[pattern.right[kept]])
 
-    def with_rates(self, mass: Scatter, constant: Any | None, pattern: Columns, light: bool) -> None:
-        """Add operations for y' = f(t, y): F at y' = 0, then the solution of the equations of motion with the mass matrix.
+    def with_rates(self, inertia: Inertia | None, pattern: Columns | None) -> None:
+        """Add operations for y' = f(t, y): of trees by their passes, of other velocities by a constant mass matrix.
 
-        constant (nu, nu): entries of the mass matrix that do not vary, mass: kernels of those that vary; constant None: the mass
-        matrix is taken from dF/dy', whose entries have the sparsity pattern `pattern`; light: no law outside of trees has
-        inertia."""
-        nb, operations = self.numbering, self.operations
-        nu, nq, first = nb.nu, nb.nq, self.rates
-        solved = np.sort(np.concatenate([np.zeros(0, np.intp), *(self._terms.places[k].ravel() for k in self._terms.solved)]))
-        if nu and light and np.array_equal(solved, np.arange(nq, nq + nu)):
-            self._rates_of_trees()
-            return
-        part = operations.part(self.residual_part if constant is not None else self.jacobian_part)
-        if constant is None and not self._stages[0]:
-            part = operations.part(self.residual_part, self.jacobian_part)
+        inertia: (row, column) -> entry of that matrix; None where it varies, or where laws outside of trees add inertia to bodies
+        of trees: then the whole mass matrix is taken from dF/dy', which has the sparsity pattern `pattern`."""
+        nb, first, every = self.numbering, self.rates, np.arange(self.n)
+        if inertia is None:
+            first_of_all = [] if self._by_law.trees else [self.residual_part]  # else those of the Jacobian contain it
+            part = self.operations.part(*first_of_all, self.jacobian_part)
+        else:
+            part = self.operations.part()
+            self.trees.motion(part, still=True)
+            self._laws(part, self.rows, False)
         part.load(first, np.zeros(self.n))
-        part.add(first + np.arange(self.n), self.rows + np.arange(self.n), -1.0)
-        self._solve_mass(part, mass, constant, pattern, nu, nq)
+        part.add(first + every, self.rows + every, -1.0)
+        pivots = [] if inertia is None else self.trees.rates(part, first)
+        solved = {k for _, k in pivots}
+        rest = np.array([k for k in range(nb.nu) if k not in solved], dtype=np.intp)
+        self.order = np.zeros(0, dtype=np.intp)
+        if len(rest):
+            self._solve_mass(part, rest, inertia, pattern)
+        if pivots:
+            # a constant before the pivots for each of the other velocities: `bad` then counts in `order`
+            part.positive([*[part.constant([1.0])] * len(self.order), *(slot for slot, _ in pivots)])
+            self.order = np.r_[self.order, [k for _, k in pivots]].astype(np.intp)
         self.rates_part = part
 
-    def _rates_of_trees(self) -> None:
-        """Add operations for y' by kernels of accelerations (`TreePlan.rates`): for scenes in which every velocity belongs to a
-        tree that has such a kernel."""
-        part, first, n = self.operations.part(self.motion), self.rates, self.n
-        part.load(first, -self._offset[:n])
-        pivots, rows = list[Index](), list[Index]()
-        for own, gather, kernel in self._terms.emit_right(part, first, n):
-            found = kernel.emit(part, gather).reshape(len(own), 2, own.shape[1])
-            part.set(first + own, found[:, 0])
-            pivots.append(found[:, 1].ravel())
-            rows.append(own.ravel())
-        part.positive(np.concatenate(pivots))
-        self.order, self.rates_part = np.concatenate(rows) - self.numbering.nq, part
-
-    def _solve_mass(self, part: Operations, mass: Scatter, constant: Any | None, pattern: Columns, nu: int,
-                    nq: int) -> None:
-        operations, first = self.operations, self.rates
-        rows, columns = pattern.rows, np.repeat(np.arange(self.n), np.diff(pattern.first))
-        inside = (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
-        i, j = rows[inside] - nq, columns[inside] - nq
-        self.order, place = narrow_order(nu, np.concatenate([i, j]), np.concatenate([j, i]))
-        width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
-
-        def cell(a: Index, b: Index) -> Index:
-            return np.asarray(place[a] * width + place[b] - place[a] + width - 1)
-
-        values = np.zeros(nu * width)
-        lower = place[i] >= place[j]
-        if constant is not None:
-            np.add.at(values, cell(i, j)[lower], np.asarray(constant[i[lower], j[lower]]).ravel())
-        steady = constant is not None and not mass.kernels
-        matrix, right = operations.constant(values) if steady else operations.slots(nu * width), operations.slots(nu)
-        if not steady:
-            part.load(matrix, values)
-        if constant is None:
-            entries = self.fy + self.nnz + np.flatnonzero(inside)
-            part.add(matrix + cell(i, j)[lower], entries[lower])
+    def _solve_mass(self, part: Operations, rest: Index, inertia: Inertia | None, pattern: Columns | None) -> None:
+        """Append the accelerations of the velocity unknowns `rest` by Cholesky of their mass matrix."""
+        operations, nu, nq, first = self.operations, len(rest), self.numbering.nq, self.rates
+        number = np.full(self.numbering.nu, -1)
+        number[rest] = np.arange(nu)
+        if inertia is None:
+            assert pattern is not None
+            rows, columns = pattern.rows - nq, np.repeat(np.arange(self.n), np.diff(pattern.first)) - nq
+            inside = (rows >= 0) & (rows < self.numbering.nu) & (columns >= 0) & (columns < self.numbering.nu)
+            i, j, m = rows[inside], columns[inside], np.zeros(int(inside.sum()))
         else:
-            for gather, cells, kernel in zip(mass.gathers, mass.places, mass.kernels, strict=True):
-                found, (a, b) = kernel.emit(part, gather), np.divmod(cells, nu)
-                kept = place[a] >= place[b]
-                part.add(matrix + cell(a[kept], b[kept]), found[kept])
-        part.set(right + place, first + nq + np.arange(nu))
-        if steady:
+            found = np.array([(a, b, m) for (a, b), m in inertia.items() if number[a] >= 0 and number[b] >= 0]).reshape(-1, 3)
+            (i, j), m = number[found[:, :2].astype(np.intp)].T, found[:, 2]
+        order, place = narrow_order(nu, np.concatenate([i, j]), np.concatenate([j, i]))
+        width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
+        lower, values = place[i] >= place[j], np.zeros(nu * width)
+        cell = (place[i] * width + place[j] - place[i] + width - 1)[lower]
+        np.add.at(values, cell, m[lower])
+        matrix, right = operations.slots(nu * width) if inertia is None else operations.constant(values), operations.slots(nu)
+        if inertia is None:
+            part.load(matrix, values)
+            part.add(matrix + cell, (self.fy + self.nnz + np.flatnonzero(inside))[lower])
+        part.set(right + place, first + nq + rest)
+        if inertia is None:
+            part.cholesky(nu, width, matrix, right)
+        else:
             self._steady = operations.part(), slice(matrix, matrix + nu * width)
             self._steady[0].cholesky(nu, width, matrix, right)
             part.solve(nu, width, matrix, right, 1)
-        else:
-            part.cholesky(nu, width, matrix, right)
-        part.set(first + nq + np.arange(nu), right + place)
+        part.set(first + nq + rest, right + place)
+        self.order = rest[order]
 
     def compile(self) -> None:
         """Allocate the array of the program, after which no operations can be added, and factorise a constant mass matrix.
         Kernels are compiled when they are first needed."""
-        self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
-                    fyp=self.fy + self.nnz, rates_at=self.rates)
-        self._rows, self._at_rows = self.view(self.rows, self.n)
-        (self._fy, self._at_fy), (self._fyp, self._at_fyp) = (self.view(self.fy + k * self.nnz, self.nnz) for k in (0, 1))
+        self.finish(self.residual_part, self.jacobian_part, self.rates_part, self.change, nnz=self.nnz, rows=self.rows,
+                    fy=self.fy, fyp=self.fy + self.nnz, rates_at=self.rates, explicit=self.explicit)
+        # where F = y' - f(t, y) the slots of the rows are used on the way to f
+        self._rows = np.zeros(self.n) if self.explicit else self.view(self.rows, self.n)[0]
+        self._at_rows = self._rows.ctypes.data
         self._c = core()
         if self._steady is not None:
             once, _kept = self._steady[0].table(len(self.W))
             if self._c.scene_part(self.address, ctypes.byref(once), np.nan, self._at_y, None):
                 self._massless, self.W[self._steady[1]] = int(self.order[self.scene.bad]), np.nan
         addresses = [address_of(name) for name in ("scene_residual", "scene_jacobian", "scene_rates")]
-        table = Table(self.address, self.n, self.nnz, *addresses[:2], addresses[2] if self.rates_part is not None else None, None)
+        table = Table(self.address, self.n, self.nnz, *addresses[:2], addresses[2] if self.rates_part.steps else None, None)
         self.equations = Equations(table, self, make=self.make)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
@@ -235,16 +202,36 @@ class EquationsOfScene(Workspace):
             out[:] = found
 
     def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of the sparsity pattern."""
+        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of the sparsity pattern; column by column where the
+        Jacobian is full."""
         self.make("jacobian")
         self._y[:], self._yp[:] = y, yp
-        self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, self._at_fy, self._at_fyp)
-        return self._fy.copy(), self._fyp.copy()
+        (fy, at_fy), (fyp, at_fyp) = self._entries
+        self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, at_fy, at_fyp)
+        return fy.copy(), fyp.copy()
+
+    @cached_property
+    def _entries(self) -> list[tuple[Array, int]]:
+        """Arrays for the entries of dF/dy and dF/dy', with their addresses."""
+        return [(found, found.ctypes.data) for found in np.empty((2, self.nnz))]
+
+    def products(self, t: float, y: Array, directions: Array) -> Array:
+        """Products (k, n) of dy'/dy with k directions (k, n) in y, of equations F = y' - f(t, y)."""
+        self.make("jacobian")
+        self.solved(t, y, np.empty(self.n))
+        by, out = self.scene.distance, np.empty((len(directions), self.n))
+        seeds, found = self.W[by : by + self.n], self.W[by + self.rates : by + self.rates + self.n]
+        for i, direction in enumerate(directions):
+            seeds[:] = direction
+            self._c.scene_part(self.address, ctypes.byref(self.scene.changes), t, self._at_y, None)
+            out[i] = found
+        seeds[:] = 0.0
+        return out
 
     def jacobian_by_law(self, t: float, y: Array, yp: Array) -> list[Any]:
         """dF/dy (n, n), sparse, of every instance of a law by itself, its constant entries apart from those that vary; the sum is
         dF/dy. For equations without recursive joints."""
-        (terms, p), n = self._by_law, self.n
+        terms, p, n = self._by_law.laws, self._by_law.pattern, self.n
         instances = [np.arange(places.size) // places.shape[1] for places in terms.places if places.size]
         first = np.cumsum([0, *(int(k[-1]) + 1 for k in instances)])
         number = np.concatenate([*(k + i for k, i in zip(instances, first, strict=False)), first[-1] + p.terms]).astype(np.intp)
@@ -263,7 +250,7 @@ class EquationsOfScene(Workspace):
     def _terms_of_jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Index, Any]:
         """Values of the terms of all entries of the Jacobian, their cells (`Pattern`), and whether they belong to dF/dy'."""
         self.jacobian(t, y, yp)
-        count, p = len(self._single), self._by_law[1]
+        count, p = len(self._single), self._by_law.pattern
         return (np.r_[self.W[self._single], p.fixed], np.r_[p.cells[:count], p.fixed_cells],
                 np.r_[p.dotted[:count], p.fixed_dotted])
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -26,9 +26,8 @@ from mbdae.system.model.model import Model, entry_of
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Groups, Instance
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.constrained import Loaded, Values
+from mbdae.system.motion.constrained import Values
 from mbdae.system.motion.mechanics import Mechanics, Place, approaches, effective_masses
-from mbdae.system.motion.ordered_motion import OrderedBodies
 from mbdae.system.motion.states import gap_outputs
 from mbdae.system.start_with_contacts import ExpectedContact
 
@@ -218,34 +217,12 @@ def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, 
     motion of these is evaluated first."""
     needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
     carried = bool(needed & set(moved.nodes))
-    bodies = OrderedBodies(model, moved) if carried and moved.ordered else None
-    if bodies is not None:
-        nb = Numbering(model, [], (), False, replaced=moved.replaced)
-    else:
-        nb = Numbering(model, [], (), False, moved.nodes, moved.nodes if carried else (), moved.replaced, moved.constants,
-                       moved.sharing)
+    loaded = moved.nodes if carried else ()
+    nb = Numbering(model, [], (), False, moved.nodes, loaded, moved.replaced, moved.constants, moved.sharing)
     plans = [plan(model.groups[g].derived, outputs) for g, _ in watched]
     gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
-    values = Values(nb, motion_of_all(moved, nb) if carried else (), gathers, [p.kernel for p in plans])
-    if bodies is None:
-        return values.at_states
-    first, count = bodies.nq + bodies.nu, len(nb.states)
-
-    def of_all_nodes(t: Array, y: Array) -> Array:
-        return values.at_states(t, np.concatenate([*bodies.states(t, y), y[:, first : first + count]], axis=1))
-
-    return of_all_nodes
-
-
-def motion_of_all(moved: MovedBodies, nb: Numbering) -> Loaded:
-    """Kernels of the motion of every node that joint coordinates move, each with the slots that it reads and those of its values,
-    from which the laws read the motion."""
-    pieces = []
-    for p, trees in moved.plans():
-        piece = p.motion_of_all
-        places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
-        pieces.append((piece, moved.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
-    return pieces
+    motion = partial(moved.motion, numbering=nb, to=lambda node, head, i: nb.node_place(head, node, i)) if carried else None
+    return Values(nb, motion, gathers, [p.kernel for p in plans]).at_states
 
 
 class Observer:

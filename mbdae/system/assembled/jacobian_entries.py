@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.kernels.plan import Outputs
 from mbdae.kernels.tree_plan import Piece
+from mbdae.native.program import Operations
 from mbdae.system.base import Array
 
 
@@ -56,6 +58,39 @@ class FormSpec:
 Index = NDArray[np.intp]
 
 
+class Scatter:
+    """A list of terms of F or of its Jacobian: kernels with the rows (or entries) to which their values are added; linear
+    terms."""
+
+    def __init__(self) -> None:
+        self.gathers: list[Index] = []
+        self.places: list[Index] = []
+        self.kernels: list[Any] = []
+        self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
+
+    def kernel(self, gather: Index, places: Index, kernel: Any) -> None:
+        """Add a kernel for all instances of a law. gather (instances, inputs): slots that it reads; places (instances, outputs):
+        rows to which its values are added."""
+        self.gathers.append(gather)
+        self.places.append(places)
+        self.kernels.append(kernel)
+
+    def linear(self, rows: Index, columns: Index, weights: Array) -> None:
+        """Add linear terms to rows of F: weights times the unknowns in the slots `columns`."""
+        self._linear.append((rows, columns, weights))
+
+    @property
+    def linear_terms(self) -> tuple[Index, Index, Array]:
+        """Rows, columns and weights of all linear terms."""
+        rows, columns, weights = (np.concatenate(parts) for parts in zip(*self._linear, strict=True))
+        return rows, columns, weights
+
+    def emit(self, part: Operations, first: int) -> None:
+        """Append operations that add the values of the kernels to their rows; row 0 is in slot `first`."""
+        for gather, places, kernel in zip(self.gathers, self.places, self.kernels, strict=True):
+            part.add(first + places, kernel.emit(part, gather))
+
+
 class Entries:
     """Collects entries (row, column) of dF/dy and dF/dy'.
 
@@ -88,6 +123,10 @@ class Entries:
         self._fixed.append((rows.ravel(), columns.ravel(), values.ravel()))
         self._terms.append(self._instances + np.repeat(np.arange(len(rows)), rows.shape[1]))
         self._instances += len(rows)
+
+    def reads(self, slots: set[int]) -> bool:
+        """Whether a constant entry is a derivative by one of these columns."""
+        return any(not slots.isdisjoint(columns.tolist()) for _, columns, _ in self._fixed)
 
     def chain(self, piece: Piece, trees: int, slot: Callable[[int, tuple[object, ...]], int]) -> None:
         """Add the values of a kernel of derivatives for this number of trees of one structure; slot(tree, place): slot of a row,

@@ -67,7 +67,7 @@ def _reduced_partition(mechanics: Mechanics, all_bodies: AllBodies) -> Partition
         """t (1,), q and u of all nodes, and T, the derivatives of all velocities by those of the unknowns."""
         times, u = np.array([t]), np.zeros(all_bodies.nu) if u is None else u
         all_q, all_u = all_bodies.states(times, np.r_[q, u][None])
-        return times, all_q, all_u, all_bodies.velocity_map(all_bodies.workspace(times, q[None], u[None]))[0]
+        return times, all_q, all_u, all_bodies.velocity_map(times, q[None])[0]
 
     def mass(t: float, q: Array) -> Array:
         T = at(t, q)[3]

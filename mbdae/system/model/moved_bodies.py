@@ -9,7 +9,7 @@ motion is evaluated first, the laws outside read it, and the tree's kernel proje
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,11 +20,13 @@ from numpy.typing import NDArray
 from mbdae.inputs.breaks import TOLERANCE, switches
 from mbdae.inputs.resolution import LongestStep, Stretches, resolved
 from mbdae.inputs.timed import sided, split, used
-from mbdae.kernels.tree_plan import MOST_SOLVED, Piece, TreePlan, tree_plan
+from mbdae.kernels.tree_passes import TreePasses
+from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
+from mbdae.native.program import Operations
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.links import directions
 from mbdae.symbolic.outputs import insert, loads
-from mbdae.symbolic.tree import OPERATIONS, tree_program
 from mbdae.symbolic.tree_motion import Open
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
@@ -111,10 +113,12 @@ def timeline(model: Model, t0: float, t1: float, accuracy: float | None = None) 
     return found if switching or found.varies else None
 
 
-#: number of unknowns up to which a scene with constraint rows evaluates trees that are too large for one kernel joint by joint,
-#: with a full Jacobian; with more, kinematic joints with a sparse Jacobian cost less
+#: number of unknowns up to which a scene with constraint rows evaluates large trees joint by joint, with a full Jacobian; with
+#: more, kinematic joints with a sparse Jacobian cost less
 MOST_FULL = 600
-SURELY = 64  #: number of velocities above which a tree counts as too large for one kernel without deriving it as a trial
+#: number of components of the accelerations of a tree's bodies (6 in space, 3 in the plane) up to which the passes over the tree
+#: are one function, instead of one for every kind of joint
+FUSED = 36
 
 
 def acting_on(instance: Instance) -> list[Node]:
@@ -160,11 +164,8 @@ class MovedBodies:
             self._groups.setdefault(tree.structure, []).append(tree)
 
     def opened(self, model: Model) -> MovedBodies:
-        """The same with the numbers of laws as inputs of kernels; in trees that would become too large with them only
-        those of the laws outside."""
-        trees = [tree.opened() for tree in self.trees]
-        large = not self.ordered and any(len(tree_program(tree.structure).program.steps) >= OPERATIONS for tree in trees)
-        return MovedBodies(model, self.trees if large else trees, ordered=self.ordered, open=Open.LAWS)
+        """The same with the numbers of laws as inputs of kernels."""
+        return MovedBodies(model, [tree.opened() for tree in self.trees], ordered=self.ordered, open=Open.LAWS)
 
     def written(self, model: Model) -> set[tuple[str, str]]:
         """Parameters (item, name) that are no inputs because their values are written into the kernels of a tree."""
@@ -214,23 +215,26 @@ class MovedBodies:
         return numbering.slot(g, i, name)
 
 
-def by_order(model: Model, moved: MovedBodies) -> bool:
-    """Whether the trees of a scene are evaluated joint by joint: one of them is large, there are no beams, and no law outside
-    reads a prescribed coordinate. Where constraint rows remain, it is so only if one kernel for the whole tree would be too large
-    and there are few enough unknowns for a full Jacobian."""
-    many = any(_freedoms(tree) > MOST_SOLVED for tree in moved.trees)
-    if model.lines or acted_on_while_prescribed(moved):
-        return False
-    left = _rows_left(model, moved.replaced)
-    if left:
-        carried = set(moved.nodes)
-        unknowns = 2 * left + sum(sum(n.kind.sizes) for n in model.nodes if n not in carried)
-        return unknowns <= MOST_FULL and bool(too_large(moved))
-    return many or bool(too_large(moved))
+    def motion(self, part: Operations, numbering: Numbering, to: Callable[[Node, str, int], int]) -> None:
+        """Append q, u and u' ("up") of all nodes that the trees move, in the slots to(node, head, i)."""
+        for plan, trees in self.plans():
+            piece = plan.motion_of_all
+            values = piece.kernel.emit(part, self.gather(numbering, piece, trees))
+            part.set([[to(tree.node(j), head, i) for head, j, i in piece.targets] for tree in trees], values)
+        for tree in self.trees:
+            if self.ordered:
+                passes = self.passes(numbering, tree, quaternion=True)
+                passes.outwards(part)
+                passes.accelerations(part, lambda place, of=tree: slot_of(numbering, of, ("up", *place[1:])), given=True)  # type: ignore[misc]
+                passes.write_motion(part, [j for j in passes.bodies if j], lambda j, head, i, of=tree: to(of.node(j), head, i))  # type: ignore[misc]
+            driven = [(to(tree.node(-c), head, 0), self.slot(numbering, tree, ("clock", c, order)))
+                      for _, c, _ in tree.driven for order, head in enumerate(("q", "u", "up"))]
+            part.set([at for at, _ in driven], [slot for _, slot in driven])
 
-
-def _freedoms(tree: Tree) -> int:
-    return sum(n.kind.sizes[1] for n in tree.coordinates)
+    def passes(self, numbering: Numbering, tree: Tree, quaternion: bool = False,
+               inertia: Mapping[tuple[Any, Any], int] | None = None) -> TreePasses:
+        """The passes over a tree, whose inputs are in the slots of a numbering; other arguments as in `TreePasses`."""
+        return TreePasses(tree.structure, lambda place: self.slot(numbering, tree, place), self.open, quaternion, inertia)
 
 
 def _rows_left(model: Model, replaced: frozenset[Place]) -> int:
@@ -238,20 +242,24 @@ def _rows_left(model: Model, replaced: frozenset[Place]) -> int:
     return sum(len(model.groups[g].derived.rows) for g, i, _ in model.instances() if (g, i) not in replaced)
 
 
-def too_large(moved: MovedBodies) -> dict[str, str]:
-    """Joints of trees whose equations take too many operations to be compiled in one kernel, and why they are treated as
-    kinematic."""
-    found: dict[str, str] = {}
-    for tree in moved.trees:
-        try:
-            if _freedoms(tree) > SURELY:
-                raise OverflowError
-            tree_plan(tree.structure)
-        except OverflowError:
-            why = (f"the equations of its tree of {len(tree.joints)} recursive joints take more than {OPERATIONS} operations, "
-                   f"where compiling costs more than it saves: kinematic joints are as fast there")
-            found |= dict.fromkeys(tree.names, why)
-    return found
+def is_large(tree: Tree) -> bool:
+    """Whether the passes over a tree are not one function."""
+    return sum(len(directions(link.kind)) for link in tree.structure.links) > FUSED
+
+
+def too_large(model: Model, moved: MovedBodies) -> dict[str, str]:
+    """Joints of trees that are treated as kinematic because a full Jacobian of all unknowns would cost more, as it is made where
+    trees are large; and why."""
+    if not any(map(is_large, moved.trees)):
+        return {}
+    carried = set(moved.nodes)
+    left = _rows_left(model, moved.replaced)
+    unknowns = 2 * left + sum(sum(n.kind.sizes) for n in model.nodes if n not in carried)
+    if not model.lines and (not left or unknowns <= MOST_FULL):
+        return {}
+    why = ("with large trees of recursive joints the Jacobian is full, and that of kinematic joints, with many zeros, costs less "
+           "here")
+    return {name: why for tree in moved.trees if is_large(tree) for name in tree.names}
 
 
 def acted_on_while_prescribed(moved: MovedBodies) -> dict[str, str]:

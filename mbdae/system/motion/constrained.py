@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import entries_of, issparse, sp
 from mbdae.errors import internal
-from mbdae.kernels.tree_plan import Piece
 from mbdae.native import Entries, largest_pivots
-from mbdae.native.program import Operations, Scene, core
+from mbdae.native.program import Operations, Scene, Tangent, core
 from mbdae.native.sparse import Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
@@ -206,14 +205,14 @@ class FixedPattern:
 
 Index = NDArray[np.intp]
 BANDED_FROM = 64  #: number of rows from which `narrow_order` reorders them; with fewer it does not pay
-Loaded = Sequence[tuple[Piece, Index, Index]]  #: kernels of trees, each with the slots it reads and those of its values
+Emitted = Callable[[Operations], None]  #: appends operations, such as those of the motion of bodies that trees carry
 
 
 class Workspace:
     """A native program on the workspace of a numbering. Its first operations evaluate the values prescribed in time (`clock`),
     and the motion of loaded nodes by kernels of trees (`motion`); subclasses append others."""
 
-    def __init__(self, numbering: Numbering, motion: Loaded = ()) -> None:
+    def __init__(self, numbering: Numbering, motion: Emitted | None = None) -> None:
         self.numbering, self.n = numbering, numbering.n
         self.operations = Operations(numbering.width)
         self.at = self.operations.slots(2)
@@ -221,23 +220,25 @@ class Workspace:
         if numbering.clock.expressions:
             numbering.clock.emit(self.clock, self.at, numbering.first_input)
         self.motion = self.operations.part()
-        for piece, gather, places in motion:
-            self.motion.set(places, piece.kernel.emit(self.motion, gather))
+        if motion is not None:
+            motion(self.motion)
 
     def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
-               unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
+               changes: Tangent | None = None, unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
         """Allocate the array and make the table that C reads, after which no operations can be added.
 
-        residual, jacobian, rates: lists of operations; unknowns: length of the y that C is given, by default n; rates_at: slot of
-        the result y'; slots: first slots `rows`, `fy` and `fyp` of the other results, as in `Scene`."""
+        residual, jacobian, rates: lists of operations; changes: of the residual, or of y', where the Jacobian is full; unknowns:
+        length of the y that C is given, by default n; rates_at: slot of the result y'; slots: first slots `rows`, `fy` and `fyp`
+        of the other results, as in `Scene`."""
         nb = self.numbering
         self.W = np.zeros(self.operations.size)
         self.W[: nb.width] = nb.workspace(1)[0]
         self.operations.fill(self.W)
         self.of_rates = rates
         parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "rates": rates}
-        self._parts = {name: part for name, part in parts.items() if part is not None}
-        self._x = np.zeros(max(part.widest for part in self._parts.values()) + 1)
+        self._parts = {name: part for name, part in parts.items() if part is not None and (part.steps or name != "rates")}
+        self._changes, slots["distance"] = changes, 0 if changes is None else changes.distance
+        self._x = np.zeros(2 * max(part.widest for part in self._parts.values()) + 1)
         self._kept: list[Any] = [nb]
         self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns,
                            dotted=self.n, at=self.at, rates=rates_at, bad=-1, read=nb.model.conditions.read.ctypes.data,
@@ -251,6 +252,11 @@ class Workspace:
     def make(self, *parts: str) -> None:
         """Compile those of the parts "residual", "jacobian" and "rates" that are not compiled yet; to be called before they
         run."""
+        if "jacobian" in parts and self._changes is not None:
+            self.make("residual", "rates")
+            self.scene.changes, kept = self._changes.part.table(len(self.W))
+            self._kept.append(kept)
+            self._changes = None
         for name in parts:
             if name in self._parts:
                 table, kept = self._parts[name].table(len(self.W))
@@ -263,6 +269,24 @@ class Workspace:
         long."""
         found = self.W[first : first + count]
         return found, found.ctypes.data
+
+    def results(self, part: Operations, first: int, width: int) -> None:
+        """Allocate the array and compile operations whose results are `width` numbers from slot `first` on."""
+        self.width = width
+        self.finish(part, rows=first)
+        self.make("residual")
+
+    def at_states(self, t: Array, y: Array, yp: Array | None = None) -> Array:
+        """The results (k, width) at times (k,), unknowns y (k, n or more) and their rates, of the same shape, which are 0 unless
+        given."""
+        t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
+        yp = None if yp is None else np.ascontiguousarray(yp, dtype=float)
+        if y.shape != (len(t), max(self.n, y.shape[1])) or (yp is not None and yp.shape != y.shape):
+            raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
+        out = np.empty((len(t), self.width))
+        rates = None if yp is None else yp.ctypes.data
+        core().scene_values(self.address, len(t), t.ctypes.data, y.ctypes.data, rates, y.shape[1], self.width, out.ctypes.data)
+        return out
 
     def solved(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'. Returns the number of the row at which a factorisation failed, because it depends on those before it, or
@@ -277,30 +301,19 @@ class Workspace:
 class Values(Workspace):
     """Evaluates kernels at given states, such as that of the gaps of contacts."""
 
-    def __init__(self, numbering: Numbering, motion: Loaded, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
+    def __init__(self, numbering: Numbering, motion: Emitted | None, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
         super().__init__(numbering, motion)
         self._made_of = numbering, motion, gathers, kernels
         part = self.operations.part(self.motion)
         pieces = [kernel.emit(part, gather).ravel() for gather, kernel in zip(gathers, kernels, strict=True)]
         at = np.concatenate([np.zeros(0, dtype=np.intp), *pieces])
-        self.width, first = len(at), self.operations.slots(len(at))
+        first = self.operations.slots(len(at))
         part.set(first + np.arange(len(at)), at)
-        self.finish(part, rows=first)
-        self.make("residual")
-        self._call = core().scene_values
+        self.results(part, first, len(at))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For copies: a copy makes its own tables, because they contain addresses of arrays."""
         return Values, self._made_of
-
-    def at_states(self, t: Array, y: Array) -> Array:
-        """(k, values) at times (k,) and unknowns y (k, n or more)."""
-        t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
-        if y.shape != (len(t), max(self.n, y.shape[1])):
-            raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
-        out = np.empty((len(t), self.width))
-        self._call(self.address, len(t), t.ctypes.data, y.ctypes.data, y.shape[1], self.width, out.ctypes.data)
-        return out
 
 
 class Columns(NamedTuple):

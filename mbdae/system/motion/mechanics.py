@@ -35,7 +35,8 @@ def _inertia(d: Derived) -> Any:
 class Mechanics(States):
     """Masses, forces, accelerations and multipliers of a model at given states (positions and velocities of all nodes)."""
 
-    carries_bodies = False  #: whether every constraint row belongs to a recursive joint, so that trees carry all jointed bodies
+    #: whether every constraint row belongs to a recursive joint of a large tree, so that trees carry all jointed bodies
+    carries_bodies: bool = False
 
     @cached_property
     def sparse(self) -> bool:
