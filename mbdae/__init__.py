@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from mbdae.export import Export, export
     from mbdae.extremes import extremes  # type: ignore[no-redef,unused-ignore]
     from mbdae.formulations import GGL, ODE, Index1, Index3
-    from mbdae.inputs.measured import read_table, table
+    from mbdae.inputs.measured import curve, read_table, table
     from mbdae.integrators.dop853 import DOP853
     from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.named import measure_order
@@ -76,8 +76,8 @@ _HOME = {
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Screw": "mbdae.laws.joints",
     "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
-    "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "export": "mbdae.export",
-    "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
+    "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "curve": "mbdae.inputs.measured",
+    "export": "mbdae.export", "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
     "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
@@ -88,8 +88,8 @@ __all__ = [
     "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError",
     "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
-    "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "audit", "compare", "export", "extremes", "load",
-    "measure_order", "params", "read_table", "report", "selftest", "sweep", "t", "table",
+    "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "audit", "compare", "curve", "export", "extremes",
+    "load", "measure_order", "params", "read_table", "report", "selftest", "sweep", "t", "table",
 ]
 
 

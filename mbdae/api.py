@@ -22,7 +22,7 @@ from mbdae.results.storage import load as load
 from mbdae.run.checkpoint import keeper_of, kept, progress_of, statement_of
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
-from mbdae.run.conditions import conditions
+from mbdae.run.conditions import conditions, ends_of_curves
 from mbdae.run.control import Controlled, plausible
 from mbdae.run.events import Watched
 from mbdae.run.job import Job
@@ -148,10 +148,10 @@ class Scene(SceneData):
         verify = option("verify", verify, flag, "give True to have the error measured by a second method, or False")
         wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
         asked = Asked(end, max_wall=wall, progress=progress_of(progress))
-        watched = Watched(conditions(self, "until", until), conditions(self, "record", record))
+        watched = Watched(conditions(self, "until", until), conditions(self, "record", record), ends_of_curves(self))
         keeper = keeper_of(checkpoint, every)
         said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
-                       outputs=times, verify=verify, until=[c.name for c in watched.until],
+                       outputs=times, verify=verify, until=[c.name for c in watched.until if c not in watched.left],
                        record=[c.name for c in watched.record])
         with limited(wall), kept(keeper, said):
             return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,

@@ -34,6 +34,8 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.start import Starter
 from mbdae.values import largest
 
+#: acceleration, in lengths of the scene and rad per s^2, of which the part that counts as rest is round-off
+SMALLEST = 1e-6
 #: relative change below which a motion counts as steady; also the largest angular velocity, relative to a natural frequency of
 #: the scene, with which it counts as at rest. Eigenvalues change by about as much
 STEADY = 1e-4
@@ -112,7 +114,8 @@ def acceleration_scale(m: Mechanics, t: Array, q: Array, u: Array, s: Array | No
     """(nu,) sizes that accelerations (in units of the scene's length and 1 rad, 1/s^2) are compared with.
 
     The absolute values of the single forces on a node (their sum vanishes at rest) over its mass, at least a thousandth of the
-    largest in the scene since joints transmit forces, and the largest where a node has no mass; plus the squared speed."""
+    largest in the scene since joints transmit forces, and the largest where a node has no mass; plus the squared speed, and
+    SMALLEST: terms inside of a single force may cancel at rest."""
     units, force = m.velocity_units, np.zeros(m.nu)
     for g, p, values in m.evaluate(loads, t, q[None], u[None], None if s is None else s[None]):
         for o, target in enumerate(p.targets):
@@ -126,7 +129,7 @@ def acceleration_scale(m: Mechanics, t: Array, q: Array, u: Array, s: Array | No
         own = slice(node.u, node.u + node.kind.sizes[1])
         if np.any(heavy[own]):
             scale[own] = max(float(np.max(force[own])), 1e-3 * float(np.max(force)))
-    return np.asarray(scale + float(np.max(np.abs(u) / units, initial=0.0)) ** 2 + 1e-9)
+    return np.asarray(scale + float(np.max(np.abs(u) / units, initial=0.0)) ** 2 + SMALLEST)
 
 
 class Rest:

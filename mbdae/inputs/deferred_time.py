@@ -44,12 +44,12 @@ def teach() -> None:
     known |= {"arc" + name: getattr(sp, "a" + name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
     known |= {
         "log2": lambda x: sp.log(x) / sp.log(2), "log10": lambda x: sp.log(x) / sp.log(10), "log1p": lambda x: sp.log(1 + x),
-        "exp2": lambda x: sp.Integer(2) ** x, "expm1": lambda x: sp.exp(x) - 1, "hypot": lambda x, y: sp.sqrt(x**2 + y**2),
+        "exp2": lambda x: sp.Integer(2) ** x, "expm1": lambda x: sp.exp(x) - 1,
+        "hypot": lambda x, y: sp.sqrt(x**2 + y**2), "arctan2": sp.atan2,
         "deg2rad": lambda x: x * sp.pi / 180, "rad2deg": lambda x: x * 180 / sp.pi,
         "radians": lambda x: x * sp.pi / 180, "degrees": lambda x: x * 180 / sp.pi,
         "__floor__": sp.floor, "__ceil__": sp.ceiling,
         "rint": _refusal("np.rint and np.round", "sympy.floor(x + sympy.Rational(1, 2))"),
-        "arctan2": _refusal("np.arctan2", "sympy.atan(y/x), which is the same where x > 0"),
         "cbrt": _refusal("np.cbrt", "x**sympy.Rational(1, 3), which is the same where x >= 0"),
     }
     for name, function in known.items():

@@ -27,7 +27,8 @@ from mbdae.deferred import distinct
 from mbdae.errors import OptionError, naming_arguments
 from mbdae.inputs import tables
 from mbdae.inputs.deferred_time import sympy_time
-from mbdae.inputs.tables import Array, Table
+from mbdae.inputs.sensed import symbol_name
+from mbdae.inputs.tables import OF_SENSOR, Array, Table
 from mbdae.inputs.timed import after
 from mbdae.values import BadValueError, option, path, shown, text
 
@@ -162,6 +163,7 @@ FACTORS: dict[str, dict[str, float]] = {
 SI = {other: si for si, factors in FACTORS.items() for other in factors}
 _HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
 FORMULAS = ("=", "+", "-", "@")  #: first signs of names that spreadsheets take for formulas
+MOST_OF_CURVE = 1000  #: points of a curve over sensors: each is a case in the equations
 LONGEST_LIST = 12  #: most columns that a message lists
 
 
@@ -179,6 +181,39 @@ def table(t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> A
     except BadValueError as wrong_argument:
         raise OptionError(f"mb.table: {wrong_argument}") from None
     return _function(found.name, 0)(sympy_time())
+
+
+@naming_arguments
+def curve(x: Any, y: Any, kind: str = "linear", outside: str = "hold") -> Any:
+    """A curve y(x) over anything that a load can read: `mb.curve(x, y)(s.sensor("D.displacement"))` is an expression for loads,
+    springs, dampers, drives and states.
+
+    x (n,): rising; y (n,): in SI units of what takes them; kind and outside as in `mb.table`. The function takes a sensor, by its
+    path too, an expression of sensors and `mb.t`, or a number. Value and slope are exact; steps end where the curve has a kink.
+    outside="error": a run that leaves the curve ends there with a SolverError that names it. OptionError where the points are not
+    rising, not finite, fewer than two or more than 1000."""
+    try:
+        found = tables.known(Table(x, y, kind, outside, OF_SENSOR))
+        if len(found.t) > MOST_OF_CURVE:
+            raise BadValueError(f"{len(found.t)} points are more than the {MOST_OF_CURVE} that the equations of a curve can "
+                                f"have: leave points out where a straight line follows them")
+    except BadValueError as wrong_argument:
+        raise OptionError(f"mb.curve: {wrong_argument}") from None
+    return Curve(found.name)
+
+
+class Curve(NamedTuple):
+    """A curve that `mb.curve` made; name: of its table in expressions."""
+
+    name: str
+
+    def __call__(self, x: Any) -> Any:
+        """The value at x: a sensor or its path, an expression of sensors and mb.t, or a number."""
+        import sympy
+
+        at = sympy.Symbol(symbol_name(x), real=True) if isinstance(x, str) else sympy.sympify(x)
+        found = _function(self.name, 0)(at)
+        return float(found) if at.is_number else found
 
 
 @naming_arguments

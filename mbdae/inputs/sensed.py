@@ -146,11 +146,11 @@ def paths(value: Any) -> list[str]:
 
 def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:
     """Raise BadValueError where an expression contains a symbol of no sensor, or one of a sensor although `sensors` is false."""
-    others = sorted(str(s) for s in symbols if not (sensors and path_of(s)))
+    said, others = tables.readable(shown(value)), sorted(str(s) for s in symbols if not (sensors and path_of(s)))
     if not others:
         return
     if path_of(others[0]):
-        raise BadValueError(f"{shown(value)} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
+        raise BadValueError(f"{said} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
                             f"alone; loads, states and signals may depend on sensors")
     allowed = "mb.t and sensors, s.sensor(path)," if sensors else "mb.t"
-    raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; only {allowed} may appear: put a number in its place")
+    raise BadValueError(f"{said} contains the symbol {others[0]}; only {allowed} may appear: put a number in its place")

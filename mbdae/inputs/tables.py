@@ -1,4 +1,5 @@
-"""Tables of time: piecewise polynomials between points, each evaluated by one lookup, whatever the number of points.
+"""Tables: piecewise polynomials between points. One of time is evaluated by one lookup, whatever the number of points; one of a
+sensor (`mb.curve`) becomes cases of a Piecewise, so that the equations contain its slope.
 
 In an expression a table is a function of its name, `table_<digest>(a*t + b)`; its derivatives have the name with `_d1`, `_d2`.
 The segment used is the one that contains the time; at a point between two segments, the one on the side of the second argument
@@ -10,6 +11,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -32,15 +34,26 @@ SIDED = 1e3 * float(np.finfo(float).eps)
 _NAME = re.compile(r"(table_[0-9a-f]{20})(?:_d(\d+))?", re.ASCII)
 
 
+class Words(NamedTuple):
+    """What messages call the points of a table: its two arguments, and one of its points."""
+
+    at: str
+    values: str
+    point: str
+
+
+OF_TIME, OF_SENSOR = Words("t", "values", "time"), Words("x", "y", "x")
+
+
 class Table:
     """Points t (n,) in s, rising, with values (n,); kind and outside as in `mb.table`. Equal tables have equal names.
 
     Segment i (0..n) lies between points i - 1 and i and has the polynomial coefficients[:, i] in x - base[i], lowest power
     first; segments 0 and n are outside."""
 
-    def __init__(self, t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> None:
+    def __init__(self, t: Any, values: Any, kind: str = "linear", outside: str = "hold", words: Words = OF_TIME) -> None:
         self.kind, self.outside = _word("kind", kind, KINDS), _word("outside", outside, OUTSIDE)
-        self.t, self.values = _checked(t, values, self.outside)
+        self.t, self.values = _checked(t, values, self.outside, words)
         told = f"{kind} {outside} {len(self.t)} ".encode() + self.t.tobytes() + self.values.tobytes()
         self.name = f"table_{hashlib.sha256(told).hexdigest()[:20]}"
         self.first, self.last = (0, len(self.t)) if outside == "hold" else (1, len(self.t) - 1)
@@ -131,21 +144,22 @@ def _word(name: str, value: Any, words: tuple[str, ...]) -> str:
         raise BadValueError(f"{name} = {value_and_reason}") from None
 
 
-def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
-    t, values = (_numbers(name, x) for name, x in (("t", t), ("values", values)))
+def _checked(t: Any, values: Any, outside: str, words: Words) -> tuple[Array, Array]:
+    t, values = (_numbers(name, x) for name, x in ((words.at, t), (words.values, values)))
     if len(t) != len(values):
-        raise BadValueError(f"{counted(len(t), 'time')} and {counted(len(values), 'value')}: give one value for every time")
+        raise BadValueError(f"{len(t)} numbers {words.at} and {len(values)} numbers {words.values}: give one value for every "
+                            f"{words.point}")
     if len(t) < 2:
         raise BadValueError(f"a table of {counted(len(t), 'point')} is too short: give two or more")
     falling = np.flatnonzero(~(np.diff(t) > CLOSEST * max(abs(t[0]), abs(t[-1]))))
     if len(falling):
         i = int(falling[0])
         relation = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "closer than any time step"
-        raise BadValueError(f"t[{i}] = {float(t[i])!r} and t[{i + 1}] = {float(t[i + 1])!r} are {relation}: give rising "
-                            f"times that steps can tell apart, one value for each (a jump: kind=\"step\")")
+        raise BadValueError(f"{words.at}[{i}] = {float(t[i])!r} and {words.at}[{i + 1}] = {float(t[i + 1])!r} are {relation}: "
+                            f"give rising numbers that steps can tell apart, one value for each (a jump: kind=\"step\")")
     if outside == "periodic" and values[0] != values[-1]:
         raise BadValueError(f"a periodic table ends with the value with which it begins, not with {float(values[-1])!r} "
-                            f"after {float(values[0])!r}: append the first value, a period after its time")
+                            f"after {float(values[0])!r}: append the first value, a period after its {words.point}")
     return t, values
 
 
@@ -251,6 +265,31 @@ def named(name: str) -> Lookup | None:
     if found is None or found[1] not in _KNOWN:
         return None
     return Lookup(_KNOWN[found[1]], int(found[2] or 0))
+
+
+def in_cases(found: Lookup, x: Expr, number: Callable[[float], Expr] = se.RealDouble) -> Expr:
+    """The value of a table at x as cases of a Piecewise, nested so that a value is found by halving. number: what stands for each
+    of its numbers. Beyond the ends of a table with outside="error" its last polynomials go on: `refuses` says where."""
+    table, c = found.table, found.table.of_order(found.order)
+    if table.period:
+        x = x - number(table.period) * se.floor((x - number(table.t[0])) / number(table.period))
+
+    def segment(i: int) -> Expr:
+        value = number(float(c[0, i]))
+        highest = int(np.max(np.flatnonzero(c[:, i]), initial=0))
+        if highest:
+            s, value = x - number(float(table.base[i])), number(float(c[highest, i]))
+            for k in reversed(range(highest)):
+                value = value * s + number(float(c[k, i]))
+        return value
+
+    def between(low: int, high: int) -> Expr:
+        if low == high:
+            return segment(low)
+        middle = (low + high) // 2
+        return se.Piecewise((between(low, middle), x < number(float(table.t[middle]))), (between(middle + 1, high), True))
+
+    return between(table.first, table.last)
 
 
 def readable(text: str) -> str:

@@ -25,7 +25,7 @@ TIME = se.Symbol("t")
 #: functions that kernels can compile, their derivatives too
 FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
-    "floor",
+    "atan2", "floor",
 )
 #: most characters of a text that is read or written; most levels of brackets, signs and right-hand operands inside each other
 LONGEST, DEEPEST = 100_000, 120
@@ -52,10 +52,10 @@ _STRENGTH = {"or": 1, "|": 1, "and": 2, "&": 2, **dict.fromkeys(_RELATIONS, 4), 
 _BEFORE_NUMBER, _NOT = 7, 3
 #: functions with their numbers of arguments (None: two or more)
 _FUNCTIONS: dict[str, tuple[int | None, Callable[..., Any]]] = {
-    **{name: (1, getattr(se, name)) for name in FUNCTIONS if name != "Piecewise"},
+    **{name: (1, getattr(se, name)) for name in FUNCTIONS if name not in ("Piecewise", "atan2")},
     **{name: (1, getattr(se, name)) for name in ("sqrt", "sign", "ceiling")}, "Abs": (1, se.Abs), "abs": (1, se.Abs),
     **dict.fromkeys(("Max", "max"), (None, se.Max)), **dict.fromkeys(("Min", "min"), (None, se.Min)),
-    "Mod": (2, lambda a, b: a - b * se.floor(a / b)),
+    "atan2": (2, se.atan2), "Mod": (2, lambda a, b: a - b * se.floor(a / b)),
     "frac": (1, lambda a: a - se.floor(a)), "Heaviside": (1, lambda a: (1 + se.sign(a)) / 2),
 }
 

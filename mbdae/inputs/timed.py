@@ -53,7 +53,7 @@ def expression(value: Any, sensors: bool = False) -> Expr:
     refuse_symbols(value, e.free_symbols - {TIME}, sensors)
     if not e.free_symbols:
         return _plain_number(e)
-    plain = _without_constant_tables(_with_plain_numbers(e))
+    plain = _with_usual_tables(_with_plain_numbers(e))
     if not plain.free_symbols:
         return _plain_number(plain)
     try:
@@ -71,22 +71,51 @@ def _of_symengine(value: Timed) -> Any:
     return found if is_plain(found) else value._sympy_()
 
 
-def _without_constant_tables(e: Expr) -> Expr:
-    """The expression with numbers for tables at a fixed time; refuses tables of anything but a*mb.t + b."""
+def _with_usual_tables(e: Expr) -> Expr:
+    """The expression with numbers for tables at a fixed time, and cases for tables of time that are not read at a*mb.t + b and
+    for angles by atan2, whose jumps they show. What reads sensors stays."""
 
     def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        if isinstance(node, se.atan2) and node.free_symbols <= {TIME}:
+            return _half_angle(*args)
         found = tables.lookup_of(node)
-        if found is None:
+        if found is None or args[0].free_symbols - {TIME}:
             return None
-        a, b = affine(args[0]) if len(args) == 1 else (math.nan, 0.0)
+        a, b = affine(args[0])
         if not math.isfinite(a):
-            raise BadValueError(tables.readable(f"{shown(e)} takes a table at {shown(args[0])}: a table may be read at mb.t "
-                                                f"or at a*mb.t + b with numbers a and b"))
+            if found.table.outside == "error" or any(map(tables.lookup_of, nodes(args[0]))):
+                raise BadValueError(tables.readable(f"{shown(e)} reads a table with outside='{found.table.outside}' at "
+                                                    f"{shown(args[0])}: of time it may be read at a*mb.t + b, or, with "
+                                                    f"outside='hold' or 'periodic', at an expression without tables"))
+            return tables.in_cases(found, args[0])
         if a:
             return None
         return se.RealDouble(float(found.table.lookup(np.array([b]), after(np.array([b])), found.order)[0]))
 
     return rebuilt(e, rule)
+
+
+def _half_angle(y: Expr, x: Expr) -> Expr:
+    """atan2(y, x) by the half angle in cases, smooth but for the jump at x < 0, y = 0; pi at the jump, 0 where both are 0."""
+    size = se.Piecewise((x, x > 0), (-x, True))
+    acute = 2 * se.atan(y / (se.sqrt(x**2 + y**2) + size))
+    return se.Piecewise((acute, x > 0), (se.pi - acute, y > 0), (-se.pi - acute, y < 0), (se.pi, x < 0), (se.Integer(0), True))
+
+
+def curves(e: Expr) -> list[tuple[tables.Table, Expr]]:
+    """The tables in an expression that are read at more than the time, each with where it is read."""
+    found = ((tables.lookup_of(node), node) for node in nodes(se.sympify(e)))
+    return [(one.table, node.args[0]) for one, node in found if one is not None and node.free_symbols - {TIME}]
+
+
+def curves_in_cases(e: Expr) -> Expr:
+    """An expression with cases of a Piecewise for its curves over sensors."""
+
+    def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        found = tables.lookup_of(node)
+        return None if found is None or args[0].free_symbols <= {TIME} else tables.in_cases(found, args[0])
+
+    return rebuilt(e, rule) if curves(e) else e
 
 
 def affine(x: Expr, symbol: Expr = TIME) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.inputs import text, timed
+from mbdae.inputs import tables, text, timed
 from mbdae.inputs.sensed import paths, symbol_name
 from mbdae.run import pieces as signals
 from mbdae.scene.sensed import spelled
@@ -21,6 +21,7 @@ from mbdae.values import BadValueError, shown
 
 EXAMPLE = "write one such as 'J.angle > 0.5', 'b.position[1] == 0', or sympy.And(...) of such"
 _NAME = re.compile(r'sensor\("(?:[^"\\]|\\.)*"\)|(?<![\w.])[A-Za-z_]\w*(?:\.at\([^()]*\)|\.[A-Za-z_]\w*)*(?:\[[\d\s,]*\])*')
+_SENSOR = re.compile(r'sensor\("((?:[^"\\]|\\.)*)"\)')
 _NORM = re.compile(r"\b(?:norm|magnitude)\(\s*([A-Za-z_]\w*(?:\.at\([^()]*\)|\.[A-Za-z_]\w*)+)\s*\)")
 Truth = NDArray[np.bool_]
 
@@ -66,6 +67,23 @@ def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
         return [_read(scene, f"{option} = {shown(given)}", given)]
     head = f"{option} = {shown(given)}: {option}"
     return [_read(scene, f"{head}[{i}] = {shown(one)}", one) for i, one in enumerate(given)]
+
+
+def ends_of_curves(scene: Any) -> list[Condition]:
+    """Conditions under which a curve with outside="error", of a law or signal of a scene, is left; their names say which."""
+    stated = [(f"{c.kind} '{c.name}'", getattr(law, key)) for c in scene.connections for law in c.laws for key in law.params]
+    stated += [(f"{one.kind} '{one.name}'", one.value if one.law is None else getattr(one.law, "rate", None))
+               for one in scene.signals]
+    found = []
+    for item, value in stated:
+        for table, x in timed.curves(value) if paths(value) and not isinstance(value, str) else ():
+            if table.outside == "error":
+                low, high = float(table.t[0]), float(table.t[-1])
+                at = signals.in_sensors(scene, x)
+                over = _SENSOR.sub(lambda found: found[1], tables.readable(str(x)))
+                name = f"{item} reads its curve over {over} beyond the points from {low:.6g} to {high:.6g}"
+                found.append(Condition(name, (low - at, at - high), (False, False), (False, False), ("or", [0, 1])))
+    return list({one.name: one for one in found}.values())
 
 
 def _read(scene: Any, option_and_value: str, given: Any) -> Condition:

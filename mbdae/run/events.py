@@ -145,11 +145,15 @@ def _sense(root: Root) -> int:
 BEYOND, NARROW = 0.02, 1e-6
 
 
-class Watched:
-    """Conditions of a run: the first event of `until` ends it, the events of `record` are kept in its result."""
+MORE_POINTS = "give it more points, or outside=\"hold\" to keep its first and last values"
 
-    def __init__(self, until: list[Condition], record: list[Condition]) -> None:
-        self.until, self.record = until, record
+
+class Watched:
+    """Conditions of a run: the first event of `until` ends it, the events of `record` are kept in its result; one of `left`, that
+    a curve is read where it has no points, ends it with an error."""
+
+    def __init__(self, until: list[Condition], record: list[Condition], left: list[Condition]) -> None:
+        self.until, self.record, self.left = [*until, *left], record, left
 
     def __bool__(self) -> bool:
         return bool(self.until or self.record)
@@ -165,6 +169,8 @@ class Watched:
         found, _ = _events(self.until, prepared, solution, touch, until=True)
         first = min(found, key=lambda event: event.time, default=None)
         if first is not None and first.time <= solution.t[0]:
+            if self._is_left(first):
+                raise SolverError(f"{first.name}, at the start t = {first.time:g} s; {MORE_POINTS}", first.time)
             raise OptionError(f"until = '{first.name}': it holds already at the start t = {solution.t[0]:g} s; give a condition "
                               f"that becomes true later, or start from another state")
         return first
@@ -196,7 +202,12 @@ class Watched:
         found.info = replace(found.info, events=events, warnings=(*found.info.warnings, *notes))
         for note in notes:
             warn(f"scene '{job.prepared.model.scene.name}': {note}")
+        if event is not None and self._is_left(event):
+            raise SolverError(f"{event.name}, from t = {event.time:.6g} s on; {MORE_POINTS}", event.time, solution=found)
         return found
+
+    def _is_left(self, event: Event) -> bool:
+        return any(event.name == one.name for one in self.left)
 
     def _check_tables(self, begin: float, end: float) -> None:
         """Raise OptionError where a condition reads a table where it has no values, between two times (s)."""

@@ -189,11 +189,12 @@ def may_be_observed(scene: Any, path: str) -> bool:
 
 
 def in_sensors(scene: Any, e: Expr) -> Expr:
-    """An expression in which the symbols of named signals are replaced by the expressions of these signals."""
+    """An expression in which the symbols of named signals are replaced by the expressions of these signals, and curves over
+    sensors by cases."""
     named = {symbol(one.name): se.sympify(one.value) for one in scene.signals if one.kind == "signal"}
     while e.free_symbols & named.keys():
         e = substituted(e, named)
-    return e
+    return timed.curves_in_cases(e)
 
 
 class Signals:

@@ -54,14 +54,14 @@ class JointStatements(ConnectionStatements):
         return self._joint("joint", joint, name, k, l, point, axis, axis_x, model, options, further)
 
     @reads(**PLACED, model=joint_model, angle=reading.driven("rad"), angle0=reading.quantity("rad"),
-           rate0=reading.quantity("rad/s"), spring=reading.quantity("N m/rad"),
-           damper=reading.quantity("N m s/rad", "not negative", FEEDS), torque=reading.driven("N m", True, named=True),
+           rate0=reading.quantity("rad/s"), spring=reading.driven("N m/rad", True),
+           damper=reading.driven("N m s/rad", True, least=FEEDS), torque=reading.driven("N m", True, named=True),
            friction=friction_law, radius=reading.quantity("m", "positive"), limits=reading.as_given, stop=reading.as_given,
            normal_force=reading.quantity("N", "not negative"))
     @statement
     def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
-                 angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
-                 damper: float | None = None, torque: Any = None, friction: Any = None, radius: float | None = None,
+                 angle0: float | None = None, rate0: float | None = None, spring: Any = None,
+                 damper: Any = None, torque: Any = None, friction: Any = None, radius: float | None = None,
                  limits: Any = None, stop: Any = None, normal_force: float | None = None) -> Connection:
         """l turns relative to k about `axis` through `at` (m, as drawn); the angle is 0 as drawn, positive about the axis.
 
@@ -76,12 +76,12 @@ class JointStatements(ConnectionStatements):
         return self._joint("revolute", Revolute, name, k, l, at, axis, None, model, options, {}, words)
 
     @reads(**PLACED, position=reading.driven("m"), position0=reading.quantity("m"), rate0=reading.quantity("m/s"),
-           spring=reading.quantity("N/m"), damper=reading.quantity("N s/m", "not negative", FEEDS),
+           spring=reading.driven("N/m", True), damper=reading.driven("N s/m", True, least=FEEDS),
            force=reading.driven("N", True, named=True), model=joint_model, friction=friction_law,
            normal_force=reading.quantity("N", "not negative"), limits=reading.as_given, stop=reading.as_given)
     @statement
     def prismatic(self, name: str, k: Any, l: Any, at: Any, axis: Any, position: Any = None, position0: float | None = None,
-                  rate0: float | None = None, spring: float | None = None, damper: float | None = None,
+                  rate0: float | None = None, spring: Any = None, damper: Any = None,
                   force: Any = None, model: Any = None, friction: Any = None, normal_force: float | None = None,
                   limits: Any = None, stop: Any = None) -> Connection:
         """l slides relative to k along `axis` through `at` (m) without turning; 0 as drawn. `position` m prescribes the

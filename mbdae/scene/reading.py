@@ -197,15 +197,17 @@ def values(remedy: str, *counts: int) -> Reader:
     return lambda arg, value: _read(arg, value, lambda v: array(v, *((n,) for n in counts)), remedy, np.zeros(counts[0]))
 
 
-def driven(unit: str, sensors: bool = False, named: bool = False) -> Reader:
+def driven(unit: str, sensors: bool = False, named: bool = False, least: str = "") -> Reader:
     """Reader of a number in a unit or an expression of time. sensors: expressions may contain sensors too; named: a text is taken
-    as the path of a sensor."""
+    as the path of a sensor; least: consequence of a negative number, where that is refused."""
 
     remedy = f"its unit is {unit}" if unit != "1" else f"give a number or an expression of mb.t{' and sensors' * sensors}"
 
     def read(value: Any) -> Any:
         path = named and isinstance(value, str) and value[:1].isalpha()
         found = timed.expression(symbol(value) if path else value, sensors)
+        if not found.free_symbols and least and float(found) < 0:
+            raise BadValueError(f"{_with_unit(float(found), unit)} is negative: {least}")
         return found if found.free_symbols else float(found)
 
     return lambda arg, value: _read(arg, value, read, remedy, 0.0)
@@ -224,6 +226,24 @@ def components(unit: str, sensors: bool = False) -> Reader:
             return [0.0, 0.0, 0.0]
         read_one = driven(unit, sensors)
         return [read_one(arg.part(f"{arg.option}[{i}]"), v) for i, v in enumerate(found)] + [0.0] * (3 - len(found))
+
+    return read
+
+
+def along_axes(unit: str, about: str, least: str = "") -> Reader:
+    """Reader of 3 values in a unit along axes, or 6 with those about them: numbers or expressions of time and sensors. least: as
+    in `driven`."""
+
+    def read(arg: Argument, value: Any) -> list[Any]:
+        try:
+            found = entries(value)
+            if found.shape not in ((3,), (6,)):
+                raise BadValueError(_misshapen(value, found))
+        except BadValueError as value_and_reason:
+            arg.wrong(value_and_reason, f"give 3 values (along the axes of k, {unit}), or 6 (then about them, {about})")
+            return [0.0, 0.0, 0.0]
+        return [driven(one, True, least=least)(arg.part(f"{arg.option}[{i}]"), v)
+                for i, (one, v) in enumerate(zip((unit,) * 3 + (about,) * 3, found, strict=False))]
 
     return read
 

@@ -135,12 +135,13 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     # -- forces
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at_k=reading.point, at_l=reading.point,
-           stiffness=reading.quantity("N/m"), damping=reading.quantity("N s/m", "not negative", FEEDS),
-           length=reading.quantity("m", "not negative"))
+           stiffness=reading.driven("N/m", True), damping=reading.driven("N s/m", True, least=FEEDS),
+           length=reading.driven("m", True, least="no length is"))
     @statement
-    def spring(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: float, damping: float = 0.0,
-               length: float | None = None) -> Connection:
-        """Spring (N/m) and damper (N s/m) between two points (m, as drawn); natural `length` m (default: as drawn)."""
+    def spring(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: Any, damping: Any = 0.0,
+               length: Any = None) -> Connection:
+        """Spring (N/m) and damper (N s/m) between two points (m, as drawn); natural `length` m (default: as drawn). Each is a
+        number or an expression of mb.t and sensors; what the changes of stiffness and length bring in is work."""
         natural = float(np.linalg.norm(at_l - at_k)) if length is None else length
         if damping and natural == 0:
             self.problems.append(f"spring '{name}': its natural length is 0 m, so its damper has no direction where the points "
@@ -150,20 +151,16 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         return self._connect(Connection(name, "spring", k, l, [law]))
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point,
-           stiffness=reading.values("give 3 numbers (translation, N/m), or 6 (then rotation, N m/rad)", 3, 6),
-           damping=reading.values("give 3 numbers (translation, N s/m), or 6 (then rotation, N m s/rad)", 3, 6))
+           stiffness=reading.along_axes("N/m", "N m/rad"), damping=reading.along_axes("N s/m", "N m s/rad", FEEDS))
     @statement
     def bushing(self, name: str, k: Any, l: Any, at: Any, stiffness: Any, damping: Any = (0, 0, 0)) -> Connection:
-        """Elastic connection: 3 translational values (N/m, N s/m), or 6 with rotations (N m/rad, N m s/rad), along k's axes."""
+        """Elastic connection: 3 translational values (N/m, N s/m), or 6 with rotations (N m/rad, N m s/rad), along k's axes:
+        numbers or expressions of mb.t and sensors."""
         values: dict[str, Any] = {}
-        for what, entries, names in (("stiffness", stiffness, ("k", "r")), ("damping", damping, ("c", "s"))):
-            numbers = np.asarray(entries, dtype=float)
-            if what == "damping" and np.any(numbers < 0):
-                self.problems.append(f"bushing '{name}': damping = {numbers.tolist()} has a negative value: it would feed "
-                                     f"energy; give 0 or more")
-            for letter, part in zip(names, (numbers[:3], numbers[3:]), strict=True):
-                if np.any(part):
-                    values |= {letter + axis: float(v) for axis, v in zip("xyz", part, strict=True)}
+        for entries, names in ((stiffness, "kr"), (damping, "cs")):
+            for letter, part in zip(names, (entries[:3], entries[3:]), strict=True):
+                if any(v != 0 for v in part):
+                    values |= {letter + axis: v for axis, v in zip("xyz", part, strict=True)}
         own = {law: {p: values[p] for p in law.params if p in values} for law in (Bushing, RotationalBushing)}
         laws: list[TwoBodyLaw] = [law(name, k, l, at, **numbers) for law, numbers in own.items() if numbers]
         return self._connect(Connection(name, "bushing", k, l, laws or [Bushing(name, k, l, at)]))

@@ -101,6 +101,7 @@ class _Search:
         self.own = {se.Symbol(name) for name in d.law.params}
         self.undefined = frozenset().union(*(f.undefined for f in d.frames))
         self.angles = {f.heading for f in d.frames} | {f.q[0] for f in d.frames if f.kind is NodeKind.COORDINATE}
+        self.of_frames = set[Any]().union(*(f.symbols for f in d.frames))
         self.points = {c for f in d.frames for v in (f.center, f.arm) for c in v if c.free_symbols}
 
     def inside(self, e: Any) -> Iterator[Switch]:
@@ -122,6 +123,8 @@ class _Search:
         elif isinstance(e, se.atan2):
             if e.free_symbols & self.points:  # an angle between axes has no scale of its own
                 yield Switch("power", e.args[0] ** 2 + e.args[1] ** 2, se.Rational(1, 2))
+            elif not e.free_symbols & self.of_frames:  # an angle of sensors: it jumps by a turn where its first argument is 0
+                yield Switch("kink", e.args[0])
         elif kind in ("Max", "Min"):
             yield from (Switch("kink", a - b) for i, a in enumerate(e.args) for b in e.args[:i])
         elif kind in ("floor", "ceiling"):

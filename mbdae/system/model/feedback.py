@@ -20,6 +20,7 @@ import symengine as se
 
 from mbdae.errors import SceneError
 from mbdae.inputs.sensed import path_of, paths
+from mbdae.inputs.tables import in_cases, lookup_of
 from mbdae.inputs.text import TIME
 from mbdae.scene.components import Beam, Body, Connection, Signal
 from mbdae.scene.sensed import Sensed, found
@@ -134,6 +135,10 @@ class _Feeding:
             return self._parameter(name, "t", e)
         if isinstance(e, se.RealDouble):
             return self._parameter(name, "n", e)
+        if (curve := lookup_of(e)) is not None:
+            x = se.Symbol(f"{name}_x{len(self.fed.names) + 1}")
+            self.fed.names.append((str(x), self.shared(e.args[0], name)))
+            return in_cases(curve, x, lambda number: self._parameter(name, "n", se.RealDouble(number)))
         if not e.args:
             return e
         parts = e.args
