@@ -142,9 +142,9 @@ def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Contro
 CLOSER = 0.03  #: tolerance of a closer run over that of the run
 #: with vibrations of beams that the run leaves out, its tolerance over that which delivers the accuracy in positions
 RESOLVED = 0.1
-#: it may take so many evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (a fraction
-#: of a second for all sizes)
-MORE, SPARE = 4.0, 1.5e6
+#: it may take so many evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (about
+#: half a second for all sizes)
+MORE, SPARE = 4.0, 5e6
 SHARE = 1.1  #: ratio of the error of the run to its difference from one with a CLOSER tolerance, at most
 REACHED = 0.02  #: where its work ended before it had this fraction of the time, it shows nothing
 CONTINUED = "not measured: the run continues another one on the same mesh, whose discretisation error it has too"
