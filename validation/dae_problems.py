@@ -10,8 +10,8 @@ import numpy as np
 import sympy as sp
 from scipy.integrate import solve_ivp
 
+from mbdae import DAE
 from mbdae.system.base import System
-from mbdae.system.dae import DAE
 
 t = sp.Symbol("t")
 

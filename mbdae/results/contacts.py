@@ -132,9 +132,10 @@ def _where_it_may_be(result: Any, quantity: Quantity, steps: Array) -> Any:
 
 
 def _inside(steps: Array, of: Any) -> Array:
-    """Times at which a quantity is evaluated in the steps with the numbers `of`."""
+    """Times at which a quantity is evaluated in the steps with the numbers `of`; the last one also where there is no step."""
     shares = np.r_[np.arange(INSIDE) / INSIDE, 1 - JUST]
-    return np.asarray(distinct(np.r_[(steps[of, None] + (steps[of + 1] - steps[of])[:, None] * shares).ravel(), steps[of + 1]]))
+    inner = (steps[of, None] + (steps[of + 1] - steps[of])[:, None] * shares).ravel()
+    return np.asarray(distinct(np.r_[inner, steps[of + 1], steps[-1]]))
 
 
 def sizes(result: Any, quantity: Quantity, times: Array) -> Array:

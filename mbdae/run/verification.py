@@ -142,9 +142,9 @@ def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Contro
 CLOSER = 0.03  #: tolerance of a closer run over that of the run
 #: with vibrations of beams that the run leaves out, its tolerance over that which delivers the accuracy in positions
 RESOLVED = 0.1
-#: it may take so many evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (a fraction
-#: of a second for all sizes)
-MORE, SPARE = 4.0, 1.5e6
+#: it may take so many evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (about
+#: half a second for all sizes)
+MORE, SPARE = 4.0, 5e6
 SHARE = 1.1  #: ratio of the error of the run to its difference from one with a CLOSER tolerance, at most
 REACHED = 0.02  #: where its work ended before it had this fraction of the time, it shows nothing
 CONTINUED = "not measured: the run continues another one on the same mesh, whose discretisation error it has too"
@@ -254,7 +254,7 @@ class CloserRun:
         begin, end = float(self.run.t[0]), float(self.run.t[-1])
         if found.t[-1] < begin + REACHED * (end - begin):
             return None
-        times = some_of(check_times(found), system.n, bool(self.prepared.contacts))
+        times = some_of(check_times(found), system.n, True)  # at many times: short peaks of vibrations lie between few
         return OtherRun.beside(found, times, SHARE, kind="closer")
 
     def _tighter(self, label: str) -> Solver | None:
