@@ -24,7 +24,7 @@ from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.run.amplification import SMALL, Disturbances
+from mbdae.run.amplification import SMALL, Disturbances, full_jacobians
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth_roots import Found, Look, Spectra, positions, roots_at
 from mbdae.system.base import Array, System
@@ -50,6 +50,7 @@ CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fra
 #: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion; the
 #: second number is for BDF, which follow an unseen disturbance at a low order (measured with IDA, 2.4 times)
 AT_LEAST = (1.0, 2.0)
+CHANGED = 1e-6  #: equations vary with the time where their linearisation at one state changes by more than this part of it
 #: growth (natural logarithm of the factor) by equations that vary in time from which on steps have to follow it
 VARYING = 2.0
 FAINT = 1e-3  #: size of a vibration, over the scales of the positions, from which on the error test sees it
@@ -104,7 +105,7 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     late = [0.0] * len(looks)
     if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
-    elif system.n <= SMALL and _varies(system, t0, t1):
+    elif system.n <= SMALL and _varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]
@@ -172,9 +173,15 @@ def _steady(run: Solution, look: Look, between: tuple[float, float], rates: tupl
     return bool(max(found) < STEADY * min(found))
 
 
-def _varies(system: System, t0: float, t1: float) -> bool:
-    """Whether inputs of time vary within a run from t0 to t1 (s), so that disturbances may grow that no frozen equation shows."""
-    return system.timeline is not None and system.timeline(t0, t1) is not None
+def _varies(system: System, run: Solution) -> bool:
+    """Whether the equations vary with the time within a run, so that disturbances may grow that no frozen equation shows. Of a
+    System that does not know its inputs, linearisations at one state and several times are compared."""
+    t0, t1 = float(run.t[0]), float(run.t[-1])
+    if system.timeline is not None:
+        return system.timeline(t0, t1) is not None
+    y, yp = run.y[0], run.yp[0]
+    there = [np.hstack(full_jacobians(system, t0 + part * (t1 - t0), y, yp)) for part in (0.0, *BETWEEN)]
+    return bool(np.max(np.ptp(there, axis=0)) > CHANGED * np.max(np.abs(there)))
 
 
 def _by_varying(system: System, run: Solution, spectra: Spectra,
