@@ -20,15 +20,15 @@ from mbdae.system.base import Array, System
 MOST, PART = 100, 1e-2
 #: an argument stays at zero while its magnitude in a step is below STAYS times the change that the tolerance of the unknowns
 #: causes in it (measured while chattering: 3 times, in one of some hundred steps 12 times); in a step in which it is larger, the
-#: count of changes of sign is halved. A change of sign with a magnitude below LEAST times that change is round-off of a body at
-#: rest, and is not counted
-STAYS, LEAST = 30.0, 1e-4
+#: count of changes of sign is halved. A change of sign with a magnitude below LEAST times that change may be round-off of a body
+#: at rest, and counts TENTH: a run that begins at rest exactly where the equations jump has nothing else
+STAYS, LEAST, TENTH = 30.0, 1e-4, 0.1
 #: HALVINGS: number of bisections that locate a change of sign in the step; JUMPS: the equations jump there where their residuals
 #: change by more than this fraction of their change in the whole step
 HALVINGS, JUMPS = 40, 1e-3
 
 #: number of a kink -> number of changes of sign of its argument until now, and the time (s) of the first
-Counts = dict[int, tuple[int, float]]
+Counts = dict[int, tuple[float, float]]
 
 
 class Endless(NamedTuple):
@@ -40,7 +40,7 @@ class Endless(NamedTuple):
 
     def message(self) -> str:
         """The text of the error about it."""
-        return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, while the motion "
+        return (f"'{self.item}' switches without end: {self.times} times or more within {self.span:.1e} s, while the motion "
                 "stays there to within the tolerance. Its value jumps there and drives the motion back from both sides, "
                 "as on-off control and friction by the sign of a rate do: give the jump a width, as in tanh(x/width), state "
                 "mb.Coulomb friction, or switch at the instants of s.controller(...)")
@@ -61,12 +61,12 @@ class Chattering:
         crossed = arguments.kinks & np.any(negative[1:] != negative[:-1], axis=0)
         for i in sorted({*np.flatnonzero(crossed).tolist(), *counts}):
             noise, largest = arguments.noise(i, self.tolerance)[0], float(np.max(np.abs(arguments.at_nodes[:, i])))
-            count, since = counts.pop(i, (0, arguments.t))
+            count, since = counts.pop(i, (0.0, arguments.t))
             leaves = largest > STAYS * noise
-            count = count // 2 if leaves else count + int(crossed[i] and largest > LEAST * noise)
+            count = count // 2 if leaves else count + crossed[i] * (1.0 if largest > LEAST * noise else TENTH)
             if count >= MOST:  # counts grow only by a change of sign in the last step, so that it has one
                 if arguments.t + arguments.h - since < PART * span and self._jumps(i):
-                    return Endless(arguments.switches.names[i], count, arguments.t + arguments.h - since)
+                    return Endless(arguments.switches.names[i], round(count), arguments.t + arguments.h - since)
             elif count:
                 counts[i] = count, since
         return None

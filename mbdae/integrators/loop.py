@@ -65,7 +65,7 @@ class StepLoop:
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
         #: number of a kink -> sign changes of its argument in the run, and time of the first (`watched.chattering`)
-        self.switched: dict[int, tuple[int, float]] = {}
+        self.switched: dict[int, tuple[float, float]] = {}
         self._anew: dict[int, tuple[Array, Array]] = {}  # the same after restarts that an earlier process made
 
     @property
