@@ -266,7 +266,7 @@ def warm(system: System) -> None:
 
 
 #: a run of this CPU time (s) or more is timed once; shorter ones are repeated for up to REPEATED s, LEAST to MOST times
-LONG, REPEATED, LEAST, MOST = 0.5, 0.2, 3, 15
+LONG, REPEATED, LEAST, MOST = 0.2, 0.06, 3, 15
 TICKS = 5  #: so many ticks of the clock at least lie in one measurement, for which short runs are repeated within it
 
 
