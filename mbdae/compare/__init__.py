@@ -58,6 +58,7 @@ def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float],
         "max_wall": problem.max_wall,
         "runs": [{"solver": encode(run.solver), "form": encode(run.form),
                   "model": {name: encode(model) for name, model in run.models.items()} or None, "label": run.label,
+                  **({"scene": run.scene.statements} if run.scene is not None else {}),
                   "own": own_classes(run.solver, run.form)} for run in runs],
         "reference": "computed" if given is None else f"given, {_digest(given[0])}", "environment": environment(),
     }

@@ -113,7 +113,7 @@ def amount(value: float, unit: str) -> str:
 
 def _amounts(w: Any, errors: dict[str, float], article: str = "") -> str:
     by = " by " if article else " in "
-    return _listed([f"{article}{name}{by}{amount(errors[name], w.units[name])}" if article else
+    return _listed([f"{article * ('.' not in name)}{name}{by}{amount(errors[name], w.units[name])}" if article else
                     f"{amount(errors[name], w.units[name])}{by}{name}" for name in w.units if name in errors])
 
 

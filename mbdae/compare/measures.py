@@ -163,10 +163,11 @@ def named_measures(measure: Any) -> tuple[str, ...]:
     if measure is None:
         return ()
     remedy = "name a sensor such as 'C.angle', or several in a list, or None for the motion of the bodies"
-    given = (measure,) if isinstance(measure, str) or not several(measure) else tuple(measure)
-    found = tuple(option("measure", one, text, remedy) for one in given)
-    if not found or len(set(found)) < len(found):
-        raise OptionError(f"measure = {shown(measure)}: give one name or more, each once")
+    if isinstance(measure, str) or not several(measure):
+        return (option("measure", measure, text, remedy),)
+    found = tuple(measure) if isinstance(measure, list | tuple) else ()
+    if not found or not all(isinstance(one, str) and one.strip() for one in found) or len(set(found)) < len(found):
+        raise OptionError(f"measure = {shown(measure)}: give one name or more, each once; {remedy}")
     return found
 
 

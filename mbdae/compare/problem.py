@@ -112,9 +112,9 @@ class Problem:
     def equations(self, run: Run) -> Equations:
         """The equations with the joint models of a run, prepared once. Where the preparation failed, its error is raised at every
         call, so that each run with these models gets it."""
-        if not run.models:
+        if not run.models and run.scene is None:
             return self.stated
-        key = repr(sorted(run.models.items(), key=lambda item: item[0]))
+        key = repr(sorted(run.models.items(), key=lambda item: item[0])) if run.scene is None else f"scene {id(run.scene)}"
         if key not in self.variants:
             try:
                 self.variants[key] = self._with_models(run)
@@ -126,6 +126,8 @@ class Problem:
         return found
 
     def _with_models(self, run: Run) -> Equations:
+        if run.scene is not None and self.scene is not None:
+            return Equations(prepare(run.scene, t_end=self.t_end))
         if self.scene is None:
             raise OptionError(f"model {run.model_label}: a System has no joints; compare it by runs without a model, such as "
                               f"mb.Run(mb.IDA())")
@@ -163,8 +165,10 @@ class Problem:
     def loose(self, run: Run | None) -> str:
         """The joint models of a run in words where, unlike those of the scene as stated, some are not ideal or all are: what it
         models is then something else. Else ""."""
-        if run is None or not run.models or self.scene is None:
+        if run is None or self.scene is None or not (run.models or run.scene):
             return ""
+        if run.scene is not None:
+            return str(run.label)
         try:
             changed = with_models(self.scene, run)
         except MbdaeError:  # said where its equations are made
@@ -232,7 +236,7 @@ def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool
             numbers(started(stated.prepared), sensor)  # before anything is solved: is it a sensor with numeric values?
         except (SceneError, OptionError) as error:
             sensor_problem = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
-            raise OptionError(f"measure = {shown(sensor)}: {sensor_problem}") from error
+            raise OptionError(f"measure = {shown(measure)}: {sensor_problem}") from error
     if named:
         return Problem(scene, stated, end, tuple(Sensor.of(scene, name) for name in named), wall)
     forces = () if alone or not 0 < len(scene.joints) <= MANY else (JointForces(),)

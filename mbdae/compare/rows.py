@@ -44,7 +44,8 @@ class Split:
             return {}
         asked = run.form if run.form is not None else default_form(equations.prepared, solver.highest_index)
         form = asked.for_index(solver.highest_index)
-        key = repr(sorted(run.models.items(), key=lambda item: item[0])), repr(form), solver.highest_index
+        models = sorted(run.models.items(), key=lambda item: item[0])
+        key = f"{id(run.scene) if run.scene else 0} {models}", repr(form), solver.highest_index
         if key not in self._known:
             self._known[key] = self._made(run, form, solver)
         companions, judgement = self._after(form, solver, solution, equations)
@@ -53,7 +54,7 @@ class Split:
     def _made(self, run: Run, form: Form, solver: Solver) -> dict[str, float]:
         """CPU time from the scene to finished equations with empty caches, s."""
         with cold(), measured() as spent:
-            scene = with_models(self.problem.scene, run)
+            scene = run.scene or with_models(self.problem.scene, run)
             warm(system_for(prepare(scene, t_end=self.problem.t_end), form))
         return {"derive_s": spent.get("derive", 0.0), "compile_s": spent.get("compile", 0.0), "start_s": spent["other"]}
 

@@ -19,6 +19,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
 from mbdae.scene.components import JointModel
+from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.values import function, option, optional, sequence, set_option, shown, text
@@ -34,18 +35,22 @@ class Run:
     model: one joint model for all joints that have models (mb.Recursive(): for a spanning tree of them, as
     `Scene.recursive` chooses it, the rest kinematic), or {name of a joint: its model}. A solver without a tolerance or
     step of its own is run once for every accuracy, one with such a setting once. Solver and form may be given as a class or
-    by name, such as mb.IDA, "radau3", "ggl". Raises OptionError for anything else.
-    """
+    by name, such as mb.IDA, "radau3", "ggl". scene: another scene that models the same mechanism otherwise, with flexible
+    links, friction, another section: it is compared as a model, and needs a label. Raises OptionError for anything else."""
 
     solver: Solver
     form: Form | None = None
     model: JointModel | Mapping[str, JointModel] | None = None
     label: str | None = None
+    scene: Any = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "solver", solver_of(self.solver))
         object.__setattr__(self, "form", form_of(self.form) if self.form is not None else None)
         set_option(self, "label", text, "give a text, or None to have it made")
+        if self.scene is not None and not (isinstance(self.scene, SceneData) and self.label and self.model is None):
+            raise OptionError(f"scene = {shown(self.scene)}: give a mb.Scene with label=, by which its model is called, and "
+                              f"without model=")
         if not _is_model(self.model):
             raise OptionError(f"model = {shown(self.model)} is not a joint model: give one such as mb.Kinematic(), "
                               f"{{name of a joint: model}}, or None")
@@ -59,7 +64,9 @@ class Run:
 
     @property
     def model_label(self) -> str | None:
-        """The joint models in words; None where those of the scene are used."""
+        """The joint models in words, or the label of another scene; None where those of the scene are used."""
+        if self.scene:
+            return self.label
         told = {name: described(m, type(m).__name__) for name, m in self.models.items()}
         return ", ".join(f"{name}: {m}" if name else m for name, m in told.items()) or None
 
@@ -77,7 +84,7 @@ class Run:
     def name(self, form_label: str) -> str:
         """Label for tables: the user's, or solver, form, model and every option that differs from its default."""
         own = [described(self.solver, self.solver.label), described(self.form, form_label), self.model_label]
-        return self.label or " ".join(part for part in own if part)
+        return (self.label if self.scene is None else None) or " ".join(part for part in own if part)
 
 
 def _is_model(model: Any) -> bool:
@@ -126,7 +133,7 @@ CHOICE = "simulate"  #: label of the row that shows what `simulate` does where n
 
 
 def is_all(runs: Any) -> bool:
-    """Whether `runs` asks for every solver and form that admits the scene."""
+    """Whether every solver and form that admits the scene is asked for."""
     if isinstance(runs, str) and runs != "all":
         raise OptionError(f"runs = {shown(runs)}: give a list of mb.Run, 'all', or None for usual ones")
     return isinstance(runs, str)
@@ -264,9 +271,8 @@ def warm(system: System) -> None:
 
 # -- CPU time of a run: repeated until its spread is known
 
-
 #: a run of this CPU time (s) or more is timed once; shorter ones are repeated for up to REPEATED s, LEAST to MOST times
-LONG, REPEATED, LEAST, MOST = 0.5, 0.2, 3, 15
+LONG, REPEATED, LEAST, MOST = 0.2, 0.06, 3, 15
 TICKS = 5  #: so many ticks of the clock at least lie in one measurement, for which short runs are repeated within it
 
 
@@ -321,7 +327,6 @@ def resolution() -> float:
 
 
 # -- Peak memory of the process during a run, where the operating system measures it (Linux)
-
 
 _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 

@@ -16,7 +16,7 @@ from mbdae.compare.measures import Reference
 from mbdae.compare.run import CHOICE
 from mbdae.study import Study, grid
 from mbdae.system.base import Array
-from mbdae.values import number, option
+from mbdae.values import flag, number, option
 
 # -- One row per solver run, from which table, picture and JSON are made
 
@@ -213,10 +213,11 @@ class ComparisonData(Study):
     def table(self, all_columns: bool = False) -> str:
         """The decision and the rows as plain text, with reference, failures and pairwise differences; all_columns: of the rows
         also where their CPU time goes, evaluations and memory."""
+        whole = option("all_columns", all_columns, flag, "give True or False")
         lines = [f"scene '{self.scene}' to t = {self.t_end:g} s", self.decision, ""]
         full = [tuple(COLUMNS), *(cells(row) for row in self.runs)]
-        lines += grid(full if all_columns else self.short(), MARKS)
-        lines += [f"{name}: {meaning}" for name, meaning in (COLUMNS if all_columns else self.legend).items() if name]
+        lines += grid(full if whole else self.short(), MARKS)
+        lines += [f"{name}: {meaning}" for name, meaning in (COLUMNS if whole else self.legend).items() if name]
         lines += [f"reference: {self.reference}", *([self.caution] if self.caution else []), "", *failure_lines(self.failures),
                   str(self.pairwise), *grid(pairwise_cells(self.pairwise)), ""]
         versions = ", ".join(f"{name} {value}" for name, value in self.environment.items() if name not in ("machine", "cpus"))
@@ -248,7 +249,7 @@ class ComparisonData(Study):
         found = {"error": self.what, **more, "solver": COLUMNS["CPU"], "+-": COLUMNS["spread"], "call": COLUMNS["call"],
                  "*": "no other run is both cheaper and more accurate, and its error is above the uncertainty of the reference"}
         if any(row.loose for row in self.runs):
-            found["model"] = "its joints model something else; errors are those against a reference of its own"
+            found["model"] = "it models something else than the scene; errors are those against a reference of its own"
         return found
 
 

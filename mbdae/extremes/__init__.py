@@ -110,7 +110,7 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     kept = checkpoint(resume, scene, first, asked, own, accuracy)
     total = sum(len(p.values) for p in parameters)
     execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1),
-                           until=math.inf if most is None else time.monotonic() + most)
+                           most or math.inf)
     with told_when_interrupted(kept.path, "values", lambda: (len(kept.rows), total)):
         blocks = tuple(block for p in parameters if (block := execution.block(p)).values)
     return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin,
@@ -130,8 +130,9 @@ class _Execution:
     kept: Checkpoint
     tell: Callable[[int, int, str], None]
     total: int  #: number of runs and references
+    budget: float  #: wall time, s, after which no value is begun
     done: int = 0
-    until: float = math.inf  #: time of the monotonic clock, s, from which on no value is begun
+    begun: float = field(default_factory=time.monotonic)
     left_out: list[str] = field(default_factory=list)  #: values that were not begun
 
     def block(self, p: Varied) -> Block:
@@ -140,7 +141,7 @@ class _Execution:
         references, values = list[str](), list[float]()
         for value in p.values:
             if (p.name, value) not in self.kept.rows:
-                if time.monotonic() >= self.until:
+                if time.monotonic() - self.begun >= self.budget:
                     self.left_out.append(f"{p.name} = {value:g}")
                     continue
                 self.kept.add(p.name, value, *self._at(p, value))

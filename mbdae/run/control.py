@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ from mbdae.integrators.solution import Measure, Solution, check_times, scaled_di
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.run.contacts import Hidden, hidden_contacts, largest_tolerance, resolving
-from mbdae.run.estimate import Run, beginning_at, companions, estimated, fall_shown, share_of, windows
+from mbdae.run.estimate import Run, beginning_at, companions, estimated, fall_shown, share_of, usual_companion, windows
 from mbdae.run.growing import Growth, at_least, growing, slowest, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
@@ -46,6 +46,7 @@ CLOSER = 0.4
 #: `Solver.impacts` times the bound of a run without error estimate; the companions take longer steps
 CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
+USED_UP = "max_wall = {:g} s of wall time is used up while the error was measured: {}; raise max_wall or loosen the accuracy"
 UNTESTED = "the run attached (attribute `solution`) is complete; whether its steps leave out fast vibrations was not tested"
 #: a run is stopped, as too expensive, after this many times the residual evaluations of its companion, plus 10000, plus those
 #: that CUT allows
@@ -206,10 +207,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), solver, count, kept))
         except WallClockError as error:
-            raise WallClockError(
-                f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
-                f"{UNKNOWN.format(best.solver.rtol)}; raise max_wall or loosen the accuracy",
-                error.time, error.culprit, best.solution) from error
+            raise WallClockError(USED_UP.format(asked.max_wall, UNKNOWN.format(best.solver.rtol)), error.time, error.culprit,
+                                 best.solution) from error
         except ChatteringError:
             raise
         except SolverError as error:
@@ -230,7 +229,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
-            return best
+            return _judged_again(system, best, accuracy, asked, made, partial(
+                estimated, system, solver, made, measure, outputs, least))
         if too_coarse:
             tight = _with_rtol(tight, ceiling)
             continue
@@ -238,9 +238,18 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         if system.guards is not None and stuck:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
         falls = (0.5 * accuracy / best.estimate) ** (1 / fall_shown(told))
-        wanted = tight.tolerance * float(np.clip(falls, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
-        tight = _with_rtol(tight, max(wanted, limit))
+        falls = float(np.clip(falls, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
+        tight = _with_rtol(tight, max(tight.tolerance * falls, limit))
     return best
+
+
+def _judged_again(system: System, best: Controlled, accuracy: float, asked: Asked, made: list[Run],
+                  estimate: Callable[[], float]) -> Controlled:
+    """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""
+    if best.estimate <= accuracy:
+        return best
+    count, cpu = usual_companion(system, best.solver, replace(asked, share=CLOSER), made)
+    return replace(best, estimate=min(best.estimate, estimate() if count else math.inf)).after(count, cpu)
 
 
 def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:

@@ -83,6 +83,9 @@ EPS = float(np.finfo(float).eps)
 #: that a longer increment costs no digit and the round-off of the other terms is divided by more. Measured (capacitors of 1e-6 F
 #: beside conductances of 1e-4 A/V): five digits of dF/dy' with the increment of y, eight with this one
 OF_Y, OF_RATES = EPS**0.5, EPS ** (1 / 3)
+#: increments of an unknown are relative to SMALL times its scale where it is smaller. Measured: Robertson's reaction, of which
+#: one concentration falls to 1e-13, takes 3655 steps to 1e11 s, and more than 1e5 with increments of the scale itself
+SMALL = 1e-4
 
 
 class Differences:
@@ -144,7 +147,8 @@ class Differences:
 
     def _steps(self, x: Array, relative: float) -> Array:
         """Increments (n,), away from 0."""
-        return np.asarray(relative * np.maximum(np.abs(x), self._scale) * np.where(x >= 0, 1.0, -1.0))
+        least = self._scale * (SMALL if relative == OF_Y else 1.0)
+        return np.asarray(relative * np.maximum(np.abs(x), least) * np.where(x >= 0, 1.0, -1.0))
 
 
 def _over(change: Array, step: float) -> Array:

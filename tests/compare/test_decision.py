@@ -115,6 +115,22 @@ def test_models_are_no_errors_of_methods() -> None:
     assert "another model" in w.to_html()
 
 
+def test_another_scene_is_another_model() -> None:
+    """A flexible rod beside the rigid one, by sensors that both have; several solvers each."""
+    flexible = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    section = mb.Section.rectangular(0.02, 0.02, E=2e9, nu=0.3, rho=2500)
+    flexible.revolute("hinge", flexible.ground, flexible.beam("rod", (0, 0), (1, 0), section=section, elements=2), at=(0, 0))
+    solvers = (mb.RadauIIA(2), mb.RadauIIA(3))
+    runs = [mb.Run(mb.RadauIIA(3)), *(mb.Run(solver, scene=flexible, label="flexible") for solver in solvers)]
+    w = mb.compare(pendulum(), 0.2, runs, [1e-4], measure=["hinge.angle", "hinge.force"])
+    assert [row.loose for row in w.runs] == ["", "flexible", "flexible"]
+    assert len({row.label for row in w.runs}) == 3
+    assert all(row.error < 1e-3 < w.models["flexible"]["hinge.force"] for row in w.runs)
+    assert f"flexible changes hinge.angle by {w.models['flexible']['hinge.angle']:.1e} rad" in w.decision
+    with pytest.raises(mb.OptionError, match=r"give a mb\.Scene with label="):
+        mb.Run(mb.IDA(), scene=flexible)
+
+
 def test_lost_digits_and_ties_are_named(w: Any) -> None:
     other = {"motion": 1e-6, "energy": 1e-6}
     rows = [Row(name, name, "", None, 1e-5, 1e-6, 1e-6, 1e-3, 1e-5, errors={**other, "joint forces": force})

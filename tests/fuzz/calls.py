@@ -222,7 +222,7 @@ CALLS: dict[str, Call] = {
     "Index1": Call(lambda: mb.Index1, lambda: {"baumgarte": 1.0, "multipliers": None, "waves": False}),
     "Index3": Call(lambda: mb.Index3, lambda: {"waves": False}),
     "ODE": Call(lambda: mb.ODE, lambda: {"mixed": False, "waves": False}),
-    "Run": Call(lambda: Run, lambda: {"solver": mb.IDA(), "form": None, "model": None, "label": None}),
+    "Run": Call(lambda: Run, lambda: {"solver": mb.IDA(), "form": None, "model": None, "label": None, "scene": None}),
     "Solver.solve": Call(lambda: mb.RadauIIA(3).solve, lambda: SOLVE, INTEGRATE),
     "Solver.at_accuracy": Call(lambda: mb.IDA().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
     "Stepped.at_accuracy": Call(lambda: mb.HHT().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
@@ -255,7 +255,7 @@ CALLS: dict[str, Call] = {
         "reference": None, **RUNS}, "mbdae.compare.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
-        "measure": "hinge.angle", **RUNS}, "mbdae.extremes._Execution"),
+        "measure": "hinge.angle", **RUNS, "budget": 60.0}, "mbdae.extremes._Execution"),
     "export": Call(lambda: mb.export, lambda: {"what": mb.FixedOrientation, "format": "sympy", "form": None, "frames": None}),
     "Export.save": Call(lambda: mb.export(mb.FixedOrientation).save, lambda: {"path": folder() / "a.py"}),
     "Export.__getitem__": Call(lambda: mb.export(mb.FixedOrientation, "sympy").__getitem__, lambda: {"name": "G"}),
@@ -286,6 +286,7 @@ CALLS: dict[str, Call] = {
     "Floquet.shares": Call(lambda: floquet().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
     "Mode.__getitem__": Call(lambda: linear().modes[0].__getitem__, lambda: {"body": "rod"}),
     "ComparisonData.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
+    "ComparisonData.table": Call(lambda: comparison().table, lambda: {"all_columns": False}),
     "Study.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.study.write_file"),
     "Study.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
                           "mbdae.study.write_file"),
@@ -317,6 +318,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("audit", "quantities"): ({"a dict"}, "quantities that are numbers"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),
     ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
+    ("ComparisonData.table", "all_columns"): (FLAGS, "a switch"),
     ("Switches", "weights"): ({"one entry"}, "one per argument"),
     ("Run", "label"): (TEXT, ANY),
     ("Solver.at_accuracy", "form_label"): (TEXT, ANY), ("Stepped.at_accuracy", "form_label"): (TEXT, ANY),
@@ -339,7 +341,7 @@ SIZES: list[tuple[set[str], str]] = [
      "Solver.solve.t_end Solver.solve.max_wall measure_order.t_end "
      "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall DAE.simulate.t_end DAE.simulate.max_wall compare.t_end compare.max_wall extremes.t_end "
-     "extremes.max_wall Result.animate.speed "
+     "extremes.max_wall extremes.budget Result.animate.speed "
      "ComparisonData.cheapest.accuracy"),
     ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "
                          "RunStates.stresses.t Result.state_for.t"),

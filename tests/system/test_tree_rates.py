@@ -1,4 +1,4 @@
-"""y' of trees by one kernel: it solves the residual, in every kind of tree that has such a kernel and in those that have not."""
+"""y' of trees: it solves the residual, in trees whose passes are one function and in those of single joints."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def tree(s: mb.Scene, count: int = 3) -> mb.Scene:
 
 
 def prescribed() -> mb.Scene:
-    s = tree(mb.Scene("a", gravity=(0, 0, -9.81)))
+    s = tree(mb.Scene("a", gravity=(0, 0, -9.81)), 2)
     driven = s.rigid_body("driven", 0.7, (0.1, 0.2, 0.3), at=(1, 0, 0))
     last = s.rigid_body("last", 0.6, (0.1, 0.2, 0.3), at=(2, 0, 0))
     s.revolute("D", s.ground, driven, at=(0, 0, 0), axis=(0, 1, 0), angle=mb.t**2)
@@ -47,7 +47,7 @@ def loose() -> mb.Scene:
 def long() -> mb.Scene:
     s = mb.Scene("a", gravity=(0, -9.81))
     last = s.ground
-    for i in range(FUSED // 3 + 1):
+    for i in range(FUSED // 9 + 1):
         rod = s.link(f"r{i}", (i, 0), (i + 1, 0), mass=1.1)
         s.revolute(f"J{i}", last, rod, at=(i, 0))
         last = rod
@@ -55,7 +55,7 @@ def long() -> mb.Scene:
 
 
 @pytest.mark.parametrize(("scene", "whole"), [
-    (lambda: tree(mb.Scene("a", gravity=(0, 0, -9.81))), ONE), (lambda: tree(mb.Scene("a"), 6), ONE), (prescribed, ONE),
+    (lambda: tree(mb.Scene("a", gravity=(0, 0, -9.81))), ONE), (lambda: tree(mb.Scene("a"), 4), ONE), (prescribed, ONE),
     (loose, ONE), (long, (True, False, True)),
 ])
 def test_accelerations_solve_the_residual(scene, whole):

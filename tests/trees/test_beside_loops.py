@@ -106,3 +106,19 @@ def test_all_rows_and_derivatives_are_those_of_the_passes_as_one_function(monkey
         assert np.max(np.abs(F - H)) < 1e-12 * np.max(np.abs(F))
         for A, B in zip(whole.jacobian_parts(0.0, y, yp), ordered.jacobian_parts(0.0, y, yp), strict=True):
             assert np.max(np.abs(A - B)) < 1e-12 * np.max(np.abs(A))
+
+
+def test_contacts_see_the_motion_of_large_trees():
+    """A hanging chain whose last body hits the floor, against kinematic joints."""
+    found = []
+    for model in (R, mb.Kinematic()):
+        s, last = mb.Scene("chain over a floor", gravity=(0, 0, -9.81)), None
+        for i in range(6):
+            body = s.rigid_body(f"b{i}", 1.0, (0.01, 0.02, 0.03), at=(0.1 * i + 0.05, 0, 0.2))
+            s.revolute(f"j{i}", last or s.ground, body, at=(0.1 * i, 0, 0.2), axis=(0.2 * (i % 2), 1, 0), model=model, damper=0.1)
+            last = body
+        s.contact("floor", s.ground, last, mb.Plane(), mb.Sphere(radius=0.1), normal=mb.Hertz(1e6))
+        found.append(s.simulate(0.3, accuracy=1e-5))
+    assert found[0].prepared.all_bodies.moved.ordered
+    assert found[0].solution.stats.contacts == found[1].solution.stats.contacts > 0
+    np.testing.assert_allclose(found[0]["b5"].position, found[1]["b5"].position, atol=3e-5)
