@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.laws.beam import ORDERS, node_positions
-from mbdae.laws.forces import LineLoad
+from mbdae.laws.beam import ORDERS, LineLoad, node_positions
 from mbdae.laws.line_mesh import LineMesh, arc, curved, polyline
 from mbdae.notation import counted
 from mbdae.scene import reading

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.inputs.sensed import paths
+from mbdae.laws.beam import LineLoad
 from mbdae.laws.contact import Normal
-from mbdae.laws.forces import LineLoad
 from mbdae.laws.friction import Friction
 from mbdae.scene.shapes import Shape
 from mbdae.symbolic.joint import Joint

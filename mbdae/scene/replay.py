@@ -10,13 +10,13 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
-from importlib import import_module
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
+from mbdae.laws import exported
 from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
@@ -45,11 +45,8 @@ _KINDS: dict[str, tuple[type, ...]] = {
 @cache
 def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
-    homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "forces", "contact", "surfaces",
-                                                                  "journal", "friction")]
-    exported = [vars(home)[name] for home in homes for name in home.__all__]
     models, shapes = (Kinematic, Classical, Recursive, Clearance, Stop), (Plane, Sphere, Point, Cylinder, Box)
-    return {stored_name(cls): cls for cls in (*exported, Section, *models, *shapes)}
+    return {stored_name(cls): cls for cls in (*exported().values(), Section, *models, *shapes)}
 
 
 class Known:
