@@ -13,6 +13,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
+from mbdae.laws.bodies import ORDERS
 from mbdae.symbolic.law import params
 from mbdae.symbolic.line import LineLaw, LinePoint
 from mbdae.symbolic.vectors import ZERO, Expr, Vec, components
@@ -20,7 +21,6 @@ from mbdae.symbolic.vectors import ZERO, Expr, Vec, components
 __all__ = ["Beam", "LineLoad"]
 
 Array = NDArray[np.float64]
-ORDERS = (1, 2, 3, 4)
 
 
 @dataclass(frozen=True, eq=False)
