@@ -163,7 +163,7 @@ FACTORS: dict[str, dict[str, float]] = {
 SI = {other: si for si, factors in FACTORS.items() for other in factors}
 _HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
 FORMULAS = ("=", "+", "-", "@")  #: first signs of names that spreadsheets take for formulas
-MOST_OF_CURVE = 1000  #: points of a curve over sensors: each is a case in the equations
+MOST_OF_CURVE = 200  #: points of a curve over sensors: each is a case in the equations
 LONGEST_LIST = 12  #: most columns that a message lists
 
 
@@ -191,7 +191,7 @@ def curve(x: Any, y: Any, kind: str = "linear", outside: str = "hold") -> Any:
     x (n,): rising; y (n,): in SI units of what takes them; kind and outside as in `mb.table`. The function takes a sensor, by its
     path too, an expression of sensors and `mb.t`, or a number. Value and slope are exact; steps end where the curve has a kink.
     outside="error": a run that leaves the curve ends there with a SolverError that names it. OptionError where the points are not
-    rising, not finite, fewer than two or more than 1000."""
+    rising, not finite, fewer than two or more than 200."""
     try:
         found = tables.known(Table(x, y, kind, outside, OF_SENSOR))
         if len(found.t) > MOST_OF_CURVE:

@@ -27,7 +27,7 @@ from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.run.contacts import Hidden, hidden_contacts, largest_tolerance, resolving
 from mbdae.run.estimate import Run, beginning_at, companions, estimated, fall_shown, share_of, usual_companion, windows
-from mbdae.run.growing import Growth, at_least, growing, unfollowed, unseen
+from mbdae.run.growing import Growth, at_least, growing, slowest, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import distance
@@ -219,9 +219,9 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        least = at_least(solver) if asked.bounds else 0.0
-        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, least)))
-        estimates = [one for _, one in told]
+        least, floor = (at_least(solver), slowest(solver, told, coarse, fine)) if asked.bounds else (0.0, 0.0)
+        told.append((tight.tolerance, max(estimated(system, solver, made, measure, outputs, least), floor)))
+        estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
             ratio=before / tight.tolerance))

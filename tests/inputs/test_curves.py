@@ -118,7 +118,7 @@ def test_numbers_and_paths() -> None:
 BAD = [
     (lambda: mb.curve([1, 0], [1, 2]), r"mb.curve: x\[0\] = 1.0 and x\[1\] = 0.0 are not in rising order"),
     (lambda: mb.curve([0, 1], [1, 2, 3]), "2 numbers x and 3 numbers y: give one value for every x"),
-    (lambda: mb.curve(np.arange(2000), np.arange(2000)), "2000 points are more than the 1000"),
+    (lambda: mb.curve(np.arange(2000), np.arange(2000)), "2000 points are more than the 200"),
     (lambda: mb.curve(X, Y, outside="periodic"), "append the first value, a period after its x"),
     (lambda: slider(mb.curve(X, Y)(sp.Symbol("z"))).check(), "contains the symbol z"),
     (lambda: slider(damping=-1.0, stiffness="P.displacement").check(), "damping = -1 N s/m is negative: it would feed energy"),
