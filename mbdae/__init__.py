@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from mbdae.audit import Audit, audit
     from mbdae.compare import compare
     from mbdae.compare.run import Run
-    from mbdae.contracts import selftest  # type: ignore[no-redef,unused-ignore]
+    from mbdae.contracts import selftest
     from mbdae.export import Export, export
-    from mbdae.extremes import extremes  # type: ignore[no-redef,unused-ignore]
+    from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.inputs.measured import curve, read_table, table
     from mbdae.integrators.dop853 import DOP853
@@ -45,11 +45,11 @@ if TYPE_CHECKING:
     from mbdae.laws.friction import Coulomb, Friction, LuGre
     from mbdae.laws.joint_rows import Distance, FixedOrientation, Free, PointOnLine, PointOnPlane
     from mbdae.laws.joints import Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal, Weld
-    from mbdae.reports import report  # type: ignore[no-redef,unused-ignore]
+    from mbdae.reports import report
     from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive, Stop
     from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Sphere
-    from mbdae.sweep import sweep  # type: ignore[no-redef,unused-ignore]
+    from mbdae.sweep import sweep
     from mbdae.symbolic.coupling import Coupling
     from mbdae.symbolic.joint import Joint
     from mbdae.symbolic.law import Force, params

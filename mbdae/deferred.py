@@ -1,6 +1,7 @@
 """Modules that take longer to import than a pendulum to simulate. SciPy's are imported when they are first used, because most
-scenes need none of them; NumPy's masked arrays are never imported: functions here replace those of NumPy that would do so.
-Folders of classes that say everything of themselves (solvers, forms) are imported whole where their names are asked for."""
+scenes need none of them, and so is what mbdae has for beams, contacts and SUNDIALS; NumPy's masked arrays are never imported:
+functions here replace those of NumPy that would do so. Folders of classes that say everything of themselves (solvers, forms) are
+imported whole where their names are asked for."""
 
 from __future__ import annotations
 
@@ -16,9 +17,35 @@ from numpy.typing import NDArray
 
 from mbdae.threads import limit_what_was_loaded
 
-__all__ = ["LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
+__all__ = ["Later", "LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
            "cython_lapack", "dijkstra", "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse",
            "maximum_flow", "median", "qr", "sp", "splu"]
+
+
+class Later:
+    """A module, or a function or class in it, that is imported at its first use. No object is an instance of a class whose module
+    has not been imported."""
+
+    def __init__(self, module: str, name: str = "") -> None:
+        self._place = module, name
+
+    def _found(self) -> Any:
+        module, name = self._place
+        known = "scipy.linalg" in sys.modules
+        found = import_module(module)
+        if not known and "scipy.linalg" in sys.modules:
+            limit_what_was_loaded()
+        return getattr(found, name) if name else found
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._found(), name)
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        return self._found()(*args, **options)
+
+    def __instancecheck__(self, value: Any) -> bool:
+        return self._place[0] in sys.modules and isinstance(value, self._found())
+
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -29,37 +56,17 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
 else:
 
-    class _Deferred:
-        """A module, or an object in it, that is imported at its first use."""
-
-        def __init__(self, module: str, name: str = "") -> None:
-            self._place = module, name
-
-        def _found(self) -> Any:
-            module, name = self._place
-            known = "scipy.linalg" in sys.modules
-            found = import_module(module)
-            if not known and "scipy.linalg" in sys.modules:
-                limit_what_was_loaded()
-            return getattr(found, name) if name else found
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._found(), name)
-
-        def __call__(self, *args: Any, **options: Any) -> Any:
-            return self._found()(*args, **options)
-
-    sp = _Deferred("scipy.sparse")
-    bmat, csc_matrix = _Deferred("scipy.sparse", "bmat"), _Deferred("scipy.sparse", "csc_matrix")
-    csr_matrix, identity = _Deferred("scipy.sparse", "csr_matrix"), _Deferred("scipy.sparse", "identity")
-    cython_lapack, qr = _Deferred("scipy.linalg.cython_lapack"), _Deferred("scipy.linalg", "qr")
-    eigvals = _Deferred("scipy.linalg", "eigvals")
-    group_columns = _Deferred("scipy.optimize._numdiff", "group_columns")
-    connected_components = _Deferred("scipy.sparse.csgraph", "connected_components")
-    dijkstra = _Deferred("scipy.sparse.csgraph", "dijkstra")
-    maximum_flow = _Deferred("scipy.sparse.csgraph", "maximum_flow")
-    splu = _Deferred("scipy.sparse.linalg", "splu")
-    eigsh, LinearOperator = _Deferred("scipy.sparse.linalg", "eigsh"), _Deferred("scipy.sparse.linalg", "LinearOperator")
+    sp = Later("scipy.sparse")
+    bmat, csc_matrix = Later("scipy.sparse", "bmat"), Later("scipy.sparse", "csc_matrix")
+    csr_matrix, identity = Later("scipy.sparse", "csr_matrix"), Later("scipy.sparse", "identity")
+    cython_lapack, qr = Later("scipy.linalg.cython_lapack"), Later("scipy.linalg", "qr")
+    eigvals = Later("scipy.linalg", "eigvals")
+    group_columns = Later("scipy.optimize._numdiff", "group_columns")
+    connected_components = Later("scipy.sparse.csgraph", "connected_components")
+    dijkstra = Later("scipy.sparse.csgraph", "dijkstra")
+    maximum_flow = Later("scipy.sparse.csgraph", "maximum_flow")
+    splu = Later("scipy.sparse.linalg", "splu")
+    eigsh, LinearOperator = Later("scipy.sparse.linalg", "eigsh"), Later("scipy.sparse.linalg", "LinearOperator")
 
     def issparse(matrix: Any) -> bool:
         """Whether a matrix is sparse; False where SciPy's module of sparse matrices has not been imported yet."""

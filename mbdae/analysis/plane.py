@@ -34,8 +34,7 @@ from mbdae.scene.models import not_joined
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
-from mbdae.system.model.beams import drawn_quaternion
-from mbdae.system.model.nodes import Node, quaternion_product, turned
+from mbdae.system.model.nodes import Node, drawn_quaternion, quaternion_product, turned
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared, modelled, prepare
 from mbdae.system.start import Start

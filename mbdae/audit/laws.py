@@ -11,14 +11,15 @@ import symengine as se
 from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import Value
 from mbdae.audit.motion import Motion
-from mbdae.laws import contact, forces, friction, joints
-from mbdae.laws.beam import Beam
+from mbdae.laws import exported
 from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import Coulomb
+from mbdae.laws.joints import Revolute
 from mbdae.laws.journal import JournalContact
+from mbdae.laws.surfaces import SurfaceContact
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
-from mbdae.symbolic.law import Law
+from mbdae.symbolic.law import Element, Law
 from mbdae.symbolic.part import Part
 
 _SIDE = (NodeKind.SPATIAL, Axes.GENERAL)
@@ -33,16 +34,15 @@ def law_class(name: str, own: Own = ()) -> type[Law] | None:
     """The class of a law by its name; None where there is none, or none with coordinates where the name asks for them. own: laws
     of the user."""
     plain = name.removesuffix(WITH_COORDINATES)
-    known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
-    found = (known | {made.__name__: made for made in (JournalContact, Beam)} | dict(own)).get(plain)
-    if not (isinstance(found, type) and issubclass(found, Law)) or (plain != name and not getattr(found, "coordinates", None)):
+    found = (exported() | dict(own)).get(plain)
+    if not (isinstance(found, type) and issubclass(found, Law)) or issubclass(found, Element | SurfaceContact):
         return None
-    return found
+    return found if plain == name or getattr(found, "coordinates", None) else None
 
 
 def part_class(name: str, own: Own = ()) -> type[Part] | None:
     """The class of a normal law or friction law by its name; None where there is none. own: laws of the user."""
-    found = ({n: getattr(m, n) for m in (contact, friction) for n in m.__all__} | dict(own)).get(name)
+    found = (exported() | dict(own)).get(name)
     return found if isinstance(found, type) and issubclass(found, Part) else None
 
 
@@ -50,7 +50,7 @@ def derived(name: str, own: Own = (), declared: frozenset[str] = frozenset()) ->
     """A law derived between two bodies in space with all of its parameters; declared: parameters that the text names; own: the
     user's laws."""
     cls: Any = law_class(name, own)
-    options: dict[str, Any] = {"joint": joints.Revolute} if "joint" in cls.options else {}
+    options: dict[str, Any] = {"joint": Revolute} if "joint" in cls.options else {}
     values = dict.fromkeys(cls.params, 1.0)
     if cls is JournalContact:
         options = {"normal": Hertz(1.0), "friction": Coulomb(1.0, 1e-3)}

@@ -15,16 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.watched_arguments import zero_between
+from mbdae.integrators.watched_arguments import IMPACT, ROUND, zero_between
 from mbdae.native.collocation import Contacts
 from mbdae.system.base import Array, System
 
 #: fraction of an open gap that closes, which the next step may pass through at the present rate; a longer step is still allowed
 #: where IMPACT allows it
 APPROACH = 0.5
-#: longest step during an impact, as a fraction of the duration of the impact; with 0.1 Radau IIA needs up to twice the steps for
-#: the same error
-IMPACT = 0.2
 #: fraction by which a penetration may change, at its present rate, in a next step longer than IMPACT allows: a body at rest on a
 #: contact needs no short steps
 REST = 0.1
@@ -39,8 +36,6 @@ SLOPE = 4 / 27
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 4
 MET = 1e-2  #: fraction of a step; a zero of the gap nearer than this to either end counts as being at that end
-#: shortest step, relative to the time t; shorter ones would be round-off of t
-ROUND = 1e3 * float(np.finfo(float).eps)
 
 
 class Contact(NamedTuple):

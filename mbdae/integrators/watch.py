@@ -11,17 +11,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from mbdae.deferred import Later
 from mbdae.errors import ChatteringError
 from mbdae.integrators.chattering import Chattering
-from mbdae.integrators.contact_steps import IMPACT, ROUND, ContactSteps
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.watched_arguments import MARGIN, Course, Inside, StepArguments, cubic_of_step
+from mbdae.integrators.watched_arguments import IMPACT, MARGIN, ROUND, Course, Inside, StepArguments, cubic_of_step
 from mbdae.system.base import Array, System
+
+if TYPE_CHECKING:
+    from mbdae.integrators.contact_steps import ContactSteps
+else:
+    ContactSteps = Later("mbdae.integrators.contact_steps", "ContactSteps")
 
 #: largest variation of a scaled argument PHI: LIMIT over an accepted step; REACH over the next step (predicted by the rate of
 #: PHI); AGAIN over the shorter step with which a step that exceeds LIMIT is repeated

@@ -78,6 +78,11 @@ MATTERS = 0.25
 #: an extremum whose value is below this fraction of the argument's range in the step may cross the kink, at argument 0: it is
 #: located until its neighbouring points differ from it by at most this fraction of its value
 MARGIN = 1e-2
+#: longest step during an impact, as a fraction of the duration of the impact; with 0.1 Radau IIA needs up to twice the steps for
+#: the same error
+IMPACT = 0.2
+#: shortest step, relative to the time t; shorter ones would be round-off of t
+ROUND = 1e3 * float(np.finfo(float).eps)
 #: a search in an interval evaluates SECTIONS points per round and goes on in a quarter (for an extremum) or an eighth of it; most
 #: rounds for an extremum (ROUNDS), and for the place where an argument passes a value (PLACES)
 SECTIONS, ROUNDS, PLACES = 9, 20, 9

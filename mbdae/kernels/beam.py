@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from mbdae.errors import OptionError, internal
 from mbdae.kernels.line import LineKernel
 from mbdae.kernels.line_nodes import Array, ElementKernel
-from mbdae.laws.beam import Beam, Table, mass_points, strain_points
-from mbdae.laws.forces import LineLoad
+from mbdae.laws.beam import Beam, LineLoad, Table, mass_points, strain_points
 from mbdae.laws.line_mesh import LineMesh
 from mbdae.native.program import Operations, block
 from mbdae.symbolic.frames import NodeKind

@@ -13,12 +13,14 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
+from mbdae.laws.bodies import ORDERS
 from mbdae.symbolic.law import params
 from mbdae.symbolic.line import LineLaw, LinePoint
-from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.symbolic.vectors import ZERO, Expr, Vec, components
+
+__all__ = ["Beam", "LineLoad"]
 
 Array = NDArray[np.float64]
-ORDERS = (1, 2, 3, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,3 +180,15 @@ class Beam(LineLaw):
     def kinetic_energy(self, x: LinePoint) -> Expr:
         p, q, r = x.spin
         return self.mass_per_length * (x.v @ x.v) / 2 + (self.J1 * p * p + self.J2 * q * q + self.J3 * r * r) / 2
+
+
+class LineLoad(LineLaw):
+    """A force per reference length on a beam's axis: dead (inertial components), or following the section (its axes 1, 2, 3)."""
+
+    params = params(f1=("N/m", "along x, or axis 1 of the section"), f2=("N/m", "along y, or axis 2"),
+                    f3=("N/m", "along z, or axis 3"))
+    options = ("following",)
+
+    def load(self, x: LinePoint) -> Vec:
+        f = components(self.f1, self.f2, self.f3)
+        return sum((axis * c for axis, c in zip(x.axes, f, strict=True)), ZERO) if self.following else f

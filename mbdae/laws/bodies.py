@@ -11,6 +11,8 @@ from mbdae.symbolic.vectors import Expr
 
 __all__ = ["BeamNode", "JointCoordinate", "PointMass", "RigidBody"]
 
+ORDERS = (1, 2, 3, 4)  #: of the interpolation along elements of beams
+
 
 class PointMass(Element):
     """Point mass: position only.

@@ -14,8 +14,6 @@ from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.part import Parameter, params
 from mbdae.symbolic.vectors import Expr
 
-__all__ = ["HeldOutput", "InternalState"]
-
 
 class InternalState(TwoBodyLaw):
     """A state of a controller, filter or actuator, integrated with the motion.

@@ -20,7 +20,6 @@ from mbdae.laws.on_coordinates import (
 )
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.law import Force, params
-from mbdae.symbolic.line import LineLaw, LinePoint
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec, components
 
@@ -164,15 +163,3 @@ class RotationalBushing(Force):
 
     def dissipation(self, k: Frame, l: Frame) -> Expr:
         return se.Integer(0) if self.sx is None else along(k, l.w - k.w, (self.sx, self.sy, self.sz))
-
-
-class LineLoad(LineLaw):
-    """A force per reference length on a beam's axis: dead (inertial components), or following the section (its axes 1, 2, 3)."""
-
-    params = params(f1=("N/m", "along x, or axis 1 of the section"), f2=("N/m", "along y, or axis 2"),
-                    f3=("N/m", "along z, or axis 3"))
-    options = ("following",)
-
-    def load(self, x: LinePoint) -> Vec:
-        f = components(self.f1, self.f2, self.f3)
-        return sum((axis * c for axis, c in zip(x.axes, f, strict=True)), ZERO) if self.following else f

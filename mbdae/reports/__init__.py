@@ -5,21 +5,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import mbdae.laws.bodies
-import mbdae.laws.contact
-import mbdae.laws.forces
-import mbdae.laws.friction
-import mbdae.laws.joints
-import mbdae.laws.journal
-import mbdae.laws.on_coordinates
-import mbdae.laws.surfaces
+from mbdae import laws
 from mbdae.documents import Document
 from mbdae.documents.blocks import Paragraph, Section
 from mbdae.errors import LawError, OptionError, meant, naming_arguments
-from mbdae.laws.beam import Beam
-from mbdae.laws.contact import Hertz
-from mbdae.laws.forces import LineLoad
-from mbdae.laws.friction import Coulomb, LuGre
+from mbdae.laws.contact import Hertz, Normal
+from mbdae.laws.friction import Coulomb, Friction, LuGre
 from mbdae.laws.joint_rows import ClearanceRevolute
 from mbdae.laws.joints import Revolute
 from mbdae.laws.journal import JournalContact
@@ -50,15 +41,7 @@ _PAGES: dict[Any, Any] = {Joint | Coupling: JointReport, Force: ForceReport, Lin
 
 def exported() -> dict[str, type]:
     """Every law of the package by its name in lower case."""
-    laws = mbdae.laws
-    homes = (laws.joints, laws.forces, laws.bodies, laws.contact, laws.surfaces, laws.journal, laws.friction)
-    found = {name.lower(): getattr(home, name) for home in homes for name in home.__all__}
-    found |= {"beam": Beam, "lineload": LineLoad}
-    return {
-        name: law
-        for name, law in found.items()
-        if issubclass(law, Law | Part) and law not in (mbdae.laws.contact.Normal, mbdae.laws.friction.Friction)
-    }
+    return {name.lower(): law for name, law in laws.exported().items() if law not in (Normal, Friction)}
 
 
 def names() -> list[str]:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbdae.deferred import Later
 from mbdae.errors import ListsAttributes, OptionError, SceneError, unknown_name
 from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution
-from mbdae.laws.contact import Contact
 from mbdae.notation import counted, rows, titled
 from mbdae.results.accuracy import Drift, Event, OfRun, RunInfo
-from mbdae.results.beams import BeamSensor
 from mbdae.results.clearance import ClearanceSensor, ContactSensor
 from mbdae.results.contacts import Peak, peak
 from mbdae.results.quantities import Quantity, to_csv, to_dataframe, to_xarray, value
@@ -29,6 +28,13 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import Sampling, UnderWay
 from mbdae.system.start import Start
 from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
+
+if TYPE_CHECKING:
+    from mbdae.laws.contact import Contact
+    from mbdae.results.beams import BeamSensor
+else:
+    Contact = Later("mbdae.laws.contact", "Contact")
+    BeamSensor = Later("mbdae.results.beams", "BeamSensor")
 
 #: name of a method of Result -> function that draws or stores it; entered by the modules that have these functions
 #: (`show.attached`, `storage`), on which this one must not depend

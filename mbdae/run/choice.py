@@ -13,16 +13,16 @@ import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbdae.deferred import eigvals
+from mbdae.deferred import Later, eigvals
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.dop853 import DOP853
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.sundials import IDA
 from mbdae.kernels.plan import linearised_plan
 from mbdae.notation import counted
 from mbdae.results.result import Result
@@ -37,6 +37,11 @@ from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.without_multipliers import WithoutMultipliers
+
+if TYPE_CHECKING:
+    from mbdae.integrators.sundials import IDA
+else:
+    IDA = Later("mbdae.integrators.sundials", "IDA")
 
 #: accuracy below which DOP853 with eliminated multipliers (index 1) may be chosen; joints then drift, as far as the accuracy
 #: allows. Where every motion is prescribed it may be chosen at any accuracy
@@ -127,7 +132,7 @@ def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, F
 
 def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Solver, Form, str]:
     form = given if given is not None else default_form(prepared)
-    hard = _hard(prepared) or ("" if form.within(IDA.highest_index) else f"only Radau takes the index of form {form.label}")
+    hard = _hard(prepared) or ("" if form.within(Solver.highest_index) else f"only Radau takes the index of form {form.label}")
     if hard:
         return RadauIIA(3), form, hard
     rates = Rates(prepared)

@@ -19,16 +19,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from random import Random
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import symengine as se
 
-from mbdae.deferred import distinct, median
+from mbdae.deferred import Later, distinct, median
 from mbdae.errors import OptionError
 from mbdae.inputs.timed import TIME
 from mbdae.integrators.base import Solver
-from mbdae.integrators.contact_steps import SLOPE, cubic, guard_name
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.kernels.plan import plan
 from mbdae.laws.friction import Friction
@@ -42,6 +41,11 @@ from mbdae.system.base import Array, System
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
+
+if TYPE_CHECKING:
+    from mbdae.integrators import contact_steps
+else:
+    contact_steps = Later("mbdae.integrators.contact_steps")
 
 #: outputs of laws whose expressions are searched for steep functions: forces, constraint rows, rates of internal states
 STATED = (loads, position, state_rate_outputs)
@@ -232,7 +236,7 @@ class _Intervals(NamedTuple):
     def may_close(self, depth: float) -> Any:
         """Whether the gap may fall below -depth."""
         drop = np.maximum(-self.left[:, 1], 0) + np.maximum(self.right[:, 1], 0)
-        least = np.minimum(self.left[:, 0], self.right[:, 0]) - SLOPE * (self.b - self.a) * drop
+        least = np.minimum(self.left[:, 0], self.right[:, 0]) - contact_steps.SLOPE * (self.b - self.a) * drop
         return least - self.doubt < -depth
 
     def halves(self, middle: Array, at: Array) -> _Intervals:
@@ -246,7 +250,7 @@ class _Intervals(NamedTuple):
 def _off_cubic(gap: Array, s: Any, h: Array, left: Array, right: Array) -> Array:
     """Distance of gaps, at the fraction s of intervals of length h (s), from the cubics with gap and rate `left` and `right`
     (..., 2) at the ends of the intervals."""
-    return np.asarray(np.abs(gap - cubic(s, h, left[..., 0], right[..., 0], left[..., 1], right[..., 1])))
+    return np.asarray(np.abs(gap - contact_steps.cubic(s, h, left[..., 0], right[..., 0], left[..., 1], right[..., 1])))
 
 
 def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]:
@@ -258,7 +262,7 @@ def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]
     for first in range(0, len(run.t) - 1, AT_ONCE):
         steps = run.t[first : first + AT_ONCE + 1]
         for place, a, middle, b in _in_steps(pairs, steps, _drawn(random, len(steps) - 1), depth):
-            found.append(Hidden(guard_name(system, place), a, middle, b))
+            found.append(Hidden(contact_steps.guard_name(system, place), a, middle, b))
     run.stats.missed_dips = max(run.stats.missed_dips, len(found))
     return sorted(found, key=lambda one: one.deepest)
 

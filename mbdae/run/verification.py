@@ -20,20 +20,19 @@ import math
 import warnings
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbdae.deferred import Later
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution, check_times
 from mbdae.integrators.stored_runs import keeping_runs
-from mbdae.integrators.sundials import IDA
-from mbdae.laws.beam import ORDERS, table
+from mbdae.laws.bodies import ORDERS
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
-from mbdae.results.beams import Fields, in_space
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
 from mbdae.results.states import states_of
@@ -42,11 +41,21 @@ from mbdae.run.control import Controlled, Probe, closer, measure_of, other_run, 
 from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.model.beams import Line
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.sampling import distance, position_distance
 from mbdae.system.scene_system import SceneSystem
 from mbdae.threads import one_thread
+
+if TYPE_CHECKING:
+    from mbdae.integrators.sundials import IDA
+    from mbdae.laws.beam import table
+    from mbdae.results.beams import Fields, in_space
+    from mbdae.system.model.beams import Line
+else:
+    IDA = Later("mbdae.integrators.sundials", "IDA")
+    table = Later("mbdae.laws.beam", "table")
+    Fields = Later("mbdae.results.beams", "Fields")
+    in_space = Later("mbdae.results.beams", "in_space")
 
 TIMES = 201  #: number of times at which both meshes are compared
 PLACES = np.linspace(0, 1, 5)  #: places of every element, from 0 to 1, at which both meshes are compared

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbdae.deferred import Later
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.laws.beam import ORDERS, node_positions
-from mbdae.laws.forces import LineLoad
-from mbdae.laws.line_mesh import LineMesh, arc, curved, polyline
+from mbdae.laws.bodies import ORDERS
 from mbdae.notation import counted
 from mbdae.scene import reading
 from mbdae.scene.components import Array, Beam, BeamLoad, Connection
@@ -18,6 +17,16 @@ from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import SceneItems, statement
 from mbdae.scene.shapes import Section
 from mbdae.values import fixed, nearest, shown
+
+if TYPE_CHECKING:
+    from mbdae.laws.beam import LineLoad, node_positions
+    from mbdae.laws.line_mesh import LineMesh, arc, curved, polyline
+else:
+    LineLoad = Later("mbdae.laws.beam", "LineLoad")
+    node_positions = Later("mbdae.laws.beam", "node_positions")
+    arc = Later("mbdae.laws.line_mesh", "arc")
+    curved = Later("mbdae.laws.line_mesh", "curved")
+    polyline = Later("mbdae.laws.line_mesh", "polyline")
 
 #: points, m, and section used in place of wrong ones, so that the other arguments are checked too
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.inputs.sensed import paths
-from mbdae.laws.contact import Normal
-from mbdae.laws.forces import LineLoad
-from mbdae.laws.friction import Friction
 from mbdae.scene.shapes import Shape
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import AsStated, BadValueError, array, as_floats, fixed, number, shown
+
+if TYPE_CHECKING:
+    from mbdae.laws.beam import LineLoad
+    from mbdae.laws.contact import Normal
+    from mbdae.laws.friction import Friction
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured to find a place at a share of it

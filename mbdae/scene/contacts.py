@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.laws.contact import Contact
-from mbdae.laws.surfaces import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
+from mbdae.deferred import Later
 from mbdae.scene import reading
 from mbdae.scene.components import Array, Body, Connection
 from mbdae.scene.connections import where
@@ -25,6 +24,12 @@ from mbdae.scene.record import SceneItems, statement
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import BadValueError, array, shown
+
+if TYPE_CHECKING:
+    from mbdae.laws import surfaces
+    from mbdae.laws.contact import Contact
+else:
+    surfaces = Later("mbdae.laws.surfaces")
 
 
 def of_rods(points: Array, mass: float) -> tuple[Array, Array]:
@@ -166,7 +171,7 @@ class ContactStatements(SceneItems):
         if made is None:
             kinds = f"mb.{type(one).__name__} and mb.{type(other).__name__}"
             self.problems.append(f"{item}: there is no contact of {kinds}; {TWO}")
-            laws = [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": 1.0})]
+            laws = [(surfaces.BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": 1.0})]
         made_of: list[TwoBodyLaw] = [law(name, k, l, normal=normal, friction=friction, **values) for law, values in laws]
         return self._connect(Connection(name, "contact", k, l, made_of, shapes=(one, other)))
 
@@ -180,11 +185,12 @@ def _rank(one: Shape) -> int:
     return next((i for i, kind in enumerate((Plane, Cylinder)) if isinstance(one, kind)), 2)
 
 
-Made = list[tuple[type[Contact], dict[str, Any]]]  #: classes of laws, each with its places and numbers by name
+Made = list[tuple[type["Contact"], dict[str, Any]]]  #: classes of laws, each with its places and numbers by name
 
 
 def _ball_on_plane(plane: Plane, ball: Any) -> Made:
-    return [(BallOnPlane, {"at": plane.at, "at_l": ball.at, "axis": plane.normal, "radius": getattr(ball, "radius", None)})]
+    radius = getattr(ball, "radius", None)
+    return [(surfaces.BallOnPlane, {"at": plane.at, "at_l": ball.at, "axis": plane.normal, "radius": radius})]
 
 
 def _box_on_plane(plane: Plane, box: Box) -> Made:
@@ -209,16 +215,16 @@ def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
     parts = {"along_x": 0.0 if flat else lying, "along_y": np.cross(z, upright) @ across if flat else 0.0, "along_z": up}
     place = {"at": plane.at, "at_l": cylinder.at, "axis": z, "axis_x": x}
     components = {name: float(part) if abs(part) > STANDING else None for name, part in parts.items()}
-    return [(CylinderOnPlane, {**place, "radius": cylinder.radius, "length": cylinder.length, **components})]
+    return [(surfaces.CylinderOnPlane, {**place, "radius": cylinder.radius, "length": cylinder.length, **components})]
 
 
 def _ball_on_cylinder(cylinder: Cylinder, ball: Any) -> Made:
-    return [(BallOnCylinder, {"at": cylinder.at, "at_l": ball.at, "axis": cylinder.axis, "radius_k": cylinder.radius,
+    return [(surfaces.BallOnCylinder, {"at": cylinder.at, "at_l": ball.at, "axis": cylinder.axis, "radius_k": cylinder.radius,
                               "radius_l": getattr(ball, "radius", None), "length": cylinder.length})]
 
 
 def _ball_on_ball(one: Any, other: Any) -> Made:
-    return [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": getattr(one, "radius", None),
+    return [(surfaces.BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": getattr(one, "radius", None),
                           "radius_l": getattr(other, "radius", None)})]
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from inspect import signature
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbdae.deferred import Later
 from mbdae.errors import unknown_name
 from mbdae.laws.joint_rows import Distance, FixedOrientation, PointOnLine, PointOnPlane
 from mbdae.laws.joints import Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal, Weld
-from mbdae.laws.journal import JournalContact
 from mbdae.scene import reading
 from mbdae.scene.components import Clearance, Connection, Kinematic
 from mbdae.scene.connections import ConnectionStatements, across, where
@@ -21,6 +21,11 @@ from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import STATEMENTS, statement
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
+
+if TYPE_CHECKING:
+    from mbdae.laws.journal import JournalContact
+else:
+    JournalContact = Later("mbdae.laws.journal", "JournalContact")
 
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}

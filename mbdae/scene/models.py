@@ -11,10 +11,10 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
 from inspect import signature
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from mbdae.deferred import Later
 from mbdae.errors import LawError, SceneError
-from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Coulomb, Friction
 from mbdae.scene.components import Beam, Body, Classical, Clearance, Connection, Constrained, JointModel, Kinematic, Recursive
 from mbdae.scene.reading import Argument, instance, quantity
@@ -23,6 +23,11 @@ from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.sensed import keep_read_coordinates
 from mbdae.symbolic.joint import Joint
 from mbdae.values import shown
+
+if TYPE_CHECKING:
+    from mbdae.laws.contact import Normal
+else:
+    Normal = Later("mbdae.laws.contact", "Normal")
 
 T = TypeVar("T")
 

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache
-from importlib import import_module
+from functools import cache, cached_property
 from types import FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbdae.deferred import Later
 from mbdae.errors import MbdaeError, OptionError, SceneError
-from mbdae.laws.contact import Normal
+from mbdae.laws import exported
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, stored_name, without_module
@@ -27,6 +27,11 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
 from mbdae.values import array, shown
+
+if TYPE_CHECKING:
+    from mbdae.laws.contact import Normal
+else:
+    Normal = Later("mbdae.laws.contact", "Normal")
 
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {
@@ -45,11 +50,8 @@ _KINDS: dict[str, tuple[type, ...]] = {
 @cache
 def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
-    homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "forces", "contact", "surfaces",
-                                                                  "journal", "friction")]
-    exported = [vars(home)[name] for home in homes for name in home.__all__]
     models, shapes = (Kinematic, Classical, Recursive, Clearance, Stop), (Plane, Sphere, Point, Cylinder, Box)
-    return {stored_name(cls): cls for cls in (*exported, Section, *models, *shapes)}
+    return {stored_name(cls): cls for cls in (*exported().values(), Section, *models, *shapes)}
 
 
 class Known:
@@ -57,7 +59,12 @@ class Known:
 
     def __init__(self, own: Own | None = None, loose: bool = False) -> None:
         """own: by the names that statements give them; loose: the last part of a stored name suffices to find one."""
-        self.own, self.loose = {**(own or {}), **_built_in()}, loose
+        self._given, self.loose = own or {}, loose
+
+    @cached_property
+    def own(self) -> Own:
+        """All of them by name."""
+        return {**self._given, **_built_in()}
 
     @classmethod
     def among(cls, laws: Any, further: Own | None = None) -> Known:
@@ -79,9 +86,10 @@ class Known:
             raise SceneError([f"{shown(name)} stands where the name of a class is expected: correct the stored scene"])
         name = without_module(name)
         short = name.rpartition(":")[2].rpartition(".")[2]
-        found = [self.own[name]] if name in self.own else []
+        known = self._given if name in self._given and not self.loose else self.own  # a copy needs no list of all laws
+        found = [known[name]] if name in known else []
         if not found and self.loose:
-            alike = [one for one in self.own.values() if getattr(one, "__name__", "") == short and not _is_built_in(one)]
+            alike = [one for one in self._given.values() if one.__name__ == short and not one.__module__.startswith("mbdae.")]
             found = list({id(one): one for one in alike}.values())
         if len(found) != 1 or (self.loose and f"{name} (2)" in self.own):
             if found:
@@ -112,10 +120,6 @@ def _in_words(kinds: Iterable[type]) -> str:
 def _expected(name: str) -> str:
     """What an argument of a statement is, in a message."""
     return _in_words(_KINDS[name]) if name in _KINDS else "a number, an expression of mb.t, a place, or a list of these"
-
-
-def _is_built_in(thing: Any) -> bool:
-    return _built_in().get(stored_name(thing)) is thing
 
 
 def _word(name: str) -> str:
@@ -337,7 +341,7 @@ def refuse_losses(scene: Any, copy: Any) -> None:
     parameter nor an option, or has another value of it."""
     for old, new in zip(scene.connections, copy.connections, strict=True):
         for law, again in zip(old.laws, new.laws, strict=False):
-            if type(law) is not type(again) or _is_built_in(type(law)):
+            if type(law) is not type(again) or type(law).__module__.startswith("mbdae."):
                 continue
             for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l", "axis_x"}):
                 if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):

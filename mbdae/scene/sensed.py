@@ -13,17 +13,22 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from keyword import iskeyword
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from mbdae.deferred import Later
 from mbdae.errors import OptionError, SceneError, meant
 from mbdae.inputs.sensed import paths
-from mbdae.laws.contact import Contact
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import LOOPS, UNITS
 from mbdae.scene.components import Array, Body, Connection, Controller, Signal
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force
 from mbdae.values import BadValueError
+
+if TYPE_CHECKING:
+    from mbdae.laws.contact import Contact
+else:
+    Contact = Later("mbdae.laws.contact", "Contact")
 
 _PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 _ENTRY = re.compile(r"(?P<path>.+?)(?P<entry>(\[\s*\d+\s*(,\s*\d+\s*)?\])*)", re.DOTALL)

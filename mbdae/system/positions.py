@@ -20,8 +20,7 @@ from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.changes import largest_violation, least_change, sparse_least_change, violations
-from mbdae.system.model.beams import drawn_quaternion
-from mbdae.system.model.nodes import JointMotion, quaternion_product, rotation_matrices
+from mbdae.system.model.nodes import JointMotion, drawn_quaternion, quaternion_product, rotation_matrices
 from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start_of_beams import RigidMotions, can_bend, closed_by_bending
 

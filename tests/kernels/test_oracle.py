@@ -16,8 +16,7 @@ from mbdae.contracts.variants import variants
 from mbdae.kernels import Kernel
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.laws import bodies, forces, joints
-from mbdae.laws.beam import Beam
-from mbdae.laws.forces import LineLoad
+from mbdae.laws.beam import Beam, LineLoad
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import derive_line

@@ -21,7 +21,7 @@ from mbdae.integrators.constant import check_rates
 from mbdae.integrators.dense import hermite
 from mbdae.integrators.named import solver_of, solvers
 from mbdae.integrators.radau import CollocationMethod
-from mbdae.laws import contact, forces, friction, joints, on_coordinates
+from mbdae.laws import exported
 from mbdae.run.choice import unknowns
 from mbdae.system.prepare import prepare
 
@@ -233,9 +233,8 @@ NO_LABELS = {"native": {"IDA", "Free"}, "reports": {"Friction", "Planar"}}
 
 
 def test_no_label_of_a_form_solver_or_law_is_written_outside_of_its_class():
-    laws = [vars(home)[name] for home in (contact, on_coordinates, forces, friction, joints) for name in home.__all__]
     labels = {form.label for form in forms()} | {variant.label for solver in solvers() for variant in solver.variants()}
-    labels |= {made.__name__ for made in (*laws, *solvers())}
+    labels |= {made.__name__ for made in (*exported().values(), *solvers())}
     package = Path(mb.__file__).parent
     written = [f"{where}:{node.lineno}: {node.value}" for path in sorted(package.rglob("*.py")) if path.name != "__init__.py"
                for where in [path.relative_to(package)] for node in _texts(ast.parse(path.read_text(encoding="utf-8")), labels)

@@ -7,14 +7,13 @@ values of kernels. Here the tables of all these terms are made; `evaluation.py` 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import distinct, sp
+from mbdae.deferred import Later, distinct, sp
 from mbdae.errors import internal
-from mbdae.kernels.line_nodes import ElementJacobian
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
@@ -24,13 +23,19 @@ from mbdae.system.assembled.evaluation import EquationsOfScene, JacobianTerms
 from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern, Scatter
 from mbdae.system.assembled.tree_terms import TreeTerms, add_derivatives
 from mbdae.system.base import Array, Places
-from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import Columns, Emitted
 from mbdae.system.motion.mechanics import LARGE
+
+if TYPE_CHECKING:
+    from mbdae.kernels.line_nodes import ElementJacobian
+    from mbdae.system.model.beams import ElementBatch, Line, batches
+else:
+    batches = Later("mbdae.system.model.beams", "batches")
+    ElementJacobian = Later("mbdae.kernels.line_nodes", "ElementJacobian")
 
 #: index of some kinds of unknowns, in place of that of the form, where the stresses of beams are unknowns ("z"). ELASTIC: steps
 #: may pass over elastic vibrations; with nearly rigid strains velocities and stresses then behave like unknowns of index 2 and 3,

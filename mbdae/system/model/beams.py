@@ -19,7 +19,7 @@ from mbdae.scene.beams import mesh_of, nearest_place
 from mbdae.scene.components import Array, Beam, BeamLoad, Body, Station
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.line import WEIGHT
-from mbdae.system.model.nodes import Node, quaternion, rotation_matrices
+from mbdae.system.model.nodes import Node, rotation_matrices
 from mbdae.values import nearest
 
 if TYPE_CHECKING:
@@ -82,14 +82,6 @@ def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
     return [Station(f"{beam.name}[{i}]", 0.0, zero, r, R[i], *rest, beam=beam, turned=float(mesh.headings[i]),
                     quaternion=P[i])
             for i, r in enumerate(mesh.positions)]
-
-
-def drawn_quaternion(body: Body | None) -> Array:
-    """Quaternion (4,) of a body's axes as drawn (None: the ground). P and -P are the same rotation: for a node of a beam the sign
-    is that of its mesh, because quaternions that are interpolated along an element must not change sign between nodes."""
-    if isinstance(body, Station):
-        return body.quaternion
-    return quaternion(body.drawn.rotation) if body is not None else np.eye(4)[0]
 
 
 class Line:

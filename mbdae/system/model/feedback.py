@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf, isnan, nan
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import symengine as se
@@ -30,9 +30,11 @@ from mbdae.symbolic.law import Structure
 from mbdae.symbolic.rebuild import is_condition, joined
 from mbdae.symbolic.statement import Feeds, Reading
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.model.beams import Meshed
 from mbdae.system.model.nodes import Node, sides_of
 from mbdae.values import BadValueError
+
+if TYPE_CHECKING:
+    from mbdae.system.model.beams import Meshed
 
 
 class ConditionTime:

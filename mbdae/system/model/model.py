@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import symengine as se
 
+from mbdae.deferred import Later
 from mbdae.errors import LawError, SceneError
 from mbdae.laws.bodies import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
@@ -20,7 +21,6 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
-from mbdae.system.model.beams import Line, meshed
 from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into
 from mbdae.system.model.nodes import (
     Group,
@@ -33,6 +33,12 @@ from mbdae.system.model.nodes import (
     rotation_matrices,
     sides_of,
 )
+
+if TYPE_CHECKING:
+    from mbdae.system.model.beams import Line, meshed
+else:
+    Line = Later("mbdae.system.model.beams", "Line")
+    meshed = Later("mbdae.system.model.beams", "meshed")
 
 ALL = 6  #: degrees of freedom of a rigid body in space
 FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane
@@ -196,7 +202,7 @@ def _upright(beam: Beam) -> bool:
 def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) -> Model:
     nodes, q, u = [], 0, 0
     point, turning = (NodeKind.PLANAR_POINT, NodeKind.PLANAR) if planar else (NodeKind.POINT, NodeKind.SPATIAL)
-    meshes, attached = meshed(scene, planar)
+    meshes, attached = meshed(scene, planar) if any(isinstance(b, Beam) for b in scene.bodies) else ({}, {})
     for b in [body for given in scene.bodies for body in (meshes[given].stations if isinstance(given, Beam) else [given])]:
         kind = point if b.is_point else turning
         nodes.append(Node(b.name, b, kind, q, u))

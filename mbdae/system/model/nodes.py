@@ -23,7 +23,7 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.inputs import timed
-from mbdae.scene.components import Body, Connection
+from mbdae.scene.components import Body, Connection, Station
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -97,6 +97,14 @@ def quaternion(R: Array) -> Array:
     ])
     P: Array = np.linalg.eigh(np.moveaxis(K, (0, 1), (-2, -1)))[1][..., -1]
     return np.where(P[..., :1] >= 0, P, -P)
+
+
+def drawn_quaternion(body: Body | None) -> Array:
+    """Quaternion (4,) of a body's axes as drawn (None: the ground). P and -P are the same rotation: for a node of a beam the sign
+    is that of its mesh, because quaternions that are interpolated along an element must not change sign between nodes."""
+    if isinstance(body, Station):
+        return body.quaternion
+    return quaternion(body.drawn.rotation) if body is not None else np.eye(4)[0]
 
 
 def rotation_of(kind: NodeKind, q: Array) -> Array:

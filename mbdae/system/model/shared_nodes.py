@@ -23,9 +23,8 @@ from mbdae.scene.models import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Model
-from mbdae.system.model.nodes import Instance, Node
+from mbdae.system.model.nodes import Instance, Node, drawn_quaternion
 
 
 class Clock:

@@ -16,9 +16,8 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Structure
 from mbdae.symbolic.tree_motion import FRAMES, Link, Member, Numbers, Open, TreeStructure
-from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Model
-from mbdae.system.model.nodes import Instance, Node, quaternion, quaternion_product
+from mbdae.system.model.nodes import Instance, Node, drawn_quaternion, quaternion, quaternion_product
 
 #: difference from 0, 1 or -1 up to which a number of a joint counts as this number; an offset is compared with 0 over the scene's
 #: length

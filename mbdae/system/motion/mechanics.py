@@ -7,21 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import issparse, sp, splu
+from mbdae.deferred import Later, issparse, sp, splu
 from mbdae.kernels.plan import linearised_plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.outputs import Target, dynamics, loads, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs
 from mbdae.system.motion.constrained import FixedPattern, row_lengths, solve_constrained, unique_multipliers
 from mbdae.system.motion.states import Solve, States, solve_with_friction
 from mbdae.threads import one_thread
+
+if TYPE_CHECKING:
+    from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs
+else:
+    batches = Later("mbdae.system.model.beams", "batches")
+    nodal_inputs = Later("mbdae.system.model.beams", "nodal_inputs")
 
 AT_ONCE = 100  #: number of rows whose `mobility` is computed together in large scenes with beams, which bounds the memory
 LARGE = 400  #: number of velocities above which mass matrix and constraint Jacobian are stored as sparse matrices

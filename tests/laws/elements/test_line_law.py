@@ -12,8 +12,7 @@ from mbdae.errors import LawError, OptionError
 from mbdae.kernels import Kernel
 from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
 from mbdae.kernels.line import LineKernel, merged
-from mbdae.laws.beam import Beam, strain_points
-from mbdae.laws.forces import LineLoad
+from mbdae.laws.beam import Beam, LineLoad, strain_points
 from mbdae.laws.line_mesh import polyline
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
