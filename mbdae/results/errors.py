@@ -271,8 +271,10 @@ class Errors:
         return ("m", "rad") if self.prepared.model.lines else ("m", "rad", "m/s", "rad/s")
 
     def tell(self, name: str, unit: str, found: Estimate | None, asked: float, read: str = "values") -> None:
-        """Warn once about a quantity whose error is above the accuracy asked; read: "values" over time, or their "peak"."""
-        if found is None or name in self.told or not found.beyond(asked):
+        """Warn once about a quantity whose error is above the accuracy asked; read: "values" over time, or their "peak", of which
+        nothing is said after the values, whose error contains it."""
+        key = name if read == "values" else f"{name}, its largest value"
+        if found is None or name in self.told or key in self.told or not found.beyond(asked):
             return
         error = "an error that is not known"
         if np.isfinite(found.error):
@@ -280,8 +282,8 @@ class Errors:
             error = f"an error of about {of}, {share}its largest value"
             if read == "peak":
                 error = f"an error of about {of} in its largest value, {share}that"
-        self.told[name] = f"{name} has {error}, where the accuracy {asked:g} was asked: {self._remedy(asked)}"
-        warn(f"scene '{self.prepared.model.scene.name}': {self.told[name]}")
+        self.told[key] = f"{name} has {error}, where the accuracy {asked:g} was asked: {self._remedy(asked)}"
+        warn(f"scene '{self.prepared.model.scene.name}': {self.told[key]}")
 
     @property
     def _leaves_out(self) -> bool:
