@@ -243,8 +243,8 @@ def test_no_label_of_a_form_solver_or_law_is_written_outside_of_its_class():
 
 
 def _texts(tree, labels):
-    """Texts of a module that are labels, without those in the class of this name and those by which a class says something of
-    itself (what it has measured, its label)."""
+    """Texts of a module that are labels, without those in the class of this name, those by which a class says something of itself
+    (what it has measured, its label), and names that are imported at their first use."""
     lists = [n for n in tree.body if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "__all__"]  # exported names
     said, found = {id(node) for exported in lists for node in ast.walk(exported)}, []
     for made in ast.walk(tree):
@@ -252,6 +252,8 @@ def _texts(tree, labels):
             stated = (entry for entry in made.body if isinstance(entry, ast.Assign | ast.AnnAssign))
             said |= {id(node) for entry in stated for node in ast.walk(entry)}
             said |= {id(node) for node in ast.walk(made) if getattr(node, "value", None) == made.name}
+        elif isinstance(made, ast.Call) and ast.unparse(made.func) == "Later":
+            said |= {id(node) for node in made.args}
         elif isinstance(made, ast.Constant) and isinstance(made.value, str) and made.value in labels:
             found.append(made)
     return [node for node in found if id(node) not in said]
