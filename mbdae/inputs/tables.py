@@ -269,7 +269,7 @@ def named(name: str) -> Lookup | None:
 
 def in_cases(found: Lookup, x: Expr, number: Callable[[float], Expr] = se.RealDouble) -> Expr:
     """The value of a table at x as cases of a Piecewise, nested so that a value is found by halving. number: what stands for each
-    of its numbers. Beyond the ends of a table with outside="error" its last polynomials go on: `refuses` says where."""
+    of its numbers. Beyond the ends of a table with outside="error" its last polynomials go on; runs end there."""
     table, c = found.table, found.table.of_order(found.order)
     if table.period:
         x = x - number(table.period) * se.floor((x - number(table.t[0])) / number(table.period))
