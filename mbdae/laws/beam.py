@@ -10,17 +10,16 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
 from mbdae.laws.bodies import ORDERS
 from mbdae.symbolic.law import params
 from mbdae.symbolic.line import LineLaw, LinePoint
 from mbdae.symbolic.vectors import ZERO, Expr, Vec, components
+from mbdae.values import Array
 
 __all__ = ["Beam", "LineLoad"]
 
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.laws.beam import Array, Table, headings, mass_points, node_positions, quaternions, relative, section_axes
+from mbdae.laws.beam import Table, headings, mass_points, node_positions, quaternions, relative, section_axes
 from mbdae.notation import counted
-from mbdae.values import largest
+from mbdae.values import Array, largest
 
 NEAR = 1e-9  #: distance up to which two places count as one: over the segment's length, or in the parameter of a curve
 #: an attachment that would cut an element is refused if a part got shorter than this times the longest of the two parts and the

@@ -16,14 +16,14 @@ import numpy as np
 
 from mbdae.deferred import Later
 from mbdae.scene import reading
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.components import Body, Connection
 from mbdae.scene.connections import where
 from mbdae.scene.models import friction_law, normal_law
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import SceneItems, statement
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.symbolic.law import TwoBodyLaw
-from mbdae.values import BadValueError, array, shown
+from mbdae.values import Array, BadValueError, array, shown
 
 if TYPE_CHECKING:
     from mbdae.laws import surfaces

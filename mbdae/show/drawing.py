@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from mbdae.results.stored_parts import started
-from mbdae.scene.components import Array
 from mbdae.show import symbols
 from mbdae.show.figure import Namer, fitting
 from mbdae.show.geometry import INK, Geometry, Shape
 from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import Prepared
+from mbdae.values import Array
 
 PAD = 0.07  #: ratio of the margin to the size of the drawing
 LIGHT = np.array([0.4, -0.8, 0.9])  #: direction towards the light, with z upright

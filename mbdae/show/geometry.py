@@ -11,10 +11,11 @@ import numpy as np
 
 from mbdae.results.beams import polylines
 from mbdae.results.result import Result
-from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.components import Body, Connection, Place
 from mbdae.scene.shapes import Plane
 from mbdae.show import symbols
 from mbdae.system.model.beams import Line
+from mbdae.values import Array
 
 INK = "#222222"
 

@@ -15,11 +15,12 @@ import numpy as np
 from mbdae.laws.joint_rows import Distance
 from mbdae.laws.on_coordinates import JointLoad, JointSpring
 from mbdae.scene import shapes as solid
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.components import Body, Connection
 from mbdae.show import symbols
 from mbdae.show.geometry import INK, Collected, Label, Shape, ends
 from mbdae.symbolic.joint import Joint
 from mbdae.system.model.nodes import JointMotion
+from mbdae.values import Array
 
 # -- Shapes with which bodies are drawn
 

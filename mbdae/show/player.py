@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.scene.components import Array
 from mbdae.show.drawing import LOOKS
 from mbdae.show.figure import WIDE, fitting
 from mbdae.show.geometry import Geometry, Shape
 from mbdae.show.player_view import VIEW
 from mbdae.show.plots import COLOURS
 from mbdae.show.shapes import Film, digits
+from mbdae.values import Array
 
 # -- HTML of the player; `player.page` replaces the fields between @ signs
 
