@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.laws.beam import Table, headings, mass_points, node_positions, quaternions, relative, section_axes
+from mbdae.laws.beam import ShapeTable, headings, mass_points, node_positions, quaternions, relative, section_axes
 from mbdae.notation import counted
 from mbdae.values import Array, largest
 
@@ -45,7 +45,7 @@ class LineMesh:
         """(m, p + 1, 3) positions of the nodes of every element."""
         return np.asarray(self.positions[self.elements])
 
-    def measure(self, at: Table) -> Array:
+    def measure(self, at: ShapeTable) -> Array:
         """(m, points) ds/dxi of the interpolated reference curve, m."""
         return np.asarray(np.linalg.norm(np.einsum("ga,mai->mgi", at.slopes, self.curve), axis=-1))
 
@@ -74,7 +74,7 @@ class LineMesh:
         turns = relative(nodes[self.elements], sections)
         return replace(self, quaternions=nodes, headings=theta, turns=turns, offsets=angles - theta[self.elements])
 
-    def shared(self, at: Table) -> Array:
+    def shared(self, at: ShapeTable) -> Array:
         """(m, p + 1, p + 1) integrals of products of shape functions over every element, m."""
         return np.asarray(np.einsum("mg,g,ga,gb->mab", self.measure(at), at.weights, at.values, at.values))
 
