@@ -86,8 +86,7 @@ def _models(w: Any) -> Iterable[str]:
     alike = {name: w.models[name] for name in w.models if name not in others}
     if alike:
         worst = {m: max(found.get(m, 0.0) for found in alike.values()) for m in w.units}
-        verb = "agrees" if len(alike) == 1 else "agree"
-        yield f"{_listed(list(alike))} joints {verb} with the scene as stated to {_amounts(w, worst)}."
+        yield f"{_listed(list(alike))} joints agree with the scene as stated to {_amounts(w, worst)}."
     for name in sorted(others & w.models.keys()):
         yield f"{name} changes {_amounts(w, w.models[name], 'the ')}." if w.models[name] else f"What {name} changes is not known."
 

@@ -204,7 +204,6 @@ def curve(x: Any, y: Any, kind: str = "linear", outside: str = "hold") -> Any:
 
 class Curve(NamedTuple):
     """A curve that `mb.curve` made; name: of its table in expressions."""
-
     name: str
 
     def __call__(self, x: Any) -> Any:
@@ -212,6 +211,8 @@ class Curve(NamedTuple):
         import sympy
 
         at = sympy.Symbol(symbol_name(x), real=True) if isinstance(x, str) else sympy.sympify(x)
+        if not isinstance(at, sympy.Expr):
+            raise OptionError(f"a curve is read at a sensor, an expression or a number, not at {shown(x)}")
         found = _function(self.name, 0)(at)
         return float(found) if at.is_number else found
 

@@ -134,6 +134,7 @@ class ProgrammedTree:
     @cached_property
     def motion(self) -> Entries:
         """q, u and u' of the loaded nodes: the bodies of the tree on which laws outside of it act."""
+        assert self.rows is not None  # first, so that the steps of the program do not hang on which kernels are on disk
         return self._motion(self.structure.loaded)
 
     @cached_property
@@ -180,6 +181,7 @@ class ProgrammedTree:
 
     def rates(self, pairs: Pairs = ()) -> list[Piece]:
         """Kernel of the accelerations, see `TreePlan.rates`."""
+        assert self.motion is not None  # as there
         made, up = self.made, dict[Place, int]()
         tree = self._loaded().copied({(a, b): made.slot(("own", a, b)) for a, b in pairs})
         pivots = tree.inwards(made, lambda place: made.slot(("force", *place[1:])))  # type: ignore[arg-type]
@@ -190,6 +192,7 @@ class ProgrammedTree:
 
     def motion_of_all(self) -> list[Piece]:
         """Kernel of q, u and u' of every body that the joints of the tree carry."""
+        assert self.motion is not None  # as there
         return [self._piece(self._motion(carried_nodes(self.structure)))]
 
     def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:

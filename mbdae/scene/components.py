@@ -243,12 +243,10 @@ class Recursive(JointModel):
 @dataclass(frozen=True)
 class Clearance(JointModel):
     """A pin (radius `inner`, m, on body l) with play in a race (radius `outer`, m, on body k): contact instead of constraints.
-
     In space the pin stays in the middle along the axis and parallel to it (three rows); in the plane nothing is
     constrained. normal: mb.Hertz(...) or a normal law of one's own; friction: mb.Coulomb(...), mb.LuGre(...), one's own, or
     None. length: of a bearing, m: the pin touches at both its ends, each with the normal law given, and may tilt in it.
-    Equal radii are allowed: the gap is then 0 in every direction.
-    """
+    Equal radii are allowed: the gap is then 0 in every direction."""
 
     ideal: ClassVar[bool] = False
     outer: float

@@ -38,7 +38,8 @@ NO_FOLDERS = ["", " ", "file", "file/below", "/proc/none", "a\0b", "x" * 300]
 NO_KEPT = ["", " ", "absent/file.json", "folder", "file/below", "x" * 300]
 NO_FILES = ["", " ", "absent.py", "folder", "a\0b", "x" * 300, "~", "*", "nul\n", "http://x.py", "-", "file/below.py", "\udcff"]
 #: words that mean something here: what each kind of option must refuse
-HOSTILE = {"accuracy": NO_NUMBERS, "t_end": NO_NUMBERS, "max_wall": NO_NUMBERS, "hours": NO_NUMBERS, "accuracies": NO_LISTS,
+HOSTILE = {"accuracy": NO_NUMBERS, "t_end": NO_NUMBERS, "max_wall": NO_NUMBERS, "hours": NO_NUMBERS, "budget": NO_NUMBERS,
+           "accuracies": NO_LISTS,
            "out": NO_FOLDERS, "resume": NO_KEPT, "root": ["", " ", "absent", "file", "folder", "x" * 300], "file": NO_FILES,
            "solver": NO_WORDS, "form": NO_WORDS,
            "seed": [word for word in NO_NUMBERS if word != "0"], "jobs": NO_NUMBERS, "parts": ["", "absent", "7", "x" * 300],

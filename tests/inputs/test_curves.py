@@ -108,6 +108,14 @@ def test_curves_in_conditions_and_files(tmp_path: Path) -> None:
     assert np.array_equal(mb.load(tmp_path / "run").energy.work, r.energy.work)
 
 
+def test_a_curve_of_a_curve() -> None:
+    """Its force is the outer curve at what the inner one reads, 10 + 3 x, in the equations and in the result."""
+    inner, outer = mb.curve([-1, 1], [7.0, 13.0]), mb.curve([0, 10, 20], [0.0, 1.0, 5.0])
+    r = slider(-outer(inner(POSITION) + sp.sin(mb.t)), stiffness=1.0).simulate(0.5)
+    at = 10 + 3 * r.read("P.displacement") + np.sin(r.t)
+    assert r.read("P.drive") == pytest.approx(-np.interp(at, [0, 10, 20], [0, 1, 5]), abs=1e-9)
+
+
 def test_numbers_and_paths() -> None:
     curve = mb.curve(X, Y)
     assert curve(0.075) == 5.0
@@ -119,6 +127,7 @@ BAD = [
     (lambda: mb.curve([1, 0], [1, 2]), r"mb.curve: x\[0\] = 1.0 and x\[1\] = 0.0 are not in rising order"),
     (lambda: mb.curve([0, 1], [1, 2, 3]), "2 numbers x and 3 numbers y: give one value for every x"),
     (lambda: mb.curve(np.arange(2000), np.arange(2000)), "2000 points are more than the 200"),
+    (lambda: mb.curve(X, Y)([1, 2]), r"not at \[1, 2\]"),
     (lambda: mb.curve(X, Y, outside="periodic"), "append the first value, a period after its x"),
     (lambda: slider(mb.curve(X, Y)(sp.Symbol("z"))).check(), "contains the symbol z"),
     (lambda: slider(damping=-1.0, stiffness="P.displacement").check(), "damping = -1 N s/m is negative: it would feed energy"),

@@ -177,7 +177,7 @@ def test_an_edited_comparison_is_computed_again_from_there(tmp_path: Path) -> No
         again = run()
     assert [r.error for r in again.runs] == pytest.approx([r.error for r in first.runs], rel=1e-6)
     data = json.loads((tmp_path / "c.json").read_text())
-    data["reference"]["rtol"] = 1e-3
+    data["references"][""]["reference"]["rtol"] = 1e-3
     (tmp_path / "c.json").write_text(json.dumps(data))
     with pytest.raises(mb.OptionError, match=r"c\.json' is damaged"):
         run()

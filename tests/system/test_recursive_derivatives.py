@@ -30,7 +30,8 @@ def inputs(prepared: Prepared, tree: Tree, plan: TreePlan, rng: np.random.Genera
         W[:, first : first + part.shape[1]] = part
     nb.fill_clock(W, t)
     W = W[0]
-    return {str(symbol): complex(rng.normal() if place[0] in ("wu", "wq", "force") else W[e.moved.slot(e.numbering, tree, place)])
+    drawn = ("wu", "wq", "force", "own")
+    return {str(symbol): complex(rng.normal() if place[0] in drawn else W[e.moved.slot(e.numbering, tree, place)])
             for symbol, place in plan.places.items()}
 
 

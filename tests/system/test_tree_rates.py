@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mbdae as mb
+from mbdae.laws.on_coordinates import JointSpring
 from mbdae.native.program import CHOLESKY, PASS, POSITIVE
 from mbdae.system.model.moved_bodies import FUSED
 from mbdae.system.model.nodes import quaternion, quaternion_product, rotation_matrices
@@ -70,6 +71,22 @@ def test_accelerations_solve_the_residual(scene, whole):
         terms = np.empty(system.n)
         system.residual(0.3, y, np.zeros(system.n), terms)
         assert np.max(np.abs(F)) < 1e-12 * np.max(np.abs(terms))
+
+
+def test_laws_outside_that_are_linear_in_the_bodies_of_a_tree():
+    """A spring on the angle of a body whose rest follows a state: its force is read from the motion that the tree gives."""
+    s = mb.Scene("actuator")
+    rod = s.link("rod", (0, 0), (1, 0), mass=3.0)
+    s.revolute("J", s.ground, rod, at=(0, 0), model=mb.Recursive())
+    rest = s.state("rest", rate=-s.sensor("rest"))
+    s.add(JointSpring("spring", "ground", rod, at=(0, 0), joint=mb.Revolute, coordinate="angle", kept=False, stiffness=4.0,
+                      rest=rest, turns=0.0))
+    system = s.system(mb.ODE())
+    yp, F, y = np.empty(3), np.empty(3), np.array([0.3, -0.2, 0.5])
+    system.rhs(0.0, y, yp)
+    system.residual(0.0, y, yp, F)
+    assert yp == pytest.approx([-0.2, 4.0 * (0.5 - 0.3), -0.5], rel=1e-12)
+    assert np.max(np.abs(F)) < 1e-14
 
 
 def test_a_mass_matrix_that_is_not_positive_definite_is_refused():

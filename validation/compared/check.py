@@ -73,7 +73,8 @@ def slider(mass: float, slope: float, stiffness: float, push: float) -> Stated:
 STATED: tuple[Callable[[], Stated], ...] = (
     lambda: pendulum(1.0, 0.0, 0.0, 0.0), lambda: pendulum(0.4, 0.05, 3.0, 0.0), lambda: pendulum(2.0, 0.5, -2.0, 4.0),
     lambda: pendulum(0.7, 0.0, 6.0, 1.0), lambda: pendulum(1.5, 0.2, 0.5, -3.0), lambda: slider(2.0, 0.3, 400.0, 0.0),
-    lambda: slider(0.5, -0.6, 50.0, 5.0), lambda: slider(5.0, 0.1, 2000.0, 20.0))
+    lambda: slider(0.5, -0.6, 50.0, 5.0), lambda: slider(5.0, 0.1, 2000.0, 20.0), lambda: pendulum(0.25, 0.01, 8.0, 0.0),
+    lambda: slider(1.0, 0.0, 100.0, -3.0))
 
 
 def errors(number: int) -> list[Found]:

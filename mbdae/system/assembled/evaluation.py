@@ -76,7 +76,7 @@ class EquationsOfScene(Workspace):
         part.load(first, self._offset)
         self._terms.emit(part, first)
         rows, columns, weights = self._terms.linear_terms
-        kept = (columns < self.n) | dotted
+        kept = dotted | ~np.isin(columns, nb.rate_slots)
         part.add(first + rows[kept], columns[kept], weights[kept])
         part.set(nb.loaded_rows, first + nb.loaded_rows - self.n + 1)  # forces on loaded nodes, which the trees read
 

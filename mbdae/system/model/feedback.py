@@ -138,8 +138,9 @@ class _Feeding:
         if isinstance(e, se.RealDouble):
             return self._parameter(name, "n", e)
         if (curve := lookup_of(e)) is not None:
+            at = self.shared(e.args[0], name)
             x = se.Symbol(f"{name}_x{len(self.fed.names) + 1}")
-            self.fed.names.append((str(x), self.shared(e.args[0], name)))
+            self.fed.names.append((str(x), at))
             return in_cases(curve, x, lambda number: self._parameter(name, "n", se.RealDouble(number)))
         if not e.args:
             return e

@@ -215,6 +215,13 @@ class Numbering:
                          for head, size in zip(("wq", "wu"), node.kind.sizes, strict=True) for i in range(size)],
                         dtype=np.intp)
 
+    @cached_property
+    def rate_slots(self) -> NDArray[np.intp]:
+        """Slots of y', and of u' of all loaded nodes."""
+        loaded = [self.node_place("up", node, i) for node in self.model.nodes if node.name in self._loaded
+                  for i in range(node.kind.sizes[1])]
+        return np.concatenate([np.arange(self.n, 2 * self.n), np.array(loaded, dtype=np.intp)])
+
     def node_of(self, target: Target, g: int, i: int) -> Node:
         """The node of a target (head such as "q", name of a frame, component) of instance i in group g."""
         group = self.model.groups[g]
