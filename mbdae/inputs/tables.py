@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 
 from mbdae.notation import counted
 from mbdae.symbolic.vectors import Expr
-from mbdae.values import BadValueError, array, shown, word
-
-Array = NDArray[np.float64]
+from mbdae.values import Array, BadValueError, array, shown, word
 
 KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
 MOST_POINTS = 5_000_000

@@ -24,8 +24,7 @@ from mbdae.scene.components import AsGiven, BeamLoad, Connection, Controller, Si
 from mbdae.scene.connections import ConnectionStatements
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
-from mbdae.symbolic.coupling import Coupling
-from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import option, shown, text

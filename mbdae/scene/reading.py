@@ -16,9 +16,9 @@ import numpy as np
 
 from mbdae.inputs import timed
 from mbdae.inputs.sensed import symbol
-from mbdae.scene.components import Array, Body, Place
+from mbdae.scene.components import Body, Place
 from mbdae.symbolic.joint import Joint
-from mbdae.values import BadValueError, array, entries, flag, number, shown, text, whole, word
+from mbdae.values import Array, BadValueError, array, entries, flag, number, shown, text, whole, word
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
