@@ -27,7 +27,7 @@ from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.run.contacts import Hidden, hidden_contacts, largest_tolerance, resolving
 from mbdae.run.estimate import RunAt, beginning_at, companions, estimated, fall_shown, share_of, usual_companion, windows
-from mbdae.run.growing import Growth, at_least, growing, slowest, unfollowed, unseen
+from mbdae.run.growing import Growth, at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import distance
@@ -219,8 +219,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        least, floor = (at_least(solver), slowest(solver, told, coarse, fine)) if asked.bounds else (0.0, 0.0)
-        told.append((tight.tolerance, max(estimated(system, solver, made, measure, outputs, least), floor)))
+        estimate = partial(estimated, system, solver, made, measure, outputs)
+        told.append((tight.tolerance, bounded(tight, told, estimate, coarse, fine) if asked.bounds else estimate()))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
@@ -230,7 +230,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
             return _judged_again(system, best, accuracy, asked, made, partial(
-                estimated, system, solver, made, measure, outputs, least))
+                estimate, at_least(solver) if asked.bounds else 0.0))
         if too_coarse:
             tight = _with_rtol(tight, ceiling)
             continue
