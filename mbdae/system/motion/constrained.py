@@ -98,6 +98,8 @@ def _solved(K: Array, right: Array, scale: Array) -> Array:
     x = x[:, :, 0]
     for i in np.flatnonzero(missed | ~np.isfinite(x).all(axis=1)):
         x[i] = _solve(K[i], right[i], scale)
+    if len(x) == 1 and not missed[0]:  # one state, to which equations are linearised: 2e-13 of a force, where masses differ much
+        x[0] += np.linalg.solve(K[0], right[0] - K[0] @ x[0])
     return np.asarray(x)
 
 
