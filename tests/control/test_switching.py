@@ -71,6 +71,18 @@ def test_they_are_named_at_every_accuracy_and_beside_controllers(accuracy):
         slide(FORCES["sign"], sampled=True).simulate(5.0, accuracy=accuracy, max_wall=60)
 
 
+@pytest.mark.parametrize(("solver", "form", "model"), EVERY)
+@pytest.mark.parametrize(("quantity", "rate0"), [("x", 0.0), ("v", 0.9)])
+def test_runs_that_begin_exactly_where_a_law_jumps(quantity, rate0, solver, form, model):
+    """At rest where x = 0, and with the very rate 0.9 m/s: the values there are round-off, on whose side the law need not be."""
+    def force(t, x, v):
+        return sp.Piecewise((-2, (x if quantity == "x" else v) >= rate0), (1, True))
+
+    with pytest.raises(ChatteringError) as stopped:
+        slide(force, model, rate0).simulate(1.0, solver=solver, form=form, max_wall=60)
+    assert stopped.value.time < 0.05
+
+
 def test_a_run_ends_at_an_event_before():
     r = slide(FORCES["sign"]).simulate(5.0, until="P.displacement > 0.19", accuracy=1e-8)
     assert r["P"].displacement[-1] == pytest.approx(0.19, abs=1e-9)
