@@ -21,13 +21,18 @@ MOST, PART = 100, 5e-2
 #: an argument stays at zero while its magnitude in a step is below STAYS times the change that the tolerance of the unknowns
 #: causes in it (measured while chattering: 3 times, in one of some hundred steps 12 times); in a step in which it is larger, the
 #: count of changes of sign is halved. A change of sign with a magnitude below LEAST times that change may be round-off of a body
-#: at rest (1e-9 at rtol 1e-7), and counts TENTH. A run that begins at rest exactly where the equations jump stays between 1e-5 and
-#: 1e-3 (Radau IIA, CVODE)
+#: at rest (1e-9 at rtol 1e-7), and counts TENTH. A run that begins at rest exactly where the equations jump stays between 1e-5
+#: and 1e-3 (Radau IIA, CVODE)
 STAYS, LEAST, TENTH = 30.0, 1e-6, 0.1
 #: HALVINGS: largest number of bisections that locate a change of sign in the step; they end where the argument changes by what
-#: changes of the unknowns by DIGITS of their magnitude cause, since the law itself may round to the other side of the jump; JUMPS:
-#: the equations jump there where their residuals change by more than this fraction of their change in the whole step
+#: changes of the unknowns by DIGITS of their magnitude cause, since the law itself may round to the other side of the jump;
+#: JUMPS: the equations jump there where their residuals change by more than this fraction of their change in the whole step
 HALVINGS, DIGITS, JUMPS = 40, 1e2 * float(np.finfo(float).eps), 1e-3
+#: a run is examined where its last 2000 steps are less than SHARE of it, so that it needs more than 1e5: at SAMPLES of them, it
+#: is sought whether the equations jump within BESIDE steps on either side. They do at 33 to 40 of 40 in motions that switch
+#: without end, at none in fast vibrations or where they jump with time; SAMPLES - SPARED are enough. BISECTIONS of that distance
+#: locate a jump; a change of a residual by less than SLIGHT of it is round-off
+SHARE, SAMPLES, SPARED, BESIDE, BISECTIONS, SLIGHT = 2e-2, 40, 10, 10, 25, 1e-6
 
 #: number of a kink -> number of changes of sign of its argument until now, and the time (s) of the first
 Counts = dict[int, tuple[float, float]]
@@ -56,9 +61,9 @@ class Chattering:
         self.system, self.arguments, self.tolerance, self._counts = system, arguments, tolerance, known
 
     def endless(self, span: float) -> Endless | None:
-        """Count the changes of sign in the last step, which is accepted: of the argument, or of its rate where the solver stays on
-        one side within its tolerance, driven back by the jump all the same. Returns the argument that chatters, or None; span:
-        length of the run, s."""
+        """Count the changes of sign in the last step, which is accepted: of the argument, or of its rate where the solver stays
+        on one side within its tolerance, driven back by the jump all the same. Returns the argument that chatters, or None;
+        span: length of the run, s."""
         arguments, counts = self.arguments, self._counts
         switched = arguments.kinks & (arguments.crossed | arguments.turned)
         for i in sorted({*np.flatnonzero(switched).tolist(), *counts}):
@@ -122,3 +127,43 @@ class Chattering:
         for state, row in zip(states, out, strict=True):
             self.system.residual(float(state[0]), state[1:], (last - first) / self.arguments.h, row)
         return out
+
+
+def stalled(system: System, t: Array, y: Array, yp: Array, span: float) -> str | None:
+    """The text of an error about equations that jump where the last steps stay, found without being told where that is; None
+    where they do not. t (m+1,), y and yp (m+1, n): the last steps; span: length of the run, s."""
+    if t[-1] - t[0] > SHARE * span:
+        return None
+    spared, steps = SPARED, len(t) - 1
+    for k in range(steps // SAMPLES, steps + 1, steps // SAMPLES):
+        spared -= not _jumps_beside(system, t[k], y[k - 1], y[k], t[k] - t[k - 1])
+        if spared < 0:
+            return None
+    turns = np.abs(np.diff(yp, axis=0)).sum(axis=0) / (np.abs(yp).max(axis=0) + np.finfo(float).tiny)
+    return (f"{steps} steps took {t[-1] - t[0]:.1e} s, all of them where the equations jump: there the motion is driven back "
+            f"from both sides without end, most of all {system.names[int(np.argmax(turns))]}; give the jump a width, as in "
+            "tanh(x/width), or end the run there")
+
+
+def _jumps_beside(system: System, t: float, first: Array, last: Array, h: float) -> bool:
+    """Whether the equations jump on the straight line through the ends of a step of h (s), within BESIDE steps of it."""
+    def F(part: float) -> Array:
+        system.residual(t, first + part * (last - first), (last - first) / h, out := np.empty(system.n))
+        return out
+
+    a, b = -float(BESIDE), 1.0 + BESIDE
+    system.residual(t, first, np.zeros(system.n), size := np.empty(system.n))
+    try:
+        with np.errstate(all="ignore"):
+            at_a, at_b = F(a), F(b)
+            whole = np.abs(at_b - at_a)
+            whole[~(whole > SLIGHT * np.abs(size))] = np.inf
+            for _ in range(BISECTIONS):
+                at_middle = F(middle := (a + b) / 2)
+                if np.max(np.abs(at_middle - at_a) / whole) > np.max(np.abs(at_b - at_middle) / whole):
+                    b, at_b = middle, at_middle
+                else:
+                    a, at_a = middle, at_middle
+            return bool(np.any(np.abs(at_b - at_a) > whole / 2))
+    except Exception:  # functions of a user's own need not be defined beside the motion
+        return False

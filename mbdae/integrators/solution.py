@@ -73,6 +73,10 @@ class Method(Protocol):
     def label(self) -> str:
         """Short name for messages."""
 
+    @property
+    def fixed(self) -> bool:
+        """Whether its steps are constant."""
+
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Interpolant over the accepted steps."""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -54,6 +54,7 @@ class Instant:
     label: str
     y: Array = field(repr=False)
     yp: Array = field(repr=False)
+    fixed: ClassVar[bool] = True
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Instant:
         """The same for other unknowns y (1, n) and yp (1, n); t and pieces, which interpolants of runs need, are not used."""
