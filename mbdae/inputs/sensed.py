@@ -47,8 +47,8 @@ def rewritten(value: Any) -> Expr:
 def _with_powers(e: Expr) -> Expr:
     """The expression; refuses powers of 0 and of negative numbers with an exponent that varies."""
     for node in filter(without_powers, nodes(e)):
-        raise BadValueError(f"{shown(node)} is a power of a number that is not positive: no real number for most exponents; state "
-                            "it by cases")
+        raise BadValueError(f"{shown(node)} is a power of a number that is not positive: no real number for most exponents; "
+                            "state it by cases")
     return e
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from mbdae.deferred import distinct
 from mbdae.errors import ListsAttributes, OptionError, warn
+from mbdae.process import unchanging
 from mbdae.system.base import Array, System
 from mbdae.values import array, option, shown
 
@@ -109,6 +110,10 @@ class Solution(ListsAttributes):
     complete: bool
     interpolant: Interpolant
     systems: tuple[tuple[float, System], ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("t", "y", "yp"):
+            object.__setattr__(self, name, unchanging(np.asarray(getattr(self, name)).view()))
 
     def __getstate__(self) -> dict[str, Any]:
         """The state for a copy or pickle: everything but the equations (`systems`)."""

@@ -17,6 +17,7 @@ import numpy as np
 from mbdae.errors import ListsAttributes, OptionError, unknown_name
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
+from mbdae.process import unchanging
 from mbdae.results.errors import Errors
 from mbdae.system.base import Array
 from mbdae.values import option, shown, text
@@ -233,8 +234,8 @@ class Unknowns(OfRun, ListsAttributes):
     solution: the run with its steps; info: how it was made."""
 
     def __init__(self, solution: Solution, info: RunInfo, t: Array) -> None:
-        self.solution, self.info, self.t = solution, info, t
-        self.y: Array = solution(t)
+        self.solution, self.info, self.t = solution, info, unchanging(np.array(t))
+        self.y: Array = unchanging(solution(t))
 
     @property
     def names(self) -> tuple[str, ...]:

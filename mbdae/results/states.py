@@ -18,6 +18,7 @@ from mbdae.errors import NamesArguments
 from mbdae.inputs import timed
 from mbdae.integrators.solution import Solution
 from mbdae.kernels.plan import Outputs, plan
+from mbdae.process import unchanging
 from mbdae.scene.components import Connection
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
@@ -87,7 +88,7 @@ class RunStates(NamesArguments):
     """A run of a prepared scene, read at times t (nt,)."""
 
     def __init__(self, prepared: Prepared, solution: Solution, t: Array) -> None:
-        self.prepared, self.solution, self.t = prepared, solution, np.asarray(t, dtype=float)
+        self.prepared, self.solution, self.t = prepared, solution, unchanging(np.array(t, dtype=float))
         self._silent = False  # while an expression is read, its sensors tell nothing: it does
 
     def _judge(self, quantity: Any) -> None:

@@ -186,7 +186,8 @@ def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
 
 
 def without_powers(e: Any) -> bool:
-    """Whether an expression is a power with a variable exponent of a number, 0 or a negative one, that has not all real powers."""
+    """Whether an expression is a power, with an exponent that varies, of 0 or a negative number, which has no real value for most
+    exponents."""
     if type(e).__name__ != "Pow" or not e.args[1].free_symbols:
         return False
     base = e.args[0]
