@@ -50,8 +50,7 @@ if TYPE_CHECKING:
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive, Stop
     from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Sphere
     from mbdae.sweep import sweep
-    from mbdae.symbolic.coupling import Coupling
-    from mbdae.symbolic.joint import Joint
+    from mbdae.symbolic.joint import Coupling, Joint
     from mbdae.symbolic.law import Force, params
     from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
@@ -62,7 +61,7 @@ __version__ = "0.3.0"
 _HOME = {
     "Audit": "mbdae.audit", "Box": "mbdae.scene.shapes", "CVODE": "mbdae.integrators.sundials",
     "Classical": "mbdae.scene.components", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
-    "Coupling": "mbdae.symbolic.coupling", "Cylinder": "mbdae.scene.shapes", "Cylindrical": "mbdae.laws.joints",
+    "Coupling": "mbdae.symbolic.joint", "Cylinder": "mbdae.scene.shapes", "Cylindrical": "mbdae.laws.joints",
     "DAE": "mbdae.run.own_equations", "DOP853": "mbdae.integrators.dop853", "Distance": "mbdae.laws.joints",
     "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints",
     "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",

@@ -151,7 +151,7 @@ class Scene(SceneData):
         watched = Watched(conditions(self, "until", until), conditions(self, "record", record), ends_of_curves(self))
         keeper = keeper_of(checkpoint, every)
         said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
-                       outputs=times, verify=verify, until=[c.name for c in watched.until if c not in watched.left],
+                       outputs=times, verify=verify, until=[c.name for c in watched.until],
                        record=[c.name for c in watched.record])
         with limited(wall), kept(keeper, said):
             return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,

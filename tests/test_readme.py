@@ -13,7 +13,7 @@ import pytest
 import mbdae as mb
 from mbdae.cli import main
 from mbdae.laws import forces, joints, on_coordinates
-from mbdae.symbolic.coupling import Coupling
+from mbdae.symbolic.joint import Coupling
 from mbdae.symbolic.law import Law
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -71,7 +71,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     axes = np.eye(3)
     prepared: Prepared
 
-    def __init__(self, prepared: Prepared, period: float, found: Found, basis: Array, departure: float) -> None:
+    def __init__(self, prepared: Prepared, period: float, found: Monodromy, basis: Array, departure: float) -> None:
         self.prepared, self.period, self.departure = prepared, period, departure
         self.t, self.steps, self.monodromy, self.unresolved = prepared.start.t, found.steps, found.matrix, found.unresolved
         self.multipliers, self.errors = found.values, found.errors / period
@@ -150,7 +150,7 @@ def exponents(multipliers: Complex, period: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Found:
+class Monodromy:
     """The monodromy matrix (k, k) and its eigenvalues by falling size. change: their relative change from half as many steps,
     divided by GAIN; rounding: the part of the errors that rounding of the matrix causes, by left and right vectors; errors: the
     sum, and for multiple roots their scatter."""
@@ -222,9 +222,9 @@ def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departure
     return np.asarray((a[1:] - a[0]).T)
 
 
-def _converged(system: SceneSystem, directions: Departures, period: float, steps: int, count: int, accuracy: float) -> Found:
+def _converged(system: SceneSystem, directions: Departures, period: float, steps: int, count: int, accuracy: float) -> Monodromy:
     """Double the steps until the largest multipliers are as accurate as asked, or until more steps do not help."""
-    before: Found | None = None
+    before: Monodromy | None = None
     while True:
         try:
             now = _in_steps(system, directions, period, steps)
@@ -242,17 +242,17 @@ def _converged(system: SceneSystem, directions: Departures, period: float, steps
         before, steps = now, 2 * steps
 
 
-def _in_steps(system: SceneSystem, directions: Departures, period: float, steps: int) -> Found:
+def _in_steps(system: SceneSystem, directions: Departures, period: float, steps: int) -> Monodromy:
     matrix = directions.read(propagated(system, followed(system, period, steps), directions.start))
     values, left, vectors = scipy.linalg.eig(matrix, left=True)
     overlap = np.maximum(np.abs(np.einsum("nk,nk->k", left.conj(), vectors)), np.finfo(float).eps)
     rounding = 4 * np.finfo(float).eps * np.linalg.norm(matrix) / overlap / np.maximum(np.abs(values), np.finfo(float).tiny)
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
     unknown = np.full(len(values), np.inf)
-    return Found(matrix, steps, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order])
+    return Monodromy(matrix, steps, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order])
 
 
-def _compared(fine: Found, coarse: Found) -> Found:
+def _compared(fine: Monodromy, coarse: Monodromy) -> Monodromy:
     """The finer one of two results, with its errors from the difference to the coarser one. Nearly equal roots with nearly the
     same vector count as one multiple root: its mean is compared, which is more accurate than the single roots."""
     a, b, V = fine.values, coarse.values, fine.vectors
@@ -264,7 +264,7 @@ def _compared(fine: Found, coarse: Found) -> Found:
     return replace(fine, change=change, errors=change + np.abs(a - group @ a / number) / size + fine.rounding)
 
 
-def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
+def _judged(found: Monodromy, asked: Array, worst: float, accuracy: float) -> Monodromy:
     """Leaves out inaccurate multipliers that were not asked for; warns where one that was asked for is inaccurate."""
     if worst > accuracy:
         text = (f"floquet: the multipliers have relative errors of up to {worst:.1e} with {found.steps} steps a period, and more "

@@ -31,7 +31,7 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start_with_contacts import state_scale
 from mbdae.values import largest
 
-Numbers = NDArray[np.intp]
+Indices = NDArray[np.intp]
 
 SOLVER = RadauIIA(3)
 FIRST = 1e-8  #: rtol of the run that shows whether the motion repeats
@@ -82,7 +82,7 @@ class Return:
     states that act on it, the steps an adaptive run took, and -1 for unknowns (n,) of quaternions that changed their sign."""
 
     off: float
-    acting: Numbers
+    acting: Indices
     steps: int
     sign: Array
 
@@ -106,7 +106,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
     return Return(off, acting, run.stats.steps, sign)
 
 
-def acting_states(system: SceneSystem, run: Solution) -> Numbers:
+def acting_states(system: SceneSystem, run: Solution) -> Indices:
     """Indices of the internal states that other equations depend on along a motion; the others have no multiplier."""
     states = system.numbering.nq + system.numbering.nu + np.arange(len(system.numbering.states))
     if not len(states):
@@ -117,12 +117,12 @@ def acting_states(system: SceneSystem, run: Solution) -> Numbers:
     return acting(size, np.setdiff1d(np.arange(system.n), states), states)
 
 
-def _some(count: int) -> Numbers:
+def _some(count: int) -> Indices:
     """Indices below `count`, at most SAMPLES, spread evenly."""
     return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))
 
 
-def _difference(prepared: Prepared, period: float, q: Array, u: Array, s: Array, acting: Numbers) -> tuple[float, str]:
+def _difference(prepared: Prepared, period: float, q: Array, u: Array, s: Array, acting: Indices) -> tuple[float, str]:
     """Largest relative difference of two states (2, ...), and which it is, in words."""
     m = prepared.mechanics
     found = [_moved(node, q[0], q[1], prepared.length) for node in m.model.nodes]
@@ -182,7 +182,7 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
     return None
 
 
-def _later(prepared: Prepared, system: SceneSystem, run: Solution, acting: Numbers) -> tuple[Array, Array]:
+def _later(prepared: Prepared, system: SceneSystem, run: Solution, acting: Indices) -> tuple[Array, Array]:
     """Signs of quaternions and whole turns of angles (n,) by which unknowns differ after a period."""
     nb, sign = system.numbering, np.ones(system.n)
     for node in prepared.model.nodes:

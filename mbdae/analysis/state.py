@@ -99,10 +99,10 @@ ULP, SAMPLES = float(np.finfo(float).eps), 2
 SHIFT = 1e-5  #: a motion counts as one of the scene as a whole where it differs from it by at most this part
 STILL = 1e-10  #: a node that moves by at most this part of the largest motion stands still
 
-State = tuple[float, Array, Array, Array, Array]  #: t, q, u, s and the stresses z of beams
+WholeState = tuple[float, Array, Array, Array, Array]  #: t, q, u, s and the stresses z of beams
 
 
-def unknowns_at(system: Assembly, m: Mechanics, state: State) -> tuple[Array, Array]:
+def unknowns_at(system: Assembly, m: Mechanics, state: WholeState) -> tuple[Array, Array]:
     """y and y' (n,) of a complete index-3 system at a state, with its accelerations and multipliers."""
     t, q, u, s, z = state
     if m.model.lines:
@@ -117,12 +117,12 @@ def unknowns_at(system: Assembly, m: Mechanics, state: State) -> tuple[Array, Ar
     return y, yp
 
 
-def pencil_at(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Pencil:
+def pencil_at(system: Assembly, m: Mechanics, frame: RotatingFrame, state: WholeState) -> Pencil:
     """The pencil at a state."""
     return pencil(system, m, frame, state[0], *unknowns_at(system, m, state))
 
 
-def pencil_with_errors(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State, strained: bool) -> Pencil:
+def pencil_with_errors(system: Assembly, m: Mechanics, frame: RotatingFrame, state: WholeState, strained: bool) -> Pencil:
     """The pencil at a state with bounds of its errors, those of the state's numbers among them: positions, and the reactions that
     follow from them, are known up to rounding. strained: whether the stresses follow from the positions too."""
     rng, beside = np.random.default_rng(11), []
@@ -132,7 +132,7 @@ def pencil_with_errors(system: Assembly, m: Mechanics, frame: RotatingFrame, sta
     return with_errors(system, m, frame, state[0], *unknowns_at(system, m, state), beside)
 
 
-def structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State,
+def structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: WholeState,
               some: NDArray[np.intp] | None = None) -> Structure:
     """What the laws one by one, and the motions of the scene as a whole, say of the equations at a state; some: the displacements
     that these equations have (default: all)."""

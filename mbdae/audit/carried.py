@@ -18,7 +18,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit.evaluate import SizeError, Value
-from mbdae.audit.notation import GIVE_OWN_CLASS, Node, Statement, bare
+from mbdae.audit.notation import GIVE_OWN_CLASS, Node, Relation, bare
 from mbdae.documents.mathml import GREEK
 from mbdae.errors import LawError
 from mbdae.laws import joints
@@ -71,7 +71,7 @@ def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: b
     return change + letter + (f"_{{{low}}}" if low else "") + (f"^{{{high}}}" if high else "")
 
 
-def statement(s: Statement, letters: Letters = _NONE) -> str:
+def statement(s: Relation, letters: Letters = _NONE) -> str:
     """A statement in LaTeX."""
     relation = " = " if s.relation == "=" else r" \le "
     return relation.join(formula(side, letters) for side in s.sides)

@@ -11,8 +11,8 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit.evaluate import NO_VALUE, OutsideError, SizeError, Value, attempt, evaluate, infinite
-from mbdae.audit.motion import VECTORS, WIDE, Motion
-from mbdae.audit.notation import Node, Statement
+from mbdae.audit.motion import VECTORS, WIDE, RandomMotion
+from mbdae.audit.notation import Node, Relation
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
 from mbdae.audit.rules_motion import bounds
@@ -25,7 +25,7 @@ INFINITE = float("inf")
 
 
 @dataclass
-class States:
+class ComparedStates:
     """The states an equation is compared in: states of two free bodies, then states in which the text's joint connects them. In
     all of them what the text assumes holds and the formulas have real values."""
 
@@ -34,7 +34,7 @@ class States:
     side: int = 1  #: side of the equations of motion on which forces are read whose side the text leaves open, see `Env.side`
     absent: str | None = None  #: wording of a vector that is zero in all states of the comparison
     neutral: tuple[tuple[str, float], ...] = ()  #: parameters of laws, each with the value at which it has no effect
-    shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)  #: states made so far, for all equations of a text
+    shared: dict[tuple[str, int, str], RandomMotion] = field(default_factory=dict)  #: states made, for all equations of a text
     fill: int = 1  #: number of rows of a literal 0 whose size nothing else gives
 
     def of(self, kind: str, count: int = STATES) -> list[Env]:
@@ -63,7 +63,7 @@ class States:
         """Values of the symbols in one random state."""
         section = self.equation.states
         if (kind, seed, section) not in self.shared:
-            self.shared[kind, seed, section] = Motion(seed, kind, self.equation.scope.own, section)
+            self.shared[kind, seed, section] = RandomMotion(seed, kind, self.equation.scope.own, section)
         motion = self.shared[kind, seed, section]
         motion = motion.without(self.absent) if self.absent else motion
         drawn = self.drawn
@@ -100,7 +100,7 @@ class States:
         """Four times as many states of the joint as `joint`."""
         return self.of(self.equation.states, 4 * STATES)
 
-    def fitting(self) -> States:
+    def fitting(self) -> ComparedStates:
         """These states, with a literal 0 in a column of blocks taken as 1 row or as 3 rows, whichever makes the sides equal in
     size."""
         for fill in (1, 3):
@@ -122,7 +122,7 @@ def _real(side: Node, env: Env, wanted: set[str]) -> bool:
     return True
 
 
-def _fits(statement: Statement, states: States) -> bool:
+def _fits(statement: Relation, states: ComparedStates) -> bool:
     values = [attempt(s, states.free[0]) for s in statement.compared]
     return all(v is not None for v in values) and len({np.shape(v) for v in values}) == 1
 
@@ -165,7 +165,7 @@ def _values(sides: Sequence[Node], env: Env) -> list[Value]:
     return found
 
 
-def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> Compared:
+def _in_states(statement: Relation, equation: Printed, envs: Sequence[Env]) -> Compared:
     """Compare the sides of a statement with each other in some states, and with the quantity that an equation of the form
     `NUMBER (MEANING): STATEMENT` names."""
     sides = statement.compared
@@ -202,7 +202,7 @@ def _bound(rows: list[list[Value]]) -> Compared:
     return Compared(worst)
 
 
-def vanishes(statement: Statement, envs: Sequence[Env]) -> float:
+def vanishes(statement: Relation, envs: Sequence[Env]) -> float:
     """Largest value of the nonzero sides of an equation that has the side 0; 0.0 for other statements."""
     if not statement.ends_at_zero:
         return 0.0
@@ -212,7 +212,7 @@ def vanishes(statement: Statement, envs: Sequence[Env]) -> float:
         return INFINITE
 
 
-def compared(statement: Statement, states: States) -> Compared:
+def compared(statement: Relation, states: ComparedStates) -> Compared:
     """Difference of the sides in free states; that in states of the joint where the sides agree in those only. Where they agree
     in neither, the smaller difference."""
     if statement not in states.equation.statements:  # a repaired one has states of its own, as it may be real elsewhere
@@ -230,13 +230,13 @@ def compared(statement: Statement, states: States) -> Compared:
     return min(sure, key=lambda c: c.gap) if sure else free
 
 
-def _vanishing(statement: Statement, states: States) -> bool:
+def _vanishing(statement: Relation, states: ComparedStates) -> bool:
     """Whether a quantity of the statement is zero in the states of the joint but not in free ones: its terms remain untested."""
     symbols = statement.symbols() & set(states.equation.scope.symbols)
     return _smaller(symbols, states.free, states.joint)
 
 
-def vanishing(names: Iterable[str], states: States, others: States) -> bool:
+def vanishing(names: Iterable[str], states: ComparedStates, others: ComparedStates) -> bool:
     """Whether one of the named quantities is zero in the states `others`, free or of the joint, but not in `states`: there an
     agreement of the sides says nothing about terms with that quantity."""
     return _smaller(names, states.free, others.free) or _smaller(names, states.joint, others.joint)
@@ -252,7 +252,7 @@ def _smaller(names: Iterable[str], before: Sequence[Env], after: Sequence[Env]) 
 # -- comparison in symbols
 
 
-class SymbolicMotion(Motion):
+class SymbolicMotion(RandomMotion):
     """Two free bodies whose quantities are symbols. Complex steps and the relative angle have no value here (SizeError)."""
 
     def __init__(self) -> None:
@@ -281,7 +281,7 @@ class SymbolicMotion(Motion):
         raise SizeError("no mistake of the user: the relative angle of two free bodies has no formula in symbols, so that both "
                         "sides are compared by numbers only")
 
-    def _copy(self, amount: complex) -> Motion:
+    def _copy(self, amount: complex) -> RandomMotion:
         raise SizeError("no mistake of the user: a complex step takes a derivative of numbers, not of symbols, so that both "
                         "sides are compared by numbers only")
 

@@ -16,8 +16,8 @@ from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import SizeError, attempt, evaluate, size
 from mbdae.audit.fits import places
 from mbdae.audit.laws import Own, derived, part_class
-from mbdae.audit.motion import Motion
-from mbdae.audit.notation import BINDING, Node, Statement, bare, made, negated, symbol
+from mbdae.audit.motion import RandomMotion
+from mbdae.audit.notation import BINDING, Node, Relation, bare, made, negated, symbol
 from mbdae.audit.phrases import Definition, Env, Scope
 from mbdae.errors import MbdaeError
 from mbdae.reports.units import BASIC, law_faults, powers_of, scales, shown, unit
@@ -244,7 +244,7 @@ def united(node: Node, envs: Sequence[Env]) -> bool:
     return powers(node, envs) is not None and not _culprit(node, envs)
 
 
-def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
+def faults(statement: Relation, envs: Sequence[Env]) -> list[str]:
     """Errors in the units of a statement, in words; an empty list where the units agree."""
     envs = [replace(env, scale=PLAIN, store={}) for env in envs]
     try:
@@ -267,7 +267,7 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
     return []
 
 
-def of_definitions(statement: Statement, envs: Sequence[Env]) -> list[str]:
+def of_definitions(statement: Relation, envs: Sequence[Env]) -> list[str]:
     """Definitions of the text whose formula has another unit than the declared one."""
     scope, out = envs[0].scope, []
     for name in sorted(scope.reached(statement.symbols())):
@@ -338,7 +338,7 @@ def _of_part(cls: Any) -> list[str]:
 def _returned(cls: Any, function: str, units: Sequence[str], seed: int, scale: Mapping[str, float]) -> float:
     """What a function of a law returns for random parameters and arguments (by seed), where m, kg and s have the sizes
     `scale`."""
-    made, motion = object.__new__(cls), Motion(seed)
+    made, motion = object.__new__(cls), RandomMotion(seed)
     vars(made).update(dict.fromkeys(cls.options))
     vars(made).update({p: motion.positive(p) * unit(spec.unit).size(scale) for p, spec in cls.params.items()})
     arguments = [motion.positive(u) * unit(u).size(scale) for u in units]

@@ -28,10 +28,10 @@ LARGE = 150  #: a missing numerical factor p/q counts as simple up to this produ
 LONG = 6  #: largest number of nodes of a subexpression (its operations and symbols) that is tried as a base of a missing factor
 MOST = 30  #: largest number of scalar quantities whose powers are tried as a missing factor; their pairs are tried too
 Rebuilt = Callable[[Node], Node]
-Place = tuple[Node, Rebuilt, tuple[Node, ...]]
+FormulaPlace = tuple[Node, Rebuilt, tuple[Node, ...]]
 
 
-def places(node: Node, rebuilt: Rebuilt = lambda new: new, around: tuple[Node, ...] = ()) -> Iterator[Place]:
+def places(node: Node, rebuilt: Rebuilt = lambda new: new, around: tuple[Node, ...] = ()) -> Iterator[FormulaPlace]:
     """Every piece of a formula, a function that puts another in its place, and the surrounding pieces from the inside out."""
     yield node, rebuilt, around
     for i, part in enumerate(node.parts):

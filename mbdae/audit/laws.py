@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import Value
-from mbdae.audit.motion import Motion
+from mbdae.audit.motion import RandomMotion
 from mbdae.laws import exported
 from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import Coulomb
@@ -65,7 +65,7 @@ def derived(name: str, own: Own = (), declared: frozenset[str] = frozenset()) ->
 class LawState:
     """A derived law in one state of motion, with values of all of its symbols."""
 
-    def __init__(self, name: str, motion: Motion, given: Mapping[str, float], own: Own = (), sides: str = "kl",
+    def __init__(self, name: str, motion: RandomMotion, given: Mapping[str, float], own: Own = (), sides: str = "kl",
                  declared: frozenset[str] = frozenset()) -> None:
         """given: values of parameters by name, all others being random; sides: the bodies that are the law's k and l; declared:
         see `derived`."""
@@ -131,7 +131,7 @@ class LawState:
         return np.zeros((3, 1)) + 0j if pair is None else self.vector(pair[part == "turn"])
 
 
-def journal(motion: Motion, radii: tuple[float, float], sides: str, rubbing: bool = True) -> LawState:
+def journal(motion: RandomMotion, radii: tuple[float, float], sides: str, rubbing: bool = True) -> LawState:
     """Contact of a pin in its race; radii (outer, inner), m; sides: bodies of race and pin; rubbing: whether with friction."""
 
     def made() -> LawState:

@@ -68,7 +68,7 @@ def _drawn(seed: int, name: str, kind: str, shape: tuple[int, ...] = ()) -> Valu
     return size * (rng.choice([-1, 1]) if kind == "number" else 1)
 
 
-class Motion:
+class RandomMotion:
     """One random state in SI units, components in inertial axes. Imaginary parts are increments of a complex step."""
 
     symbolic = False  #: whether the quantities are symbols instead of numbers
@@ -77,7 +77,7 @@ class Motion:
 
     def __init__(self, seed: int, kind: str = "free", own: Any = (), section: str = "") -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
-        self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
+        self.stepped, self.origin = False, None  # type: tuple[bool, RandomMotion | None]
         #: time (s) and arc length (m) by which this state was moved from the random one, factor of its virtual displacement
         self.clock, self.arc, self.virtual = 0j, 0j, 0j
         self.memory: dict[Any, Any] = {}
@@ -134,17 +134,17 @@ class Motion:
         return self.vector(name) * (name not in self.absent)
 
     @property
-    def base(self) -> Motion:
+    def base(self) -> RandomMotion:
         """The state from which the complex step started."""
         return self.origin or self
 
-    def without(self, name: str) -> Motion:
+    def without(self, name: str) -> RandomMotion:
         """A copy of this state in which the vector `name` is zero, one of those drawn by `ingredient`."""
         other = copy(self)
         other.absent, other.memory = self.absent | {name}, {}
         return other
 
-    def taking(self, values: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> Motion:
+    def taking(self, values: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> RandomMotion:
         """A copy of this state with prescribed values of some positive numbers, and bounds of some numbers."""
         other = copy(self)
         other.neutral, other.bounds, other.memory = values, bounds, {}
@@ -227,12 +227,12 @@ class Motion:
 
     # -- states reached by a step
 
-    def moved(self, how: str, amount: complex = 1j * STEP) -> Motion:
+    def moved(self, how: str, amount: complex = 1j * STEP) -> RandomMotion:
         """The state after a step. how: "virtual" displacement, "time", "line" (arc length), or "linear": every position,
         rotation, velocity and acceleration by a random increment of its own."""
         return self.once(("moved", how, amount), lambda: self._moved(how, amount))
 
-    def _moved(self, how: str, amount: complex) -> Motion:
+    def _moved(self, how: str, amount: complex) -> RandomMotion:
         other = self._copy(amount)
         if how == "time":
             other._advance(amount)
@@ -243,7 +243,7 @@ class Motion:
             other.virtual = self.virtual + amount * (how == "virtual")
         return other
 
-    def _copy(self, amount: complex) -> Motion:
+    def _copy(self, amount: complex) -> RandomMotion:
         if self.stepped and np.imag(amount):
             raise NestedError("no mistake of the user: a derivative by a complex step stands inside of another, so that the "
                               "outer one is taken by finite differences")
@@ -274,7 +274,7 @@ class Motion:
             known |= {n: self.number(f"linear {n}") for n in ("phidot", "phiddot")}
         return known
 
-    def stepped_by(self, increments: dict[str, Value]) -> Motion:
+    def stepped_by(self, increments: dict[str, Value]) -> RandomMotion:
         """The state after a complex step along the increments of "turn k" (rotation), "x k", "w k", "alpha k", "phi", ..."""
         other = self._copy(1j * STEP)
         other._step(increments, 1j * STEP)
@@ -293,11 +293,11 @@ class Motion:
             else:
                 self.first[("phi", "phidot", "phiddot").index(what)] += step
 
-    def turn_between(self, other: Motion, side: str) -> Value:
+    def turn_between(self, other: RandomMotion, side: str) -> Value:
         """Rotation vector (3, 1) of a body from this state to a state moved by a complex step, divided by the step."""
         return axial(np.imag(other.rotation(side)) / STEP @ np.real(self.rotation(side)).T) + 0j
 
-    def still(self, w: Value, phidot: Value) -> Motion:
+    def still(self, w: Value, phidot: Value) -> RandomMotion:
         """A copy of this state with the given angular velocity of k and rate of the first coordinate, and no other motion."""
         other = self._copy(0j)
         other.vectors["w"]["k"] = w
@@ -315,7 +315,7 @@ def free_coordinates(section: str, own: Any) -> tuple[str, ...]:
 def checked_kind(kind: str, own: Any = ()) -> str:
     """Why a word of the text names no kind of states; empty where it names one. own: the user's laws."""
     try:
-        Motion(0, kind, own)
+        RandomMotion(0, kind, own)
     except (SizeError, KeyError) as error:
         return str(error)
     return ""

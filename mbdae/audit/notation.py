@@ -93,7 +93,7 @@ Comparison = tuple[Node, str, Node]  #: the sides of an assumption with the sign
 
 
 @dataclass(frozen=True)
-class Statement:
+class Relation:
     """Sides joined by `=` or `<=`, and the line of the file they stand in."""
 
     sides: tuple[Node, ...]
@@ -166,7 +166,7 @@ class Reader:
         self.text, self.line, self.at = text, line, 0
         self.tokens = _tokens(text, line, _COMPARED if relations else _TOKEN)
 
-    def statement(self) -> Statement:
+    def statement(self) -> Relation:
         """The whole text as a statement; AuditError where it is none."""
         sides, relation = [self._sum()], "="
         while found := self._accept("=", "<="):
@@ -177,7 +177,7 @@ class Reader:
         self._end()
         if len(sides) == 1:
             raise self._error("a statement needs '=' or '<=' between two sides")
-        return Statement(tuple(sides), relation, self.line)
+        return Relation(tuple(sides), relation, self.line)
 
     def assumption(self) -> tuple[Comparison, ...]:
         """The whole text as comparisons; AuditError where it is none."""

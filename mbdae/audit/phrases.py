@@ -18,8 +18,8 @@ import symengine as se
 from mbdae.audit import carried
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate, shifted
 from mbdae.audit.laws import WITH_COORDINATES, Own
-from mbdae.audit.motion import Motion
-from mbdae.audit.notation import AuditError, Node, Statement
+from mbdae.audit.motion import RandomMotion
+from mbdae.audit.notation import AuditError, Node, Relation
 from mbdae.reports.units import Unit, unit
 
 Rule = Callable[..., Value]
@@ -124,7 +124,7 @@ class Scope:
     """What a formula may refer to: symbols with their meaning, earlier statements by number, the user's laws."""
 
     symbols: Mapping[str, Meaning]
-    printed: Mapping[str, tuple[Statement, ...]] = field(default_factory=dict)
+    printed: Mapping[str, tuple[Relation, ...]] = field(default_factory=dict)
     own: Own = ()
     sides: str = ""  #: "left" or "applied": side of the equations of motion that the text declares for its forces
 
@@ -176,7 +176,7 @@ class Scope:
 class Env:
     """Values of the symbols of a text (its `Scope`) in one state; formulas are evaluated in it."""
 
-    motion: Motion
+    motion: RandomMotion
     scope: Scope
     inner: str = "l"  #: the body that carries the inner race
     #: forces whose side of the equations of motion is open count as applied to the bodies (1) or as on the left-hand side (-1)
@@ -303,7 +303,7 @@ class Env:
         if base.motion.kind == "clearance":
             return base
         memory = base.motion.memory
-        memory.setdefault("touching", Motion(base.motion.seed, "clearance"))
+        memory.setdefault("touching", RandomMotion(base.motion.seed, "clearance"))
         return replace(base, motion=memory["touching"], store={})
 
     def bound(self, name: str, value: Value) -> Env:

@@ -30,7 +30,7 @@ from mbdae.audit import rules_contact, rules_laws, rules_motion
 from mbdae.audit.evaluate import SizeError, Value
 from mbdae.audit.laws import Own
 from mbdae.audit.motion import checked_kind
-from mbdae.audit.notation import AuditError, Node, Reader, Statement
+from mbdae.audit.notation import AuditError, Node, Reader, Relation
 from mbdae.audit.phrases import OWN, PARAMETER, Definition, Env, Meaning, Scope, understand
 from mbdae.audit.rules_laws import unit_of_parameter
 from mbdae.audit.rules_motion import SAID, Assumption, assumptions
@@ -52,7 +52,7 @@ class Printed:
     """One printed equation with what the text around it says."""
 
     number: str
-    statements: tuple[Statement, ...]
+    statements: tuple[Relation, ...]
     scope: Scope
     section: str = ""
     states: str = "free"
@@ -114,7 +114,7 @@ class _File:
         self.unread: dict[str, str] = {}  #: why a symbol has no meaning, by its name
         self.assumed: list[Assumption] = []
         self.places: dict[str, int] = {}  #: the line of every equation, by its number
-        self.printed: dict[str, tuple[Statement, ...]] = {}
+        self.printed: dict[str, tuple[Relation, ...]] = {}
         self.section, self.states, self.only, self.sides, self.doubt = "", "free", False, "", ""
         self.in_claims = False
 
@@ -251,7 +251,7 @@ class _File:
     def _scope(self) -> Scope:
         return Scope(dict(self.symbols), dict(self.printed), self.own, self.sides)
 
-    def _known(self, where: Node | Statement | str, line: str, names: Set[str], scope: Scope) -> None:
+    def _known(self, where: Node | Relation | str, line: str, names: Set[str], scope: Scope) -> None:
         for name in sorted(names - set(scope.symbols) - _CONSTANTS):
             if name in self.unread:
                 declared = self.unread[name]

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.audit.compare import SAME, States, compared, difference, vanishing
+from mbdae.audit.compare import SAME, ComparedStates, compared, difference, vanishing
 from mbdae.audit.evaluate import NO_VALUE, PARTIAL, OutsideError, Value, attempt, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own, derived, law_class, part_class
 from mbdae.audit.motion import turned
-from mbdae.audit.notation import Node, Statement, is_zero, symbol
+from mbdae.audit.notation import Node, Relation, is_zero, symbol
 from mbdae.audit.phrases import PARAMETER, Definition, Env, Meaning
 from mbdae.audit.reading import Printed
 from mbdae.audit.rules_contact import energy_fed
@@ -55,7 +55,7 @@ def may_vanish(meaning: Meaning, own: Own) -> bool:
     return meaning.phrase.vanishes and not (parameter and refuses_zero(parameter[1], parameter[2], own))
 
 
-def left_out(equation: Printed, states: States, laws: set[str]) -> Mapping[str, float]:
+def left_out(equation: Printed, states: ComparedStates, laws: set[str]) -> Mapping[str, float]:
     """The smallest set of parameters ("damping of PointSpring") that the text declares nowhere and without whose effect both
     sides agree, each with the value at which it has no effect; empty if none. A set with
     which a quantity of the text vanishes does not count, since the agreement then says nothing.
@@ -109,7 +109,7 @@ class Domain:
     gap: str = ""
 
 
-def domain(equation: Printed, states: States) -> Domain:
+def domain(equation: Printed, states: ComparedStates) -> Domain:
     """The domain of an equation: conditions that every state satisfies are not said."""
     violated, signs = dict[str, set[int]](), dict[str, set[bool]]()
     for seed in range(SCANNED) if any(_partial(n) for n in _pieces(equation)) else ():
@@ -207,7 +207,7 @@ def _finite(side: Node, env: Env) -> bool | None:
         return False
 
 
-def in_part(equation: Printed, states: States) -> str:
+def in_part(equation: Printed, states: ComparedStates) -> str:
     """The condition under which a formula with functions of several branches holds, where that is a part of the states tried; ""
     where it holds in none, or in all."""
     if not any(map(_branched, _pieces(equation))) or len(equation.statements) > 1:
@@ -236,7 +236,7 @@ HALF, SOME = np.pi, 0.4
 FAST = -100.0  #: rate of penetration of bodies that separate fast, m/s
 
 
-def remarks(equation: Printed, states: States) -> list[str]:
+def remarks(equation: Printed, states: ComparedStates) -> list[str]:
     """Remarks on a formula that is right as it is printed."""
     try:
         found = [r for rule in (_solutions, _balance, _pull, _energy) for r in rule(equation, states)]
@@ -249,7 +249,7 @@ def remarks(equation: Printed, states: States) -> list[str]:
 # -- other solutions of a constraint
 
 
-def _solutions(equation: Printed, states: States) -> Iterator[str]:
+def _solutions(equation: Printed, states: ComparedStates) -> Iterator[str]:
     """Remark on a constraint that also holds where l is turned by half a turn about one of its axes, but not by less."""
     sides = [s.subject for s in equation.statements if s.ends_at_zero]
     if not sides or equation.states == "free":
@@ -263,7 +263,7 @@ def _solutions(equation: Printed, states: States) -> Iterator[str]:
         yield f"vanishes too where l is turned by half a turn about its axis {about}, which the text does not exclude"
 
 
-def _size(side: Node, states: States, axis: int, angle: float) -> float:
+def _size(side: Node, states: ComparedStates, axis: int, angle: float) -> float:
     """Largest value of a side in states of the joint after a turn of l about one of its axes."""
     worst = 0.0
     for env in states.joint[:2]:
@@ -276,7 +276,7 @@ def _size(side: Node, states: States, axis: int, angle: float) -> float:
 # -- forces
 
 
-def _balance(equation: Printed, states: States) -> Iterator[str]:
+def _balance(equation: Printed, states: ComparedStates) -> Iterator[str]:
     """Remark on forces on both bodies whose resultant is zero only where the joint connects the bodies."""
     for statement in equation.statements:
         meaning = equation.scope.symbols.get(str(statement.sides[0]))
@@ -286,7 +286,7 @@ def _balance(equation: Printed, states: States) -> Iterator[str]:
                 yield "action and reaction leave a resultant where the bodies are not joined exactly"
 
 
-def _resultant(statement: Statement, parts: list[str], env: Env) -> float:
+def _resultant(statement: Relation, parts: list[str], env: Env) -> float:
     values = np.split(np.real(evaluate(statement.sides[-1], env)), len(parts))
     on = dict(zip(parts, values, strict=True))
     force = sum((v for p, v in on.items() if p.startswith("move")), np.zeros((3, 1)))
@@ -295,7 +295,7 @@ def _resultant(statement: Statement, parts: list[str], env: Env) -> float:
     return float(max(np.max(np.abs(force)), np.max(np.abs(moment))))
 
 
-def _of(equation: Printed, wording: str) -> Iterator[tuple[Statement, Meaning]]:
+def _of(equation: Printed, wording: str) -> Iterator[tuple[Relation, Meaning]]:
     """Statements whose first side is a symbol with that kind of meaning, and the meaning."""
     for statement in equation.statements:
         meaning = equation.scope.symbols.get(str(statement.sides[0]))
@@ -303,7 +303,7 @@ def _of(equation: Printed, wording: str) -> Iterator[tuple[Statement, Meaning]]:
             yield statement, meaning
 
 
-def _pull(equation: Printed, states: States) -> Iterator[str]:
+def _pull(equation: Printed, states: ComparedStates) -> Iterator[str]:
     """Remark on a normal force that becomes tensile where bodies separate fast."""
     for wording in ("normal force of {name}", "damping force of {name}"):
         for statement, meaning in _of(equation, wording):
@@ -313,7 +313,7 @@ def _pull(equation: Printed, states: States) -> Iterator[str]:
                 yield "pulls where the bodies separate fast: contact has to end where the force falls to 0"
 
 
-def _energy(equation: Printed, states: States) -> Iterator[str]:
+def _energy(equation: Printed, states: ComparedStates) -> Iterator[str]:
     """Remark on a friction law with an internal state that may supply energy."""
     for wording, varying in (("coefficient of {name}", False), ("friction force of {name}", True)):
         for _, meaning in _of(equation, wording):

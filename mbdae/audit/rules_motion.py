@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.audit.evaluate import STEP, SizeError, Value, attempt
-from mbdae.audit.motion import Motion, axial
+from mbdae.audit.motion import RandomMotion, axial
 from mbdae.audit.notation import Comparison, Node, Reader, symbol
 from mbdae.audit.phrases import Env, Rule, Scope, register
 from mbdae.symbolic.rebuild import complex_atan2
@@ -113,13 +113,13 @@ FORCES: dict[str, Rule] = {
 }
 
 
-def _map(m: Motion) -> Value:
+def _map(m: RandomMotion) -> Value:
     """B (3, 4) with w_l = B (w_k, dphi/dt): from the angular velocity of k and the rate of the angle to that of l. Virtual
     rotations obey the same map."""
     return np.hstack([m.still(rates[:3, None] + 0j, rates[3] + 0j).of("w", "l") for rates in np.eye(4)])
 
 
-def _reduced(env: Env, m: Motion) -> Value:
+def _reduced(env: Env, m: RandomMotion) -> Value:
     """B^T r in a state m near that of env (B: `_map`); r is the residual of l in the state of env plus M, C and K times the
     changes of its angular acceleration, angular velocity and rotation from there to m."""
     base = env.motion
@@ -222,4 +222,4 @@ def constant(node: Node) -> float | None:
 
 @lru_cache(maxsize=1)
 def _anywhere() -> Env:
-    return Env(Motion(0), Scope({}))
+    return Env(RandomMotion(0), Scope({}))

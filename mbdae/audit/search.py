@@ -9,11 +9,11 @@ from itertools import chain
 import numpy as np
 
 from mbdae.audit import notation
-from mbdae.audit.compare import SAME, STATES, States, compared, difference
+from mbdae.audit.compare import SAME, STATES, ComparedStates, compared, difference
 from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, faults, supplements, united
 from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate
 from mbdae.audit.fits import Fit, factors, terms, wrapped
-from mbdae.audit.notation import BINDING, Node, Statement, made, symbol
+from mbdae.audit.notation import BINDING, Node, Relation, made, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 
@@ -39,7 +39,7 @@ class Repair:
         return "; ".join(self.words)
 
 
-def repair(equation: Printed, states: States) -> Repair | None:
+def repair(equation: Printed, states: ComparedStates) -> Repair | None:
     """The smallest change after which an equation is right: exchanged roles of the races, else a change of its formulas."""
     other = _other_roles(equation, states)
     if other is not None:
@@ -59,7 +59,7 @@ def repair(equation: Printed, states: States) -> Repair | None:
     return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), tex, all(e.accent for e in done))
 
 
-def _other_roles(equation: Printed, states: States) -> Repair | None:
+def _other_roles(equation: Printed, states: ComparedStates) -> Repair | None:
     """The equation with the other body in the role of the inner race, if it is right then; None otherwise."""
     if equation.inner is None:
         return None
@@ -71,7 +71,7 @@ def _other_roles(equation: Printed, states: States) -> Repair | None:
     return Repair((f"the roles of the races exchanged: {equation.inner} is the outer, {inner} the inner one",), other)
 
 
-Found = tuple[Statement, list[Edit]]
+Corrected = tuple[Relation, list[Edit]]
 Changed = tuple[Node, list[Edit]]
 
 
@@ -130,12 +130,12 @@ class _Goal:
         return [_Goal(self.envs, [v[0, 0] for v in p] if height == 1 else p) for p in parts]
 
 
-def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> Found | None:
+def _statement(statement: Relation, states: ComparedStates, known: Sequence[Edit]) -> Corrected | None:
     return next(filter(None, (_at_level(statement, states, known, level) for level in LEVELS)), None)
 
 
-def _at_level(statement: Statement, states: States, known: Sequence[Edit], level: int) -> Found | None:
-    best: Found | None = None
+def _at_level(statement: Relation, states: ComparedStates, known: Sequence[Edit], level: int) -> Corrected | None:
+    best: Corrected | None = None
     envs: Sequence[Env] = ()
     misfit = bool(faults(statement, states.free[:2]))
     for i, goal in _places(statement, states):
@@ -157,7 +157,7 @@ def _extent(done: Sequence[Edit]) -> tuple[int, float]:
     return len(done), round(sum(e.size for e in done), 6)
 
 
-def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]:
+def _places(statement: Relation, states: ComparedStates) -> Iterator[tuple[int, _Goal]]:
     """Sides that may be changed, each with its goal: the values of another side, or of the quantity that they should equal."""
     said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
@@ -286,7 +286,7 @@ def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidat
 # -- a missing term
 
 
-def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> Repair | None:
+def missing_term(equation: Printed, states: ComparedStates, scope: Scope, name: str) -> Repair | None:
     """The missing term, linear in the vector `name`, which the text does not name, and its rows and columns in the last side;
     None where no single term fits. scope: the symbols of the text with this vector."""
     (statement,) = equation.statements

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbdae.audit.compare import SAME, Compared, States, compared, identical
+from mbdae.audit.compare import SAME, Compared, ComparedStates, compared, identical
 from mbdae.audit.edits import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, reason
-from mbdae.audit.motion import Motion
-from mbdae.audit.notation import Statement, is_zero
+from mbdae.audit.motion import RandomMotion
+from mbdae.audit.notation import Relation, is_zero
 from mbdae.audit.phrases import Definition, Meaning, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import domain, in_part, left_out, remarks
@@ -96,16 +96,16 @@ def meanings(equation: Printed) -> str:
 
 def audit_text(text: Text) -> list[Row]:
     """A verdict on every equation of a text."""
-    shared: dict[tuple[str, int, str], Motion] = {}
+    shared: dict[tuple[str, int, str], RandomMotion] = {}
     rows = [audit_equation(equation, shared) for equation in text.equations]
     return [_of_group(row, rows) for row in rows]
 
 
-def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], Motion] | None = None, search: bool = True) -> Row:
+def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], RandomMotion] | None = None, search: bool = True) -> Row:
     """The verdict on one equation alone; search: whether to look for a repair."""
     if equation.trouble:
         return _cannot(equation, equation.trouble)
-    states = States(equation, equation.inner or "l", shared=shared if shared is not None else {})
+    states = ComparedStates(equation, equation.inner or "l", shared=shared if shared is not None else {})
     try:
         with np.errstate(all="ignore"):
             states = states.fitting()
@@ -116,7 +116,7 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], Motion]
         return _cannot(equation, reason(error, meanings(equation)))
 
 
-def _with_unlisted(row: Row, states: States) -> Row:
+def _with_unlisted(row: Row, states: ComparedStates) -> Row:
     """The verdict with a remark on a force that the text does not list; a right formula becomes INCOMPLETE by it."""
     said = _unlisted(row.printed, states)
     if not said:
@@ -127,7 +127,7 @@ def _with_unlisted(row: Row, states: States) -> Row:
     return replace(row, remark=told(said, row.remark))
 
 
-def _unlisted(equation: Printed, states: States) -> str:
+def _unlisted(equation: Printed, states: ComparedStates) -> str:
     """Remark on a force that acts on a part the text does not list; empty where there is none."""
     try:
         for env in (*states.free, *states.joint):
@@ -155,7 +155,7 @@ def _cannot(equation: Printed, why: str) -> Row:
     return Row(equation, CANNOT, float("nan"), remark=why)
 
 
-def _verdict(equation: Printed, states: States, search: bool) -> Row:
+def _verdict(equation: Printed, states: ComparedStates, search: bool) -> Row:
     gaps = [compared(s, states) for s in equation.statements]
     residual = max(c.gap for c in gaps)
     open_sides = _open_sides(equation)
@@ -184,7 +184,7 @@ def _open_sides(equation: Printed) -> set[str]:
     return set() if equation.scope.sides else {symbols[n].phrase.side for n in equation.used} - {""}
 
 
-def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_sides: set[str]) -> Row:
+def _on_a_side(equation: Printed, states: ComparedStates, side: int, gap: float, open_sides: set[str]) -> Row:
     """The verdict on a force that is right on one side of the equations of motion only."""
     if open_sides & set(DECLARED):
         other = next(DECLARED[s] for s in DECLARED if s in open_sides)
@@ -194,7 +194,7 @@ def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_si
                side=side)
 
 
-def _unbalanced(equation: Printed, states: States) -> str:
+def _unbalanced(equation: Printed, states: ComparedStates) -> str:
     """Remark on forces and moments printed for both bodies that leave a resultant moment; empty where there is none."""
     env, total = states.joint[0], np.zeros((3, 1))
     sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.subject for s in equation.statements))
@@ -209,7 +209,7 @@ def _unbalanced(equation: Printed, states: States) -> str:
     return "" if np.max(np.abs(total)) < SAME else "action and reaction act at two points and leave a moment"
 
 
-def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool) -> Row:
+def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], search: bool) -> Row:
     residual = max(c.gap for c in gaps)
     doubt = next((c.doubt for c in gaps if c.doubt), "")
     units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
@@ -247,7 +247,7 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
     return Row(equation, MISPRINT, residual, remark=units)
 
 
-def _without_parameters(equation: Printed, states: States) -> tuple[str, int] | None:
+def _without_parameters(equation: Printed, states: ComparedStates) -> tuple[str, int] | None:
     """Parameters without whose effect the formula is right, in words, and the side of the equations of motion it is right on."""
     for side in (1, -1) if _open_sides(equation) else (states.side,):
         found = left_out(equation, replace(states, side=side), _named(equation))
@@ -256,7 +256,7 @@ def _without_parameters(equation: Printed, states: States) -> tuple[str, int] | 
     return None
 
 
-def _joined(equation: Printed, states: States) -> bool:
+def _joined(equation: Printed, states: ComparedStates) -> bool:
     """Whether an equation with a relative angle, in a text that names no joint, holds for a revolute joint."""
     if equation.states != "free" or not any("relative angle" in equation.scope.symbols[n].text for n in equation.used):
         return False
@@ -269,7 +269,7 @@ def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
     return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
 
 
-def _defined_by(statement: Statement, scope: Scope) -> list[str]:
+def _defined_by(statement: Relation, scope: Scope) -> list[str]:
     """Symbols declared as mere numbers that are one side of the statement and appear on no other side: it defines them."""
     out = []
     for i, side in enumerate(statement.sides):
@@ -291,7 +291,7 @@ def _free_numbers(equation: Printed) -> str:
     return ""
 
 
-def _repaired(row: Row, found: Repair, states: States) -> Row:
+def _repaired(row: Row, found: Repair, states: ComparedStates) -> Row:
     again = replace(states, equation=found.equation, inner=found.equation.inner or "l")
     gap = max(compared(s, again).gap for s in found.equation.statements)
     new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
@@ -302,7 +302,7 @@ def _repaired(row: Row, found: Repair, states: States) -> Row:
     return replace(row, repaired=found.equation, repaired_residual=gap, symbolic=same)
 
 
-def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
+def _lacking(equation: Printed, states: ComparedStates) -> tuple[str, str] | None:
     """A quantity that the text does not name and without which the equation is right: its symbol and wording; None if none."""
     known = set(equation.scope.symbols)
     scope = equation.scope.widened(equation.used)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.decision import rivals
+from mbdae.compare.decision import quartiles, rivals
 from mbdae.compare.measures import Reference
 from mbdae.compare.page import Comparison
 from mbdae.compare.problem import (
@@ -58,7 +58,7 @@ def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float],
         "max_wall": problem.max_wall,
         "runs": [{"solver": encode(run.solver), "form": encode(run.form),
                   "model": {name: encode(model) for name, model in run.models.items()} or None, "label": run.label,
-                  **({"scene": run.scene.statements} if run.scene is not None else {}),
+                  **({"scene": _stated(run.scene)} if run.scene is not None else {}),
                   "own": own_classes(run.solver, run.form)} for run in runs],
         "reference": "computed" if given is None else f"given, {_digest(given[0])}", "environment": environment(),
     }
@@ -68,8 +68,7 @@ def _scene(problem: Problem) -> dict[str, Any]:
     """The statements of a scene; of a System, whose functions cannot be stored, their values at fixed states."""
     s = problem.scene
     if s is not None:
-        return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements,
-                "laws": own_laws(problem.stated.prepared.model) if problem.stated.prepared else {}, "own": own_of(s)}
+        return {**_stated(s), "laws": own_laws(problem.stated.prepared.model) if problem.stated.prepared else {}}
     system = problem.system(None)
     out, values = np.empty(system.n), []
     for k in range(PROBES):
@@ -80,6 +79,11 @@ def _scene(problem: Problem) -> dict[str, Any]:
     own = {name: reads(thing) for name, thing in vars(system).items() if isinstance(thing, FunctionType)}
     return {"names": list(system.names), "index": np.asarray(system.index).tolist(), "t0": system.t0, "y0": system.y0.tolist(),
             "yp0": system.yp0.tolist(), "residuals": _digest(np.array(values)), "functions": own}
+
+
+def _stated(s: Any) -> dict[str, Any]:
+    """A scene as it is stated, with what its statements read of the user's own."""
+    return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements, "own": own_of(s)}
 
 
 def _digest(values: Array) -> str:
@@ -176,8 +180,8 @@ def _timed_again(problem: Problem, queue: Sequence[Asked_], rows: list[Row]) -> 
     """The rows, where those that compete for an accuracy have been timed again in turns: what else the machine did while one of
     them was timed does not decide between them."""
     rows = list(rows)
-    near = sorted({i for wanted in {row.accuracy for row in rows if row.accuracy} for i in rivals(rows, wanted)})
-    near = [i for i in near if queue[i][0] is not None]
+    accuracies = {row.accuracy for row in rows if row.accuracy}
+    near = sorted({i for wanted in accuracies for i in rivals(rows, wanted) if not rows[i].chosen})
     if len(near) < 2:
         return rows
     found: dict[int, list[float]] = {i: [] for i in near}
@@ -186,9 +190,8 @@ def _timed_again(problem: Problem, queue: Sequence[Asked_], rows: list[Row]) -> 
         for i, (equations, solver, form) in work.items():
             found[i].append(problem.solve(solver, form, equations).cpu_s)
     for i, seconds in found.items():
-        low, middle, high = np.quantile(seconds, (0.25, 0.5, 0.75))
-        spread = max(float(high - low), rows[i].cpu_spread_s or 0.0)
-        rows[i] = replace(rows[i], cpu_s=float(middle), cpu_spread_s=spread)
+        middle, spread = quartiles(seconds)
+        rows[i] = replace(rows[i], cpu_s=middle, cpu_spread_s=max(spread, rows[i].cpu_spread_s or 0.0))
     return rows
 
 
@@ -210,12 +213,13 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     """
     begin = time.process_time()
     asked = _checked_accuracies(accuracies)
-    own, tell = None if runs is None or is_all(runs) else checked_runs(runs), progress_of_runs(progress)
+    everything, tell = runs is not None and is_all(runs), progress_of_runs(progress)
+    own = None if runs is None or everything else checked_runs(runs)
     resume = resume_path(resume)
     refuse_no_reference(reference)
     problem = new_problem(scene, t_end, measure, max_wall, alone=False)
     chosen = own or default_runs(problem.constrained, problem.stated.given, problem.other_models, problem.resolving)
-    if runs is not None and is_all(runs) and problem.scene is not None:
+    if everything and problem.scene is not None:
         known = {run.name("") for run in chosen}
         chosen = [*chosen, *(run for run in shipped_runs(not problem.constrained) if run.name("") not in known)]
     given = given_reference(problem, reference) if reference is not None else None

@@ -30,6 +30,12 @@ def tied(row: Any, best: Any) -> bool:
     return apart <= (row.cpu_spread_s or 0.0) + (best.cpu_spread_s or 0.0)
 
 
+def quartiles(times: Sequence[float]) -> tuple[float, float]:
+    """The median of some times and the distance of their quartiles, s."""
+    low, middle, high = np.quantile(times, (0.25, 0.5, 0.75))
+    return float(middle), float(high - low)
+
+
 def seconds(value: float | None) -> str:
     """A time in the unit in which it is read: us, ms or s."""
     if value is None:
@@ -51,7 +57,7 @@ def _choices(w: Any) -> Iterable[str]:
     for wanted in w.accuracies:
         best = w.cheapest(wanted)
         ties = [] if best is None else list(dict.fromkeys(
-            row.label for row in w.runs if reaches(row, wanted) and row.label != best.label and row.call_is_its_own
+            row.label for row in w.runs if reaches(row, wanted) and row.label != best.label and not row.chosen
             and tied(row, best)))
         if found and (found[-1][1] is best if best is None or found[-1][1] is None else found[-1][1].label == best.label):
             found[-1] = ([*found[-1][0], wanted], best, ties)
@@ -74,7 +80,7 @@ def _choices(w: Any) -> Iterable[str]:
 
 
 def _of_simulate(w: Any) -> Iterable[str]:
-    own = [row for row in w.runs if not row.call_is_its_own and row.measured is not None]
+    own = [row for row in w.runs if row.chosen and row.measured is not None]
     if own:
         last = own[-1]
         yield f"`simulate` takes {last.solver} {last.form}, {seconds(last.call_s)} a call for {last.accuracy:.0e}."

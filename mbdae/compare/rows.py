@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.compare.decision import quartiles
 from mbdae.compare.measures import Reference
 from mbdae.compare.problem import Problem, with_models
 from mbdae.compare.run import CHOICE, MOST, REPEATED, Equations, Run, warm
@@ -88,7 +89,7 @@ def executed(problem: Problem, run: Run | None, accuracy: float | None, referenc
     """Execute one run (None: the call of `simulate`); returns its row, and its values of the first measure, None where it
     failed."""
     if run is None:
-        return _of_simulate(problem, accuracy or 1e-6, reference)
+        return _of_simulate(problem, accuracy, reference)
     facts: dict[str, Any] = {**_labels(problem, run, None), "solver": run.solver.label, "accuracy": accuracy,
                              "loose": problem.loose(run)}
     spent = problem.spent
@@ -127,9 +128,9 @@ def as_asked(problem: Problem, run: Run, accuracy: float | None) -> tuple[Equati
     return equations, solver
 
 
-def _of_simulate(problem: Problem, accuracy: float, reference: Known) -> tuple[Row, Array | None]:
+def _of_simulate(problem: Problem, accuracy: float | None, reference: Known) -> tuple[Row, Array | None]:
     """What `simulate` does where no solver is named: the CPU time of the whole call, with all runs beside it."""
-    facts: dict[str, Any] = {"label": CHOICE, "solver": "", "form": "", "model": None, "accuracy": accuracy}
+    facts: dict[str, Any] = {"label": CHOICE, "solver": "", "form": "", "model": None, "accuracy": accuracy, "chosen": True}
     assert problem.scene is not None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -146,9 +147,8 @@ def _of_simulate(problem: Problem, accuracy: float, reference: Known) -> tuple[R
     solver, form = r.solution.solver.label, r.info.form
     facts |= {"label": f"{CHOICE}: {solver} {form}", "solver": solver, "form": form}
     values = problem.all_values(r.solution, own)
-    low, high = np.quantile(seconds[1:], (0.25, 0.75))
-    cost = {"cpu_s": r.stats.cpu_s, "call_s": float(np.median(seconds[1:])), "cpu_spread_s": float(high - low) + problem.tick,
-            "cpu_first_s": seconds[0]}
+    call, spread = quartiles(seconds[1:])
+    cost = {"cpu_s": r.stats.cpu_s, "call_s": call, "cpu_spread_s": spread + problem.tick, "cpu_first_s": seconds[0]}
     return Row(**facts, **_errors(problem, values, reference), **cost, **counts(r.solution)), values[0]
 
 

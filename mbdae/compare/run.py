@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.compare.decision import quartiles
 from mbdae.errors import OptionError
 from mbdae.formulations import Form, Index1, Index3, default_form, form_of, form_words, system_for
 from mbdae.integrators.base import Solver
@@ -294,8 +295,7 @@ def timed(solve: Callable[[], Solution], tick: float | None, spend: Callable[[fl
     try:
         solution = solve()
     finally:
-        first = time.process_time() - begin
-        spend(first)
+        spend(first := time.process_time() - begin)
     if tick is None or first >= LONG:
         return Timed(solution, first, first, None)
     seconds, within, used = list[float](), 1, first
@@ -312,8 +312,8 @@ def timed(solve: Callable[[], Solution], tick: float | None, spend: Callable[[fl
         seconds.append(took / within)
         if used > 2 * REPEATED:
             break
-    low, middle, high = np.quantile(seconds, (0.25, 0.5, 0.75))
-    return Timed(solution, float(middle), first, float(high - low) + tick / within)
+    middle, spread = quartiles(seconds)
+    return Timed(solution, middle, first, spread + tick / within)
 
 
 def resolution() -> float:

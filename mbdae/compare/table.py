@@ -13,7 +13,6 @@ import numpy as np
 
 from mbdae.compare.decision import decision, reaches, seconds
 from mbdae.compare.measures import Reference
-from mbdae.compare.run import CHOICE
 from mbdae.study import Study, grid
 from mbdae.system.base import Array
 from mbdae.values import flag, number, option
@@ -34,7 +33,8 @@ class Row:
     (t, y, y'), most of the memory of a finished run; peak_bytes: largest resident size of the whole process during the run,
     None where the system does not measure it; failure: why it did not finish; pareto: whether no other run was at least as
     accurate and as cheap, and the error is above the uncertainty of the reference; loose: joint models in words where they model
-    something else than the scene as stated, whose error is that against a reference of their own.
+    something else than the scene as stated, whose error is that against a reference of their own; chosen: whether `simulate`
+    chose the solver, whose whole call was measured.
     """
 
     label: str
@@ -65,16 +65,12 @@ class Row:
     cpu_first_s: float | None = None
     errors: dict[str, float] = field(default_factory=dict)
     loose: str = ""
+    chosen: bool = False
 
     def __post_init__(self) -> None:
         parts = (self.start_s, self.cpu_s, self.companions_s, self.judgement_s)
-        if self.call_is_its_own and self.start_s is not None and self.failure is None:
+        if self.start_s is not None and self.failure is None:
             object.__setattr__(self, "call_s", sum(part or 0.0 for part in parts))
-
-    @property
-    def call_is_its_own(self) -> bool:
-        """Whether the row is that of a stated run; else it is that of a whole call of `simulate`, whose solver that chose."""
-        return not self.label.startswith(CHOICE)
 
     @property
     def measured(self) -> tuple[float, float] | None:
@@ -181,7 +177,7 @@ class ComparisonData(Study):
     def cheapest(self, accuracy: float) -> Row | None:
         """The run with an error of at most `accuracy` (unit of the measure) in the least CPU time; None where there is none."""
         wanted = option("accuracy", accuracy, number, "give a positive number such as 1e-6", above=0)
-        reached = [row for row in self.runs if reaches(row, wanted) and row.call_is_its_own]
+        reached = [row for row in self.runs if reaches(row, wanted) and not row.chosen]
         return min(reached, key=lambda row: row.cpu_s or 0.0, default=None)
 
     @property
@@ -215,8 +211,7 @@ class ComparisonData(Study):
         also where their CPU time goes, evaluations and memory."""
         whole = option("all_columns", all_columns, flag, "give True or False")
         lines = [f"scene '{self.scene}' to t = {self.t_end:g} s", self.decision, ""]
-        full = [tuple(COLUMNS), *(cells(row) for row in self.runs)]
-        lines += grid(full if whole else self.short(), MARKS)
+        lines += grid([tuple(COLUMNS), *(cells(row) for row in self.runs)] if whole else self.short(), MARKS)
         lines += [f"{name}: {meaning}" for name, meaning in (COLUMNS if whole else self.legend).items() if name]
         lines += [f"reference: {self.reference}", *([self.caution] if self.caution else []), "", *failure_lines(self.failures),
                   str(self.pairwise), *grid(pairwise_cells(self.pairwise)), ""]
@@ -227,7 +222,6 @@ class ComparisonData(Study):
                    textwrap.wrap(line, WIDTH, break_long_words=False, break_on_hyphens=False) for line in lines]
         return "\n".join(itertools.chain(*wrapped))
 
-
     def short(self) -> list[tuple[str, ...]]:
         """The table of a terminal: heading and rows, with the columns that decide."""
         more = list(self.units)[1:]
@@ -236,9 +230,8 @@ class ComparisonData(Study):
         for row in self.runs:
             errors = [_number(row.errors.get(name), ".1e") for name in more]
             times = (seconds(row.cpu_s), seconds(row.cpu_spread_s), seconds(row.call_s))
-            mark = "failed" if row.failure else "*" if row.pareto else "model" if row.loose else ""
             first = (row.label, _number(row.accuracy, ".0e"), _number(row.error, ".1e"))
-            rows.append((*first, *errors, *times, str(row.steps), mark))
+            rows.append((*first, *errors, *times, str(row.steps), mark(row)))
         return [head, *rows]
 
     @property
@@ -254,6 +247,13 @@ class ComparisonData(Study):
 
 
 MARKS = ("*", "failed", "model")
+
+
+def mark(row: Row) -> str:
+    """The mark of a run in the last column."""
+    return "failed" if row.failure else "*" if row.pareto else "model" if row.loose else ""
+
+
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
          "start": "of start, rank and equations of the scene there", "compan.": "of the runs that would estimate its error",
          "judge": "of its warnings and the checks after the run"}
@@ -301,14 +301,13 @@ def pairwise_cells(p: Pairwise) -> list[tuple[str, ...]]:
 def cells(row: Row) -> tuple[str, ...]:
     """The cells of one run, in the order of COLUMNS."""
     counts = (row.steps, row.rejected, row.residuals, row.jacobians, row.factorisations, row.newton_iterations)
-    mark = "failed" if row.failure else "*" if row.pareto else "model" if row.loose else ""
     parts = (row.derive_s, row.compile_s, row.start_s, row.companions_s, row.judgement_s)
     times = tuple(map(seconds, (row.cpu_s, row.cpu_spread_s, row.call_s, *parts)))
     asked = (_number(row.accuracy, ".0e"), _number(row.rtol, ".0e"))
     size = None if row.stored_bytes is None else row.stored_bytes / 1000
     peak = None if row.peak_bytes is None else row.peak_bytes / 1e6
     memory = (_number(size, ".0f"), _number(peak, ".0f"))
-    return (row.label, *asked, _number(row.error, ".1e"), *times, *(str(n) for n in counts), *memory, mark)
+    return (row.label, *asked, _number(row.error, ".1e"), *times, *(str(n) for n in counts), *memory, mark(row))
 
 
 def _number(value: float | None, form: str) -> str:

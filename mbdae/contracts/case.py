@@ -10,7 +10,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.contracts.states import States, Values, columns, moved
+from mbdae.contracts.states import RandomStates, Values, columns, moved
 from mbdae.formulations import ggl_outputs
 from mbdae.kernels import Kernel
 from mbdae.kernels.plan import LinearisedPlan, Outputs, Plan
@@ -87,7 +87,7 @@ class Case:
         self.d: Derived = derive(law, structure, sides)
         self.family[structure, sides] = self
         self.rng = np.random.default_rng(20)
-        self.states = States(self.d, given, self.rng, POINTS)
+        self.states = RandomStates(self.d, given, self.rng, POINTS)
         self.values = self.states.values
 
     def variant(self, sides: tuple[Side, ...]) -> Case:

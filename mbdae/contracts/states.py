@@ -94,7 +94,7 @@ def joint_axes(axes: Axes, rng: np.random.Generator) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-class States:
+class RandomStates:
     """Random states of a law: its sides as drawn and displaced from there. `values`: all symbols by name in `count` states."""
 
     def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:

@@ -30,24 +30,24 @@ from mbdae.symbolic.tree_motion import Open
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import option, sequence, shown, word
 
-Table = list[tuple[Target, Expr]]
-Made = dict[str, tuple[Any, Sequence[Entry], str]]  #: name of a function -> kernel, outputs, meaning
+OutputTable = list[tuple[Target, Expr]]
+MadeFunctions = dict[str, tuple[Any, Sequence[Entry], str]]  #: name of a function -> kernel, outputs, meaning
 
 
-def _equations(d: Derived) -> Table:
+def _equations(d: Derived) -> OutputTable:
     return [*of.dynamics(d), *(of.kinematics(d) if isinstance(d.law, Element) else ()), *of.position(d), *of.state_rows(d)]
 
 
-def _energy(d: Derived) -> Table:
+def _energy(d: Derived) -> OutputTable:
     return [(("energy",), d.energy)]
 
 
-def _gamma(d: Derived) -> Table:
+def _gamma(d: Derived) -> OutputTable:
     return of.acceleration(d) if d.rows else []
 
 
 #: name of a function -> its outputs and their meaning
-FUNCTIONS: dict[str, tuple[Callable[[Derived], Table], str]] = {
+FUNCTIONS: dict[str, tuple[Callable[[Derived], OutputTable], str]] = {
     "forces": (of.dynamics, "generalised forces of the law on the velocities of its frames, left-hand side of M u' + ... = 0"),
     "energy": (_energy, "potential energy; of a body its kinetic energy"),
     "rows": (of.position, "constraint rows g = 0"),
@@ -109,7 +109,7 @@ def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...
 
 def _of_frames(title: str, d: Derived, values: Mapping[str, Any]) -> Program:
     found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
-    made: Made = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
+    made: MadeFunctions = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
                   if any(e != 0 for e in p.expressions)}
     derived, symbols = linearised_plan(d, _equations, Open.ALL), of.input_symbols(d)
     if derived.jacobian_places:
@@ -172,7 +172,7 @@ def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> P
         "jacobian": ("derivatives of forces, then rows",
                      [(f"output {o} by {d.variables[i]}", e) for (o, i), e in d.derivatives.items()]),
     }
-    made: Made = {}
+    made: MadeFunctions = {}
     for name, (meaning, table) in tables.items():
         if any(e != 0 for _, e in table):
             symbols = sorted(set().union(*(e.free_symbols for _, e in table)), key=str)
@@ -180,7 +180,7 @@ def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> P
     return _program(title, made, {str(s): "" for s in d.variables}, law, values)
 
 
-def _program(title: str, made: Made, x: Mapping[str, str], law: Any, values: Mapping[str, Any]) -> Program:
+def _program(title: str, made: MadeFunctions, x: Mapping[str, str], law: Any, values: Mapping[str, Any]) -> Program:
     """A program with one kernel call for each function. x: units of the unknowns by name."""
     used = {str(s) for kernel, _, _ in made.values() for s in kernel.symbols}
     unknown = [name for name in x if name in used]

@@ -22,9 +22,9 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.rebuild import symbols_of
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.numbering import Numbering
+from mbdae.values import Array
 
 Index = NDArray[np.int64]
-Array = NDArray[np.float64]
 
 
 class Entry(NamedTuple):

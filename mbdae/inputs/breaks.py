@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import symengine as se
-from numpy.typing import NDArray
 
 from mbdae.errors import MbdaeError
 from mbdae.inputs import tables
@@ -22,9 +21,7 @@ from mbdae.inputs.tables import Table
 from mbdae.inputs.timed import SIDE, TIME, affine, rate, sided, split
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
-from mbdae.values import BadValueError
-
-Array = NDArray[np.float64]
+from mbdae.values import Array, BadValueError
 
 #: most instants at which conditions, floors and tables change between start and end of a run, and most intervals searched at a
 #: time; with more the input is refused (TooManyError)

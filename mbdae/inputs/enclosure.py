@@ -18,11 +18,12 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.inputs import tables
-from mbdae.inputs.tables import Array, Table
+from mbdae.inputs.tables import Table
 from mbdae.inputs.timed import SIDE, TIME, sided
 from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.vectors import Expr
 from mbdae.threads import check
+from mbdae.values import Array
 
 
 def table_range(table: Table, order: int, low: Array, high: Array, side: Array) -> tuple[Array, Array]:

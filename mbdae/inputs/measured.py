@@ -28,9 +28,9 @@ from mbdae.errors import OptionError, naming_arguments
 from mbdae.inputs import tables
 from mbdae.inputs.deferred_time import sympy_time
 from mbdae.inputs.sensed import symbol_name
-from mbdae.inputs.tables import OF_SENSOR, Array, Table
+from mbdae.inputs.tables import OF_SENSOR, Table
 from mbdae.inputs.timed import after
-from mbdae.values import BadValueError, option, path, shown, text
+from mbdae.values import Array, BadValueError, option, path, shown, text
 
 Index = NDArray[np.intp]
 

@@ -23,8 +23,7 @@ from mbdae.inputs.tables import SIDED
 from mbdae.inputs.timed import TIME, rate, sided
 from mbdae.symbolic.rebuild import KINDS, is_condition, nodes, scales
 from mbdae.symbolic.vectors import Expr
-
-Array = NDArray[np.float64]
+from mbdae.values import Array
 
 NONE = np.zeros(0)
 WIDTHS = 2.0  #: largest change of a function's argument over a stretch, in widths of the function; else the stretch is halved

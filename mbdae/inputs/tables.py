@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 
 from mbdae.notation import counted
 from mbdae.symbolic.vectors import Expr
-from mbdae.values import BadValueError, array, shown, word
-
-Array = NDArray[np.float64]
+from mbdae.values import Array, BadValueError, array, shown, word
 
 KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
 MOST_POINTS = 5_000_000
@@ -269,7 +267,7 @@ def named(name: str) -> Lookup | None:
 
 def in_cases(found: Lookup, x: Expr, number: Callable[[float], Expr] = se.RealDouble) -> Expr:
     """The value of a table at x as cases of a Piecewise, nested so that a value is found by halving. number: what stands for each
-    of its numbers. Beyond the ends of a table with outside="error" its last polynomials go on: `refuses` says where."""
+    of its numbers. Beyond the ends of a table with outside="error" its last polynomials go on; runs end there."""
     table, c = found.table, found.table.of_order(found.order)
     if table.period:
         x = x - number(table.period) * se.floor((x - number(table.t[0])) / number(table.period))

@@ -14,7 +14,7 @@ from mbdae.integrators.collocation_tables import CollocationTable
 from mbdae.integrators.constant import SINGULAR, StepFailedError, not_finite
 from mbdae.integrators.matrices import IterationMatrix, coupled_correction
 from mbdae.integrators.solution import Stats
-from mbdae.native.collocation import DIVERGED, ORDER, STAGNATION, Run, Stages
+from mbdae.native.collocation import DIVERGED, ORDER, STAGNATION, CollocationRun, Stages
 from mbdae.native.equations import equations_of, rates_of
 from mbdae.native.sparse import SingularMatrixError
 from mbdae.system.base import Array, System
@@ -110,8 +110,8 @@ class CollocationStep:
         self.newton = StageNewton(system, table, self.matrix, stats)
         self.t = float(system.t0)
         order = np.asarray(system.index, dtype=float) - 1.0
-        self.run = Run(self.newton, None if table.stiffly_accurate else rates_of(system), demand.atol, order, demand.rtol,
-                       system.time, demand.target, demand.limit)
+        self.run = CollocationRun(self.newton, None if table.stiffly_accurate else rates_of(system), demand.atol, order,
+                                  demand.rtol, system.time, demand.target, demand.limit)
         self.y, self.yp = self.run.y, self.run.yp
         self.y[:], self.yp[:] = system.y0, system.yp0
         # with contacts the Jacobian is evaluated at the start of a step: at the predicted state other contacts may be closed

@@ -29,7 +29,7 @@ from mbdae.integrators.dense import Collocation, hermite, increments_of, inside_
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.watch import StepWatch
-from mbdae.native.collocation import AGAIN, DIVERGED, DONE, LOOK, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
+from mbdae.native.collocation import AGAIN, DIVERGED, DONE, LOOK, NO_RATES, NO_WIDTH, ORDER, VANISHED, AcceptedSteps
 from mbdae.system.base import Array, System
 from mbdae.values import number, set_option, whole
 
@@ -101,7 +101,7 @@ class Adaptive:
             return None
         return made.code if kept == count else DONE
 
-    def _made(self, solved: bool) -> Made:
+    def _made(self, solved: bool) -> AcceptedSteps:
         """Make up to `rows` steps. A native call may return earlier, after some time. Where contacts or switches are watched it
         is then repeated until all steps are made: bounds of the step are renewed between blocks, and must not depend on the
         clock."""
@@ -116,7 +116,7 @@ class Adaptive:
             made = made.then(more)
         return made
 
-    def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:
+    def _kept(self, watch: StepWatch, made: AcceptedSteps, before: Any) -> int:
         """Number of the steps `made` that can be stored; the method goes back to the end of the last of these. before: state of
         the step control before these steps."""
         loop, closely = self.loop, self.rows == 1
@@ -143,7 +143,7 @@ class Adaptive:
             watch.jacobian_at(float(times[-1]), states[-1])
         return kept
 
-    def _go_back(self, made: Made, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
+    def _go_back(self, made: AcceptedSteps, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
         """Return to the last stored step. times, increments: of all `made` steps, of which the first `kept` are stored; closely:
         whether the next one was examined by itself; before: state of the step control before the block."""
         control, loop = self.control, self.loop

@@ -42,7 +42,7 @@ NOISE = 3.0
 #: TINY: smallest fraction of a step at which a kink is placed
 TINY = 1e-9
 
-Found = tuple[float, int, bool]  #: fraction of a step, number of an argument, whether it certainly has a kink or peak there
+KinkInStep = tuple[float, int, bool]  #: fraction of a step, number of an argument, whether it certainly has a kink or peak there
 
 
 class SwitchingSteps:
@@ -114,7 +114,7 @@ class SwitchingSteps:
 
     # -- what a step hides
 
-    def _found(self, constant: bool = False) -> Found | None:
+    def _found(self, constant: bool = False) -> KinkInStep | None:
         """The first place in the step at which the step should have ended, or None; constant: whether it is a constant step."""
         asked = self.arguments.suspects(LIMIT)
         if not asked.any():
@@ -128,7 +128,7 @@ class SwitchingSteps:
             found += [(part, i, False) for i in np.flatnonzero(asked & kinks).tolist() for part in self._near_misses(i)]
         return min(found, default=None)
 
-    def _scale(self, i: int) -> Found | None:
+    def _scale(self, i: int) -> KinkInStep | None:
         """The place in the step until which PHI of argument i has varied by AGAIN; None where it varies by less than LIMIT over
         the whole step."""
         arguments, course = self.arguments, self.arguments.course(i)

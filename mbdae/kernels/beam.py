@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mbdae.errors import OptionError, internal
 from mbdae.kernels.line import LineKernel
 from mbdae.kernels.line_nodes import Array, ElementKernel
-from mbdae.laws.beam import Beam, LineLoad, Table, mass_points, strain_points
+from mbdae.laws.beam import Beam, LineLoad, ShapeTable, mass_points, strain_points
 from mbdae.laws.line_mesh import LineMesh
 from mbdae.native.program import Operations, block
 from mbdae.symbolic.frames import NodeKind
@@ -67,7 +67,7 @@ def reference_positions(mesh: LineMesh, kind: NodeKind) -> Array:
     return np.hstack([mesh.positions, mesh.quaternions])
 
 
-def _measures(mesh: LineMesh, at: Table) -> dict[str, Array]:
+def _measures(mesh: LineMesh, at: ShapeTable) -> dict[str, Array]:
     ds = mesh.measure(at)
     return {"ds": ds, "weight": ds * at.weights}
 

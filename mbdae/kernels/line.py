@@ -19,7 +19,7 @@ from mbdae.errors import LawError, internal
 from mbdae.kernels import Kernel
 from mbdae.kernels.line_nodes import Array, ElementKernel, Nodes
 from mbdae.kernels.line_program import LineProgram
-from mbdae.laws.beam import Table
+from mbdae.laws.beam import ShapeTable
 from mbdae.native.program import Operations, block
 from mbdae.process import made_once
 from mbdae.symbolic.line import Field, LineDerived
@@ -64,7 +64,7 @@ class LineKernel(ElementKernel):
     from nodes to sections, see `Nodes`; given: parameters that are prescribed in time and so are inputs, one number per element.
     """
 
-    def __init__(self, derived: LineDerived, at: Table, constants: Mapping[str, Any], turns: Array | None = None,
+    def __init__(self, derived: LineDerived, at: ShapeTable, constants: Mapping[str, Any], turns: Array | None = None,
                  given: Sequence[str] = ()) -> None:
         self.derived, self.at, self.given = derived, at, tuple(given)
         self.points, self.turns = len(at.xi), turns

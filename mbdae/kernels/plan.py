@@ -18,7 +18,7 @@ from mbdae.symbolic.rebuild import jumps_with, symbols_of
 from mbdae.symbolic.tree_motion import Open
 from mbdae.symbolic.vectors import Expr
 
-Place = tuple[int, Target]  #: an entry of the Jacobian: number of an output, and the unknown by which it is differentiated
+EntryPlace = tuple[int, Target]  #: an entry of the Jacobian: number of an output, and the unknown by which it is differentiated
 Outputs = Callable[[Derived], Sequence[tuple[Target, Expr]]]  #: selects outputs of a law, see `symbolic.outputs`
 
 
@@ -95,9 +95,9 @@ class _Sorted(NamedTuple):
     the constant derivatives, then of the constant parts of the linear outputs."""
 
     nonlinear: list[int]
-    constant_places: list[Place]
+    constant_places: list[EntryPlace]
     offset_places: list[int]
-    jacobian_places: list[Place]
+    jacobian_places: list[EntryPlace]
     constants: list[Expr]
     jacobian: list[Expr]
     residual: list[Expr]

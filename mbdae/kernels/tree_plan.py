@@ -107,7 +107,10 @@ class Inline:
 
 
 class ProgrammedTree:
-    """The passes over a tree as one straight-line program, with its derivatives, and kernels that contain parts of it."""
+    """The passes over a tree as one straight-line program, with its derivatives, and kernels that contain parts of it.
+
+    rows: rows of the equations of motion ("u"), and corrections of q' ("q") where laws outside act on bodies of the tree; motion:
+    q, u and u' of the loaded nodes, the bodies on which laws outside of the tree act."""
 
     def __init__(self, structure: TreeStructure) -> None:
         self.structure, self.made = structure, Inline()
@@ -116,6 +119,8 @@ class ProgrammedTree:
         self._tree.outwards(self.made)  # type: ignore[arg-type]
         self._tree.accelerations(self.made, self._rate, given=True)  # type: ignore[arg-type]
         self._before = dict(self.made.values)  # the passes inwards add to these
+        # at once and in this order, so that the steps of the program do not hang on which of its kernels are on disk
+        self.rows, self.motion = self._rows(), self._motion(structure.loaded)
 
     def _rate(self, place: Place) -> int:
         return self.made.slot(("up", *place[1:]))
@@ -131,14 +136,7 @@ class ProgrammedTree:
         self._tree.write_motion(self.made, nodes, lambda j, head, i: to.setdefault((head, j, i), self.made.slots(1)))  # type: ignore[arg-type]
         return [(place, self.made.values[slot]) for place, slot in to.items()]
 
-    @cached_property
-    def motion(self) -> Entries:
-        """q, u and u' of the loaded nodes: the bodies of the tree on which laws outside of it act."""
-        assert self.rows is not None  # first, so that the steps of the program do not hang on which kernels are on disk
-        return self._motion(self.structure.loaded)
-
-    @cached_property
-    def rows(self) -> Entries:
+    def _rows(self) -> Entries:
         """Rows of the equations of motion ("u"), and corrections of q' ("q") where laws outside act on bodies of the tree."""
         made, at, to, tree = self.made, self.structure.loaded, dict[Place, int](), self._loaded()
 
@@ -181,7 +179,6 @@ class ProgrammedTree:
 
     def rates(self, pairs: Pairs = ()) -> list[Piece]:
         """Kernel of the accelerations, see `TreePlan.rates`."""
-        assert self.motion is not None  # as there
         made, up = self.made, dict[Place, int]()
         tree = self._loaded().copied({(a, b): made.slot(("own", a, b)) for a, b in pairs})
         pivots = tree.inwards(made, lambda place: made.slot(("force", *place[1:])))  # type: ignore[arg-type]
@@ -192,7 +189,6 @@ class ProgrammedTree:
 
     def motion_of_all(self) -> list[Piece]:
         """Kernel of q, u and u' of every body that the joints of the tree carry."""
-        assert self.motion is not None  # as there
         return [self._piece(self._motion(carried_nodes(self.structure)))]
 
     def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:

@@ -10,21 +10,20 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
 from mbdae.laws.bodies import ORDERS
 from mbdae.symbolic.law import params
 from mbdae.symbolic.line import LineLaw, LinePoint
 from mbdae.symbolic.vectors import ZERO, Expr, Vec, components
+from mbdae.values import Array
 
 __all__ = ["Beam", "LineLoad"]
 
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class ShapeTable:
     """Shape functions at points of the unit element: xi (points,), values and slopes d/dxi (points, p + 1)."""
 
     xi: Array
@@ -42,28 +41,28 @@ def node_positions(order: int) -> Array:
     return np.asarray(np.r_[0.0, (np.sort(np.real(inner)) + 1) / 2, 1.0])
 
 
-def table(order: int, xi: Array, weights: Array | None = None) -> Table:
+def table(order: int, xi: Array, weights: Array | None = None) -> ShapeTable:
     """Shape functions of an element of order p at points xi (points,)."""
     to_coefficients = np.linalg.inv(legendre.legvander(2 * node_positions(order) - 1, order))
     values, slopes = (np.asarray(legendre.legval(2 * xi - 1, c).T, dtype=np.float64)
                       for c in (to_coefficients, 2 * legendre.legder(to_coefficients)))
-    return Table(xi, np.zeros(len(xi)) if weights is None else weights, values, slopes)
+    return ShapeTable(xi, np.zeros(len(xi)) if weights is None else weights, values, slopes)
 
 
 @lru_cache(maxsize=16)
-def gauss(order: int, points: int) -> Table:
+def gauss(order: int, points: int) -> ShapeTable:
     """Shape functions of order p at Gauss points. An element needs p points for strains, since p + 1 would lock, and p + 1 for
     mass and loads."""
     xi, weights = legendre.leggauss(points)
     return table(order, (xi + 1) / 2, weights / 2)
 
 
-def strain_points(order: int) -> Table:
+def strain_points(order: int) -> ShapeTable:
     """The p Gauss points of strains."""
     return gauss(order, order)
 
 
-def mass_points(order: int) -> Table:
+def mass_points(order: int) -> ShapeTable:
     """The p + 1 Gauss points of mass and distributed loads."""
     return gauss(order, order + 1)
 

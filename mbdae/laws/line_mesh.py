@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.laws.beam import Array, Table, headings, mass_points, node_positions, quaternions, relative, section_axes
+from mbdae.laws.beam import ShapeTable, headings, mass_points, node_positions, quaternions, relative, section_axes
 from mbdae.notation import counted
-from mbdae.values import largest
+from mbdae.values import Array, largest
 
 NEAR = 1e-9  #: distance up to which two places count as one: over the segment's length, or in the parameter of a curve
 #: an attachment that would cut an element is refused if a part got shorter than this times the longest of the two parts and the
@@ -45,7 +45,7 @@ class LineMesh:
         """(m, p + 1, 3) positions of the nodes of every element."""
         return np.asarray(self.positions[self.elements])
 
-    def measure(self, at: Table) -> Array:
+    def measure(self, at: ShapeTable) -> Array:
         """(m, points) ds/dxi of the interpolated reference curve, m."""
         return np.asarray(np.linalg.norm(np.einsum("ga,mai->mgi", at.slopes, self.curve), axis=-1))
 
@@ -74,7 +74,7 @@ class LineMesh:
         turns = relative(nodes[self.elements], sections)
         return replace(self, quaternions=nodes, headings=theta, turns=turns, offsets=angles - theta[self.elements])
 
-    def shared(self, at: Table) -> Array:
+    def shared(self, at: ShapeTable) -> Array:
         """(m, p + 1, p + 1) integrals of products of shape functions over every element, m."""
         return np.asarray(np.einsum("mg,g,ga,gb->mab", self.measure(at), at.weights, at.values, at.values))
 

@@ -10,8 +10,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import symengine as se
 
-from mbdae.symbolic.coupling import Coupling, Reference
 from mbdae.symbolic.frames import Frame, NodeKind
+from mbdae.symbolic.joint import Coupling, Reference
 from mbdae.symbolic.law import Force, Impact, Structure, params
 from mbdae.symbolic.law import params as declared
 from mbdae.symbolic.part import Parameter

@@ -2,7 +2,7 @@
 
 Contacts that C checks after every step, until one needs a closer check in Python: the table of contacts.h.
 
-Integration by collocation methods with step size control: the Python side of `Run` in radau.c.
+Integration by collocation methods with step size control: the Python side of `CollocationRun` in radau.c.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ ARRAYS = ("y", "yp", "last", "weights", "power")
 
 
 class StepTable(ctypes.Structure):
-    """The C struct `Run` of radau.c, with the same members in the same order."""
+    """The C struct `CollocationRun` of radau.c, with the same members in the same order."""
 
     _fields_ = (*((name, Pointer) for name in ("stages", "matrix", "rates", "atol", "order")),
                 *((name, Number) for name in ("rtol", "time", "target")), ("limit", Whole),
@@ -206,7 +206,7 @@ class StepTable(ctypes.Structure):
                                              "residuals")))
 
 
-class Made(NamedTuple):
+class AcceptedSteps(NamedTuple):
     """Accepted steps: times t (m,) at their ends, y and y' there (m, n), increments of y from the begin of the step to its inner
     collocation nodes (m, s - 1, n), local error estimates (m,) in units of the tolerance; code: why the call ended."""
 
@@ -217,13 +217,13 @@ class Made(NamedTuple):
     errors: Array
     code: int
 
-    def then(self, more: Made) -> Made:
+    def then(self, more: AcceptedSteps) -> AcceptedSteps:
         """These steps followed by those in `more`, as one object."""
         t, y, yp, inner, errors = (np.concatenate(both) for both in zip(self[:-1], more[:-1], strict=True))
-        return Made(t, y, yp, inner, errors, more.code)
+        return AcceptedSteps(t, y, yp, inner, errors, more.code)
 
 
-class Run(Stepping):
+class CollocationRun(Stepping):
     """An integration under way, which has reached y, yp (n,); table: the present step and the step size control.
 
     rates: y' = f(t, y), needed by a method whose last stage is not the end of the step, None: not needed; atol, order (n,):
@@ -277,7 +277,7 @@ class Run(Stepping):
         """Move to the end of the step of h (s) from t, whose stages are solved; NO_RATES where f(t, y) has no value there."""
         return self._checked(self.native(self._c.run_advance, self._at, t, h))
 
-    def steps(self, t: float, end: float, solved: bool, most: float, rows: int) -> Made:
+    def steps(self, t: float, end: float, solved: bool, most: float, rows: int) -> AcceptedSteps:
         """Steps from t towards end: at most `rows`, until more than `most` residuals were evaluated or SLICE seconds have passed.
         solved: whether the stages of the first step are solved already."""
         n = self._shape[1]
@@ -286,7 +286,7 @@ class Run(Stepping):
         code = self.native(self._c.run_steps, self._at, t, end, solved, most, SLICE, rows,
                         *map(address, (times, y, yp, inner, errors)), ctypes.addressof(made))
         m = made.value
-        return Made(times[:m], y[:m], yp[:m], inner[:m], errors[:m], code)
+        return AcceptedSteps(times[:m], y[:m], yp[:m], inner[:m], errors[:m], code)
 
     def control(self) -> tuple[Any, ...]:
         """State of the step size control, with which `back` can return to this point to make the next step once more."""

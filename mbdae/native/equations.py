@@ -32,7 +32,7 @@ MOST_SEEN = 64
 RateJacobian = Callable[[Any, float, Any, Any], Any]
 
 
-class Table(ctypes.Structure):
+class CEquations(ctypes.Structure):
     """The C struct `Equations` of core.h, with the same members in the same order."""
 
     _fields_ = (("self", Pointer), ("n", Whole), ("nnz", Whole), ("residual", Pointer), ("jacobian", Pointer),
@@ -59,7 +59,8 @@ class Equations:
     caught: exceptions of callbacks; make: function that compiles those of "residual", "jacobian" and "rates" that are about to be
     called, None where nothing has to be compiled."""
 
-    def __init__(self, table: Table, *kept: Any, caught: Caught | None = None, make: Callable[..., None] | None = None) -> None:
+    def __init__(self, table: CEquations, *kept: Any, caught: Caught | None = None,
+                 make: Callable[..., None] | None = None) -> None:
         self.table, self._kept, self.caught, self._make = table, kept, caught or Caught(), make
 
     def made(self, *parts: str) -> Self:
@@ -141,7 +142,7 @@ def rates_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equation
     if rate_jacobian is None:
         return own
     call = _RateJacobian(system, rate_jacobian).guarded(own.caught)
-    table = Table.from_buffer_copy(own.table)
+    table = CEquations.from_buffer_copy(own.table)
     table.rate_jacobian = ctypes.cast(call, Pointer).value
     return Equations(table, call, own, caught=own.caught)
 
@@ -154,7 +155,7 @@ def called(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
         parts += [] if rate_jacobian is None else [_RateJacobian(system, rate_jacobian)]
     calls = [part.guarded(caught) for part in parts]
     addresses = [ctypes.cast(call, Pointer).value for call in calls]
-    table = Table(None, system.n, parts[0].nnz, *addresses, *[None] * (4 - len(addresses)))
+    table = CEquations(None, system.n, parts[0].nnz, *addresses, *[None] * (4 - len(addresses)))
     return Equations(table, calls, system, caught=caught)
 
 

@@ -22,7 +22,7 @@ class _Coefficients(ctypes.Structure):
     _fields_ = (("row", Pointer), ("column", Pointer), ("value", Pointer))
 
 
-class Table(ctypes.Structure):
+class CExplicit(ctypes.Structure):
     """The C struct `Explicit` of explicit.c, with the same members in the same order."""
 
     _fields_ = (("e", Pointer), *((name, _Coefficients) for name in ("stages", "errors", "dense")),
@@ -133,7 +133,7 @@ class Explicit(Stepping):
         self.n = n
         self._K, self._y, self._next, self._F = np.zeros((ALL, n)), np.zeros(n), np.zeros(n), np.zeros((ORDER + 1, n))
         self._kept = method, np.array(nodes, dtype=float), np.array(atol, dtype=float)
-        self.table = Table(
+        self.table = CExplicit(
             equations.address, method.stages, method.errors, method.dense, method.c, *(a.ctypes.data for a in self._kept[1:]),
             len(nodes), rtol, 0.0, np.inf, Stretches(), *(a.ctypes.data for a in (self._K, self._y, self._next, self._F)), 0, 0,
             0)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mbdae.native import declared
 from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
-from mbdae.native.sundials_library import MOST_ROWS, Array, Block, Run, Settings, Steps, sundials
+from mbdae.native.sundials_library import MOST_ROWS, Array, Block, RunStruct, Settings, Steps, sundials
 from mbdae.process import Signals
 
 #: wall time (s) after which a call of the step loop in C returns, so that Python handles Ctrl-C, limits and progress
@@ -47,7 +47,7 @@ class Method:
 
     def __init__(self, equations: Equations, settings: Settings, start: tuple[float, Array, Array]) -> None:
         self.equations, self.settings, self.signals = equations, settings, Signals()
-        self.S, self.C, self.run = sundials(), core(), Run()
+        self.S, self.C, self.run = sundials(), core(), RunStruct()
         self.n = n = int(equations.table.n)
         t, y, yp = start
         self.y, self.yp, self.values, self._jacobian_y = np.array(y), np.array(yp), np.zeros(n), np.zeros(n)

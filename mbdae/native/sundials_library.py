@@ -155,8 +155,8 @@ Array = NDArray[np.float64]
 MOST_ROWS, BLOCK_BYTES = 4096, 2**22
 
 
-class Run(ctypes.Structure):
-    """The C struct `Run` of sundials.c, with the same members in the same order."""
+class RunStruct(ctypes.Structure):
+    """The C struct `RunStruct` of sundials.c, with the same members in the same order."""
 
     _fields_ = (
         ("e", Pointer), ("array", Pointer), ("data", Pointer), ("columns", Pointer), ("rows", Pointer), ("ida", Pointer),

@@ -23,8 +23,7 @@ from mbdae.reports.scene_sheet import scene_sheet
 from mbdae.reports.statement import structure_of
 from mbdae.scene.components import Classical, Clearance, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
-from mbdae.symbolic.coupling import Coupling
-from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part

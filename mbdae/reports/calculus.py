@@ -1,6 +1,7 @@
 """Derivatives of recorded vector formulas by the rule delta a = delta psi x a; the results are vector formulas too.
 
-`Motion` differentiates forwards (rates, variations), `Dual` backwards (forces). Reports compare both with the derived equations.
+`ForwardDerivative` differentiates forwards (rates, variations), `Dual` backwards (forces). Reports compare both with the derived
+equations.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def body_of(record: Record, atom: Atom) -> str | None:
     return sides.pop() if len(sides) == 1 else None
 
 
-class Motion:
+class ForwardDerivative:
     """Forward derivative. base: function that gives the change of a frame vector; clock: changes of the symbols; turn: kind of
     the rotation vectors in a change ("w": angular velocity, "dpsi": virtual); sign: LaTeX before the letter of a change."""
 

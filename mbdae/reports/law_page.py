@@ -18,7 +18,7 @@ from mbdae.reports.calculus import Pair, summed, times
 from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, rate_of, unit_text
 from mbdae.reports.page import BOTH, Check, Page
 from mbdae.reports.statement import Statement, derived
-from mbdae.reports.states import POINTS, STEP, Numbers, State, random_state
+from mbdae.reports.states import POINTS, STEP, FormulaValues, SymbolValues, random_state
 from mbdae.reports.units import Dimensions, dimensions, law_faults, unit, unit_in
 from mbdae.reports.vectors import Base, Vector
 from mbdae.reports.writer import Writer, subscript
@@ -65,7 +65,7 @@ class LawPage(Page):
     stated = True
 
     def __init__(self, s: Statement, what: str = "joint", rows: bool = True, others: frozenset[str] = frozenset(),
-                 state: State | None = None) -> None:
+                 state: SymbolValues | None = None) -> None:
         self.s, self.d, self.what, self.others = s, s.derived, what, others
         self.defined: set[tuple[str, str]] = set()  #: intermediate quantities that printed equations define
         self.state, self.wanted = state if state is not None else random_state(self.d), {}
@@ -107,7 +107,7 @@ class LawPage(Page):
         agree = [Check("units of all rows, energies and forces", 0.0)] if self.cases and not faults else []
         return [Check(fault, float("inf")) for fault in faults] or agree
 
-    def _number(self, state: State, e: Expr) -> Any:
+    def _number(self, state: SymbolValues, e: Expr) -> Any:
         return np.broadcast_to(self.numbers(state).scalar(e), (state.points,))
 
     # -- letters and definitions
@@ -164,10 +164,10 @@ class LawPage(Page):
 
     # -- values at the random states
 
-    def numbers(self, state: State | None = None) -> Numbers:
+    def numbers(self, state: SymbolValues | None = None) -> FormulaValues:
         """Evaluator of the law's formulas at given states, by default those of the page."""
         state = self.state if state is None else state
-        return Numbers(self.s.record, state.atom, state.symbol)
+        return FormulaValues(self.s.record, state.atom, state.symbol)
 
     def given(self) -> dict[str, Any]:
         state, found = self.state, inertial_axes(self.state.points)
@@ -193,7 +193,7 @@ class LawPage(Page):
         return force, moment - np.cross(self.state.vector(f.arm), force)
 
     @cached_property
-    def varied(self) -> State:
+    def varied(self) -> SymbolValues:
         """The states after a complex step along a virtual displacement of bodies and coordinates."""
         atom, given = self.state.atom, self.state.given
         motion = {side: (atom(Base("du", side)), atom(Base("dpsi", side))) for side in self.s.record.sides}
@@ -261,7 +261,7 @@ class LawPage(Page):
         lines = self.lines(f"{total} = {w.vector(force)}", f"{turning} = {w.vector(moment)}")
         return lines, not (force.terms or moment.terms)
 
-    def covector(self, state: State, side: str) -> tuple[Any, Any]:
+    def covector(self, state: SymbolValues, side: str) -> tuple[Any, Any]:
         """G^T lambda of a frame by the derived law: force, and moment about its point (points, 3)."""
         force, moment = (state.vector(part) for part in weighted(self.d, self.d.multipliers, side))
         return force, moment - np.cross(state.vector(state.frame(side).arm), force)

@@ -15,7 +15,7 @@ from mbdae.documents.blocks import Block, Paragraph, Section
 from mbdae.reports.law_page import inertial_axes
 from mbdae.reports.letters import Letter, letters, name_vectors
 from mbdae.reports.page import Page, described, document, made_from, title_of
-from mbdae.reports.states import POINTS, STEP, LineState, Numbers, value
+from mbdae.reports.states import POINTS, STEP, FormulaValues, LineState, value
 from mbdae.reports.vectors import Base, Record, Vector
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.frames import NodeKind
@@ -109,7 +109,8 @@ class LinePage(Page):
         """Values of a scalar symbol (points,)."""
         if name.startswith("rate_"):
             moved = self.state.moving()
-            return np.imag(Numbers(self.record, moved.atom, moved.symbol).scalar(self.strains[name.removeprefix("rate_")])) / STEP
+            values = FormulaValues(self.record, moved.atom, moved.symbol)
+            return np.imag(values.scalar(self.strains[name.removeprefix("rate_")])) / STEP
         if name.startswith("spin"):
             return np.random.default_rng(int(name[-1])).normal(size=POINTS)
         return self.state.symbol(name)
@@ -189,7 +190,7 @@ class LinePage(Page):
         moves = [w.vector(self.a[kind]) for kind in ("drs", "dpsi", "dpsis")]
         lines.append("= " + " + ".join(rf"{x}\cdot {move}" for x, move in zip(letters, moves, strict=True)))
         lines += [self.line(letter, total) for letter, total in zip(letters, sums, strict=True)]
-        numbers = Numbers(record, self.atom, self.symbol)
+        numbers = FormulaValues(record, self.atom, self.symbol)
         for letter, values in zip("pl", self._strong([numbers.vector(total) for total in sums]), strict=True):
             by_parts = "the virtual work of smooth fields that vanish at the ends, by quadrature"
             self.want(rf"\dot{{\mathbf{{{letter}}}}}", values, by_parts)
@@ -273,7 +274,7 @@ class LinearPage(Page):
         still = {f"{n}{end}": np.zeros(POINTS) for n in ("r1", "r2", "r3", "P2", "P3", "P4") for end in ("", "_xi")}
         self.state.given |= still | {"P1": np.ones(POINTS), "P1_xi": np.zeros(POINTS), "r1_xi": self.state.given["ds"]}
         shifted = self.state.changed()
-        m = Numbers(of.record, shifted.atom, shifted.symbol)
+        m = FormulaValues(of.record, shifted.atom, shifted.symbol)
         self.wanted = {}
         for name, e in of.strains.items():
             strain = np.asarray(m.scalar(e))
@@ -289,7 +290,7 @@ class LinearPage(Page):
 
     def blocks(self) -> list[Block]:
         """Section with the strains to first order."""
-        lines, numbers = [], Numbers(self.of.record, _straight, lambda s: 0.0)
+        lines, numbers = [], FormulaValues(self.of.record, _straight, lambda s: 0.0)
         for name, parts in self.of.variations.items():
             start = float(numbers.scalar(self.of.strains[name]))
             terms = [f"{'-' if start < 0 else '+'} {abs(start):g}"] if start else []

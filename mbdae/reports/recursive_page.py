@@ -13,7 +13,7 @@ from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.errors import LawError
 from mbdae.laws.joints import Prismatic, Revolute
-from mbdae.reports.calculus import Motion
+from mbdae.reports.calculus import ForwardDerivative
 from mbdae.reports.letters import effort_unit
 from mbdae.reports.page import BOTH, document, row_name, short_hash, title_of
 from mbdae.reports.recursive_values import MATRIX, ORACLE, TREE, RecursiveValues
@@ -106,7 +106,7 @@ class RecursivePage(RecursiveValues):
         w, record, t = self.writer, self.s.record, self.tree
         zero, spin = record.zero(), Base("w", "l")
         v, d = inserted(t.l.v, {spin: t.spins[0]}, {}), (t.l.r - record.atom("c", "k"))
-        slopes = [Motion(record, lambda _: None, {rate: se.Integer(1)}, rf"\partial_{{{i + 1}}}")
+        slopes = [ForwardDerivative(record, lambda _: None, {rate: se.Integer(1)}, rf"\partial_{{{i + 1}}}")
                   for i, (rate, _) in enumerate(self.rates)]
         columns = [(slope.vector(v), slope.vector(t.spins[0])) for slope in slopes]
         below = [f"_{{{i + 1}}}" if len(columns) > 1 else "" for i in range(len(columns))]

@@ -14,7 +14,7 @@ from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import INERTIA, Letter, second_rate_of
 from mbdae.reports.page import Check
 from mbdae.reports.statement import Statement
-from mbdae.reports.states import POINTS, STEP, State, random_state, residual
+from mbdae.reports.states import POINTS, STEP, SymbolValues, random_state, residual
 from mbdae.reports.tree_vectors import VectorTree, link_of, tree_of
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.joint import Joint
@@ -70,10 +70,10 @@ class RecursiveValues(LawPage):
         found = self.run(self.plan.forward)
         q, u, self.upl = (np.stack([found[head, 1, i] for i in range(n)], -1) for head, n in (("q", 7), ("u", 6), ("up", 6)))
         names = [f"l_{n}" for n in ("r1", "r2", "r3", "P1", "P2", "P3", "P4", "v1", "v2", "v3", "W1", "W2", "W3")]
-        self.state = State(free.d, free.given | dict(zip(names, np.concatenate([q, u], 1).T, strict=True)))
+        self.state = SymbolValues(free.d, free.given | dict(zip(names, np.concatenate([q, u], 1).T, strict=True)))
         self.Rk, self.Rl = (np.stack([self.state.vector(c) for c in self.state.frame(side).body], -1) for side in "kl")
 
-    def run(self, piece: Piece, load: Any = None, up: Any = None, state: State | None = None,
+    def run(self, piece: Piece, load: Any = None, up: Any = None, state: SymbolValues | None = None,
             stepped: bool = False) -> dict[Any, Any]:
         """Values of a kernel of the tree by target. load: force and moment on l (points, 6); up: accelerations; both, and the
         states, by default those of the page; stepped: evaluated with NumPy, for complex inputs of a complex step."""
@@ -82,7 +82,7 @@ class RecursiveValues(LawPage):
         values = piece.kernel.oracle(x.astype(complex)) if stepped else piece.kernel.values(x)
         return dict(zip(piece.targets, values.T, strict=True))
 
-    def _place(self, place: tuple[Any, ...], load: Any, up: Any, st: State) -> Any:
+    def _place(self, place: tuple[Any, ...], load: Any, up: Any, st: SymbolValues) -> Any:
         head, j, i = place
         load, up = self.load if load is None else load, self.up if up is None else up
         if head == "number":
@@ -204,7 +204,7 @@ class RecursiveValues(LawPage):
         given |= {f"k_W{i + 1}": spin[:, i] for i in range(3)}
         given |= {str(s.clock[c]): symbols[str(c)] for c in s.virtual}
         given |= {f"{side}_W{i + 1}": symbols[f"d{side}_W{i + 1}"] for side in s.turning.values() for i in range(3)}
-        found = self.run(self.plan.forward, state=State(st.d, given))
+        found = self.run(self.plan.forward, state=SymbolValues(st.d, given))
         return np.einsum("pij,pj->pi", self.Rl, np.stack([found["u", 1, i] for i in (3, 4, 5)], -1))
 
 

@@ -15,7 +15,7 @@ from mbdae.reports.law_page import LawPage, planar_of
 from mbdae.reports.letters import of_name, specs_of_coordinates, unit_text, worded
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, row_name, title_of
 from mbdae.reports.statement import Statement
-from mbdae.reports.states import POINTS, State, random_state, value
+from mbdae.reports.states import POINTS, SymbolValues, random_state, value
 from mbdae.reports.writer import subscript
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.joint import Joint
@@ -289,7 +289,7 @@ def _moved(r: LawPage) -> list[str]:
     return [row for row, (pairs, _) in r.s.gradients.items() if any(part.terms for part in pairs[r.s.sides[1]])]
 
 
-def _rows(r: LawPage, state: State, rows: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
+def _rows(r: LawPage, state: SymbolValues, rows: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Values (points, rows) of some rows and derivatives (points, rows, 6) by displacement and rotation of l."""
     n, shape, side = r.numbers(state), (state.points, 3), r.s.sides[1]
     c = [np.broadcast_to(n.scalar(r.s.rows[row]), shape[:1]) for row in rows]
@@ -298,7 +298,7 @@ def _rows(r: LawPage, state: State, rows: list[str]) -> tuple[NDArray[Any], NDAr
     return np.stack(c, axis=-1), np.stack([np.concatenate(parts, axis=-1) for parts in J], axis=1)
 
 
-def solved(r: LawPage, rows: list[str]) -> tuple[State, NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
+def solved(r: LawPage, rows: list[str]) -> tuple[SymbolValues, NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
     """Random states with l moved by Gauss-Newton (steps up to 0.7 rad) until some rows vanish: states, rows, derivatives, and
     whether the rows vanish; where a row is undefined l is not moved."""
     state = random_state(r.d, seed=11, points=STARTS, spread=3.0)

@@ -13,7 +13,7 @@ from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import Coulomb, LuGre
 from mbdae.laws.joints import Revolute
 from mbdae.laws.surfaces import SurfaceContact
-from mbdae.reports.calculus import Dual, Motion, Pair, actual, virtual
+from mbdae.reports.calculus import Dual, ForwardDerivative, Pair, actual, virtual
 from mbdae.reports.letters import specs_of_coordinates
 from mbdae.reports.vectors import Record, Vector
 from mbdae.symbolic.derive import Derived, Side, derive
@@ -309,15 +309,15 @@ class Statement:
     # -- derivatives
 
     @cached_property
-    def motion(self) -> Motion:
+    def motion(self) -> ForwardDerivative:
         """Time derivative without the terms of nodal accelerations."""
-        return Motion(self.record, actual(self.record, self.still), self.clock, r"\dot", "w")
+        return ForwardDerivative(self.record, actual(self.record, self.still), self.clock, r"\dot", "w")
 
     @cached_property
-    def variation(self) -> Motion:
+    def variation(self) -> ForwardDerivative:
         """Derivative along a virtual displacement."""
-        return Motion(self.record, virtual(self.record), self.virtual, r"\delta", "dpsi")
+        return ForwardDerivative(self.record, virtual(self.record), self.virtual, r"\delta", "dpsi")
 
-    def of_time(self) -> Motion:
+    def of_time(self) -> ForwardDerivative:
         """Partial time derivative, with bodies and coordinates held fixed."""
-        return Motion(self.record, lambda _: None, dict(self.derived.variation.clock), r"\partial_t")
+        return ForwardDerivative(self.record, lambda _: None, dict(self.derived.variation.clock), r"\partial_t")

@@ -69,7 +69,7 @@ def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
         return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
 
 
-class Numbers:
+class FormulaValues:
     """Values of a record's formulas at many states at once, from those of atoms (points, 3) and symbols (points,)."""
 
     def __init__(self, record: Record, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], Any]) -> None:
@@ -112,7 +112,7 @@ class Numbers:
         return total
 
 
-class State:
+class SymbolValues:
     """Values of all symbols of a derived law at several states."""
 
     def __init__(self, d: Derived, given: Values) -> None:
@@ -173,7 +173,7 @@ class State:
                    "bx": f.body[0], "by": f.body[1], "bz": f.body[2]}
         return self.vector(vectors[base.kind])
 
-    def changed(self, step: complex, motion: dict[str, tuple[Any, Any]], symbols: dict[str, Any] | None = None) -> State:
+    def changed(self, step: complex, motion: dict[str, tuple[Any, Any]], symbols: dict[str, Any] | None = None) -> SymbolValues:
         """State after `step` times a change. motion: side -> displacement of its point and rotation, (points, 3) each, inertial
         axes; symbols: changes of further symbols by name."""
         given = dict(self.given)
@@ -188,7 +188,7 @@ class State:
             changes = [*np.moveaxis(center, -1, 0)[:n], *np.moveaxis(dP, -1, 0)]
             given |= {str(s): given[str(s)] + step * c for s, c in zip(f.q, changes, strict=True)}
         given |= {name: given[name] + step * c for name, c in (symbols or {}).items()}
-        return State(self.d, given)
+        return SymbolValues(self.d, given)
 
 
 def spun(turn: NDArray[Any], P: NDArray[Any]) -> NDArray[Any]:
@@ -197,7 +197,7 @@ def spun(turn: NDArray[Any], P: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([scalar, P[:, :1] * turn + np.cross(turn, P[:, 1:])], axis=-1) / 2
 
 
-def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float = 1.5) -> State:
+def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float = 1.5) -> SymbolValues:
     """Random attitudes, positions, velocities, parameters and multipliers; `spread` bounds the rotation vectors, rad."""
     rng = np.random.default_rng(seed)
     given: Values = {}
@@ -223,7 +223,7 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
     given |= {f"d{f.q[0]}": rng.normal(size=points) for f in d.frames if f.kind is NodeKind.COORDINATE}
     given |= {f"{kind}_{f.side}{i}": rng.normal(size=points) for f in d.frames for kind in ("du", "dpsi") for i in range(3)}
     given |= {str(s): rng.uniform(0.5, 1.5, points) for f in d.frames for s in f.parameters if str(s) not in given}
-    return State(d, given)
+    return SymbolValues(d, given)
 
 
 def _matrix(vector: Any) -> NDArray[np.float64]:

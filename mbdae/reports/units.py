@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mbdae.errors import MbdaeError
 from mbdae.reports.letters import specs_of_coordinates, unit_on
-from mbdae.reports.states import State, random_state
+from mbdae.reports.states import SymbolValues, random_state
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.joint import SLIGHT
@@ -114,9 +114,9 @@ class Dimensions:
         self.d, self.given = d, random_state(d, points=_POINTS).given
         self.acts_on = units_of_coordinates(d.law) | dict(coordinates or {})
         self.units = self._inputs()
-        self.plain = State(d, self.given)
-        self.scaled = [State(d, {n: v * self.units[n].size(scale) if n in self.units else v for n, v in self.given.items()})
-                       for scale in scales()]
+        self.plain = SymbolValues(d, self.given)
+        self.scaled = [SymbolValues(d, {n: v * self.units[n].size(scale) if n in self.units else v
+                                        for n, v in self.given.items()}) for scale in scales()]
         self._multipliers()
 
     def _inputs(self) -> dict[str, Unit]:
@@ -146,13 +146,13 @@ class Dimensions:
             for state, scale in zip(self.scaled, scales(), strict=True):
                 state.given[f"lambda_{row}"] = self.given[f"lambda_{row}"] * (unit("J") / (found or Unit())).size(scale)
 
-    def powers(self, e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> NDArray[np.float64] | None:
+    def powers(self, e: Expr, by: Callable[[SymbolValues, Expr], Any] = SymbolValues.scalar) -> NDArray[np.float64] | None:
         """Powers of m, kg and s (3,) of an expression, nan where it is 0; None if it has no unit. by: evaluates it in a state."""
         before, *after = (np.real(by(state, e)).reshape(-1, 1) for state in (self.plain, *self.scaled))
         found = powers_of(before, after)
         return None if found is None else found[:, 0]
 
-    def of(self, e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> Unit | None:
+    def of(self, e: Expr, by: Callable[[SymbolValues, Expr], Any] = SymbolValues.scalar) -> Unit | None:
         """The unit of an expression; None where it has none or is 0."""
         found = self.powers(e, by)
         if found is None or np.any(np.isnan(found)):
@@ -211,7 +211,7 @@ def dimensions(d: Derived, coordinates: Mapping[str, str] | None = None) -> list
         return []
 
 
-def unit_in(cases: Sequence[Dimensions], e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> list[Unit]:
+def unit_in(cases: Sequence[Dimensions], e: Expr, by: Callable[[SymbolValues, Expr], Any] = SymbolValues.scalar) -> list[Unit]:
     """The unit of an expression in every case, each once; empty where it has none in one case."""
     found = [case.of(e, by) for case in cases]
     return [] if None in found else list(dict.fromkeys(found))  # type: ignore[arg-type]

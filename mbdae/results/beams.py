@@ -11,7 +11,7 @@ from numpy.polynomial.legendre import legvander
 
 from mbdae.kernels.beam import derived_beam, reference_positions, turns
 from mbdae.kernels.line_nodes import Nodes
-from mbdae.laws.beam import Table, table
+from mbdae.laws.beam import ShapeTable, table
 from mbdae.laws.line_mesh import LineMesh
 from mbdae.notation import quantity
 from mbdae.results.clearance import Fibre
@@ -62,7 +62,7 @@ def _on_curve(mesh: LineMesh, place: Foot, slope: bool) -> Array:
 class Fields:
     """Positions, velocities and section axes of a beam at points xi (points,) of every element, or of one element."""
 
-    def __init__(self, line: Line, at: Table, element: int | None = None) -> None:
+    def __init__(self, line: Line, at: ShapeTable, element: int | None = None) -> None:
         self.line, self.at = line, at
         self.elements = np.arange(len(line.mesh.elements)) if element is None else np.array([element])
         given = turns(line.mesh, line.kind)[self.elements]

@@ -13,14 +13,14 @@ from mbdae.errors import ListsAttributes
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import counted, lines, titled
 from mbdae.run.choice import Choice, Reduction, choose, reductions, with_recursive_joints
-from mbdae.scene.components import Array, Beam, Classical, Connection, Recursive
+from mbdae.scene.components import Beam, Classical, Connection, Recursive
 from mbdae.scene.models import not_joined
 from mbdae.scene.scene import SceneData
-from mbdae.symbolic.coupling import Coupling
-from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.system.model.moved_bodies import expressions_of, timeline
 from mbdae.system.model.trees import Tree
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
+from mbdae.values import Array
 
 #: a joint whose point is off a rigid link that it holds by more than this fraction of the link's length is reported
 OFF = 0.01

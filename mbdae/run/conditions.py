@@ -14,6 +14,7 @@ from mbdae.errors import OptionError
 from mbdae.inputs import tables, text, timed
 from mbdae.inputs.sensed import paths, symbol_name
 from mbdae.run import pieces as signals
+from mbdae.scene.control import stated_values
 from mbdae.scene.sensed import spelled
 from mbdae.symbolic.rebuild import CONDITIONS, is_condition
 from mbdae.symbolic.vectors import Expr
@@ -71,17 +72,14 @@ def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
 
 def ends_of_curves(scene: Any) -> list[Condition]:
     """Conditions under which a curve with outside="error", of a law or signal of a scene, is left; their names say which."""
-    stated = [(f"{c.kind} '{c.name}'", getattr(law, key)) for c in scene.connections for law in c.laws for key in law.params]
-    stated += [(f"{one.kind} '{one.name}'", one.value if one.law is None else getattr(one.law, "rate", None))
-               for one in scene.signals]
     found = []
-    for item, value in stated:
-        for table, x in timed.curves(value) if paths(value) and not isinstance(value, str) else ():
+    for kind, item, value in stated_values(scene.connections, scene.signals):
+        for table, x in timed.curves(value) if paths(value) else ():
             if table.outside == "error":
                 low, high = float(table.t[0]), float(table.t[-1])
                 at = signals.in_sensors(scene, x)
                 over = _SENSOR.sub(lambda found: found[1], tables.readable(str(x)))
-                name = f"{item} reads its curve over {over} beyond the points from {low:.6g} to {high:.6g}"
+                name = f"{kind} '{item}' reads its curve over {over} beyond the points from {low:.6g} to {high:.6g}"
                 found.append(Condition(name, (low - at, at - high), (False, False), (False, False), ("or", [0, 1])))
     return list({one.name: one for one in found}.values())
 

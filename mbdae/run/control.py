@@ -26,7 +26,7 @@ from mbdae.integrators.solution import Measure, Solution, check_times, scaled_di
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.run.contacts import Hidden, hidden_contacts, largest_tolerance, resolving
-from mbdae.run.estimate import Run, beginning_at, companions, estimated, fall_shown, share_of, usual_companion, windows
+from mbdae.run.estimate import RunAt, beginning_at, companions, estimated, fall_shown, share_of, usual_companion, windows
 from mbdae.run.growing import Growth, at_least, growing, slowest, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
@@ -154,7 +154,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     repeated because of such contacts in its companions."""
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
     for repeats in range(REPEATS + 1):
-        made: list[Run] = []
+        made: list[RunAt] = []
         try:
             run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
         except SolverError as error:
@@ -183,7 +183,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
 
 
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                outputs: Array, made: list[Run]) -> Controlled:
+                outputs: Array, made: list[RunAt]) -> Controlled:
     """`run_controlled` without the search for hidden contacts; the last runs and their tolerances are left in the list `made`."""
     measure = measure_of(system, prepared)
     if solver.by_steps:
@@ -243,7 +243,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
-def _judged_again(system: System, best: Controlled, accuracy: float, asked: Asked, made: list[Run],
+def _judged_again(system: System, best: Controlled, accuracy: float, asked: Asked, made: list[RunAt],
                   estimate: Callable[[], float]) -> Controlled:
     """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""
     if best.estimate <= accuracy:
@@ -267,11 +267,11 @@ def _cuts(system: System, solver: Solver, end: float) -> int:
     return 0 if line is None else len(line.stretches.edges) + len(line.edges)
 
 
-def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
+def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[RunAt]]:
     """Make the companions of the run `tight`, with larger tolerances. Returns the last one, and all with their tolerances, the
     largest first. A companion that fails is left out; the last one must not fail."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
-    made: list[Run] = []
+    made: list[RunAt] = []
     cpu = 0.0
     for rtol in dict.fromkeys(rtols):
         solver = _with_rtol(tight, rtol)

@@ -26,7 +26,7 @@ from mbdae.native.sparse import SingularMatrixError
 from mbdae.run.contacts import may_have_short_events
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
-from mbdae.system.sampling import Motion, motion_distance
+from mbdae.system.sampling import MotionRows, motion_distance
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import largest
 
@@ -213,7 +213,7 @@ class Defect:
         return np.asarray(np.max(apart(self.prepared, self.run, *motions).reshape(times.shape), axis=1))
 
 
-def apart(prepared: Prepared, run: Solution, a: Motion, b: Motion) -> Array:
+def apart(prepared: Prepared, run: Solution, a: MotionRows, b: MotionRows) -> Array:
     """`motion_distance` (k,) of two motions a and b in some steps of a run; differences of velocities are relative to the speeds
     of the whole run."""
     some = run.t[:: len(run.t) // SAMPLES + 1]

@@ -109,7 +109,7 @@ FALL, SLOW = 0.9, 0.4
 #: one at 1000 times the tolerance: the estimate is 80 times the error
 UNUSUAL = 3.0
 
-Run = tuple[float, Solution]  #: tolerance and solution of a run
+RunAt = tuple[float, Solution]  #: tolerance and solution of a run
 
 
 def companions(system: System, solver: Solver) -> list[float]:
@@ -118,7 +118,7 @@ def companions(system: System, solver: Solver) -> list[float]:
     return [float(solver.companion**power) for power in powers]
 
 
-def usual_companion(system: System, solver: Solver, asked: Asked, runs: list[Run]) -> tuple[int, float]:
+def usual_companion(system: System, solver: Solver, asked: Asked, runs: list[RunAt]) -> tuple[int, float]:
     """Put a companion beside the last of several runs, which has the smallest tolerance there is, where the one before has
     another tolerance than companions have. Returns the number of runs made and their CPU time (s); with contacts none is."""
     usual, before = solver.companion * solver.tolerance, runs[-2][0]
@@ -157,7 +157,8 @@ def contradicted(gaps: Sequence[float], ratios: Sequence[float], fall: float) ->
     return bool(wide * (close**fall - 1) < near * (far**fall - 1))
 
 
-def estimated(system: System, solver: Solver, runs: Sequence[Run], measure: Measure, outputs: Array, least: float = 0.0) -> float:
+def estimated(system: System, solver: Solver, runs: Sequence[RunAt], measure: Measure, outputs: Array,
+              least: float = 0.0) -> float:
     """Estimated error of the last of several runs with falling tolerances. Its companions are the runs before it, one or, with
     contacts, two (`companions`). The largest of their estimates is taken; where two show that errors fall more slowly than
     assumed, at least the larger difference. least: smallest ratio assumed of the error to a difference."""

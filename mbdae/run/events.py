@@ -153,20 +153,20 @@ class Watched:
     a curve is read where it has no points, ends it with an error."""
 
     def __init__(self, until: list[Condition], record: list[Condition], left: list[Condition]) -> None:
-        self.until, self.record, self.left = [*until, *left], record, left
+        self.until, self.record, self._left, self._ending = until, record, left, [*until, *left]
 
     def __bool__(self) -> bool:
-        return bool(self.until or self.record)
+        return bool(self._ending or self.record)
 
     @property
     def _paths(self) -> list[str]:
         """The sensors that conditions read."""
-        return sorted({path for c in (*self.until, *self.record) for g in c.functions for path in paths(g)})
+        return sorted({path for c in (*self._ending, *self.record) for g in c.functions for path in paths(g)})
 
     def end(self, prepared: Prepared, solution: Solution, touch: float = 0.0) -> Event | None:
         """The first event that ends the run; OptionError where its condition holds from the start on. touch: see
         `roots.roots`."""
-        found, _ = _events(self.until, prepared, solution, touch, until=True)
+        found, _ = _events(self._ending, prepared, solution, touch, until=True)
         first = min(found, key=lambda event: event.time, default=None)
         if first is not None and first.time <= solution.t[0]:
             if self._is_left(first):
@@ -192,7 +192,7 @@ class Watched:
         """The result of a run up to its event, or to its end without one, with all recorded events. made: function that executes
         a job; outputs: as the user gave them."""
         self._check_tables(job.prepared.start.t, job.asked.t_end)
-        run, job, event = self._to_event(job, solver, made) if self.until else (*made(job), None)
+        run, job, event = self._to_event(job, solver, made) if self._ending else (*made(job), None)
         if event is not None:
             job = replace(job, asked=replace(job.asked, t_end=event.time), times=_times(job, outputs, event.time))
             others = tuple(other.until(event.time) for other in run.others)
@@ -207,11 +207,11 @@ class Watched:
         return found
 
     def _is_left(self, event: Event) -> bool:
-        return any(event.name == one.name for one in self.left)
+        return any(event.name == one.name for one in self._left)
 
     def _check_tables(self, begin: float, end: float) -> None:
         """Raise OptionError where a condition reads a table where it has no values, between two times (s)."""
-        for condition in (*self.until, *self.record):
+        for condition in (*self._ending, *self.record):
             parts = (part for g in condition.functions for part in of_time(g))
             span_and_remedy = next((text for part in parts if (text := beyond(part, begin, end))), "")
             if span_and_remedy:
@@ -249,7 +249,7 @@ class Watched:
         """Recorded events in the order of time, with `end`, the one that ended the run; and notes on conditions that the accuracy
         leaves undecided."""
         found, notes = _events(self.record, prepared, solution, accuracy)
-        notes += _events(self.until, prepared, solution, accuracy, until=True)[1]
+        notes += _events(self._ending, prepared, solution, accuracy, until=True)[1]
         same = 0.0 if end is None else SAME * (solution.t[-1] - solution.t[0])
         if end is not None:  # a recorded event at the end gets exactly the time of the end
             found = [event._replace(time=end.time) if abs(event.time - end.time) <= same else event for event in found]

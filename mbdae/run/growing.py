@@ -26,7 +26,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import SMALL, Disturbances, full_jacobians
 from mbdae.run.checkpoint import kept_value
-from mbdae.run.growth_roots import Found, Look, Spectra, positions, roots_at
+from mbdae.run.growth_roots import GrowthFound, Look, Spectra, positions, roots_at
 from mbdae.system.base import Array, System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
@@ -113,7 +113,7 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
                           for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)])
 
 
-def _persistent(run: Solution, looks: list[Look], found: list[Found], edges: Array) -> list[Found]:
+def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: Array) -> list[GrowthFound]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
     an impact."""
     return [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
@@ -141,7 +141,7 @@ def total(parts: Sequence[Growth]) -> float:
     return sum(part.rate * (part.end - part.begin) for part in parts)
 
 
-def _late(run: Solution, looks: list[Look], found: list[Found], apart: int) -> list[float]:
+def _late(run: Solution, looks: list[Look], found: list[GrowthFound], apart: int) -> list[float]:
     """For every state the inverse of the step (1/s) that is asked for because the disturbances that are not seen have grown by
     less until a later state, a number of states `apart`, than their roots say; 0 where they have not. Roots say that where what
     is disturbed is at rest and the roots stay what they are: where something vibrates, they may grow and decay in turn."""
@@ -158,7 +158,7 @@ def _late(run: Solution, looks: list[Look], found: list[Found], apart: int) -> l
             for late, one, look in zip(asked, found, looks, strict=True)]
 
 
-def _rests(a: Look, b: Look, found: Found) -> bool:
+def _rests(a: Look, b: Look, found: GrowthFound) -> bool:
     """Whether the positions that are disturbed at look a move by less than VISIBLE until look b."""
     here, disturbed = positions(a.system), np.max(np.abs(found.parts), axis=1)
     moved = np.abs(b.y - a.y)[here] / a.system.scale[here]
@@ -185,7 +185,7 @@ def _varies(system: System, run: Solution) -> bool:
 
 
 def _by_varying(system: System, run: Solution, spectra: Spectra,
-                found: list[Found]) -> tuple[list[Found], list[float]]:
+                found: list[GrowthFound]) -> tuple[list[GrowthFound], list[float]]:
     """Growth by equations that vary in time: what is found at every state, and the inverse of the step (1/s) asked for there. It
     is sought, along the run, where something vibrates unseen."""
     looks, idle = spectra.looks, spectra.idle(FAINT)

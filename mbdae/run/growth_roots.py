@@ -50,7 +50,7 @@ class Look(NamedTuple):
     span: float
 
 
-class Found(NamedTuple):
+class GrowthFound(NamedTuple):
     """What a look finds. rate: the largest real part of a root, 1/s; unseen: the largest magnitude (1/s) of one that grows and
     whose disturbance is not seen, 0: there is none; parts (positions, k), roots (k,): these disturbances in the motion, over the
     scales of the positions, and their roots."""
@@ -84,24 +84,24 @@ class Spectra(NamedTuple):
         """The largest real part of a root at every state (k,), 1/s."""
         return np.asarray(np.max(self.roots.real, axis=1, initial=0.0))
 
-    def found(self, seen: float) -> list[Found]:
+    def found(self, seen: float) -> list[GrowthFound]:
         """What is found at every state; seen: size of a disturbance that is seen, over the scales of the positions."""
         rates = self.rates.tolist()
         if not self.S.size:
-            return [Found(rate, rate) for rate in rates]
+            return [GrowthFound(rate, rate) for rate in rates]
         grow = self.roots.real * self.looks[0].span > HARMLESS
         return [one._replace(rate=rate) for one, rate in zip(self._unseen(grow, seen), rates, strict=True)]
 
-    def idle(self, seen: float) -> list[Found]:
+    def idle(self, seen: float) -> list[GrowthFound]:
         """Of disturbances that neither grow nor decay with frozen coefficients, and that the equations may shake into growth as
         they vary, what `found` finds of growing ones."""
         span, turning = self.looks[0].span, np.abs(self.roots.imag)
         shaken = (turning * span > HARMLESS) & (turning * np.array([look.h for look in self.looks])[:, None] < EXCITED)
         return self._unseen((np.abs(self.roots.real) * span < turning) & shaken, seen)
 
-    def _unseen(self, wanted: NDArray[np.bool_], seen: float) -> list[Found]:
+    def _unseen(self, wanted: NDArray[np.bool_], seen: float) -> list[GrowthFound]:
         """Of the wanted roots (k, n) those whose disturbances in the motion are smaller than `seen`, at every state."""
-        at, found, looks = np.nonzero(wanted)[0], [Found()] * len(self.looks), self.looks
+        at, found, looks = np.nonzero(wanted)[0], [GrowthFound()] * len(self.looks), self.looks
         if not len(at):
             return found
         right, left = _vectors(self.S, at, self.values[wanted])
@@ -116,7 +116,7 @@ class Spectra(NamedTuple):
         small = np.max(np.abs(parts @ alike), axis=0, initial=0.0) < seen
         for i in distinct(at[small]).tolist():
             these = small & (at == i)
-            found[i] = Found(0.0, float(np.max(np.abs(roots[these]))), parts[:, these], roots[these])
+            found[i] = GrowthFound(0.0, float(np.max(np.abs(roots[these]))), parts[:, these], roots[these])
         return found
 
 

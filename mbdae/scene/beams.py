@@ -12,11 +12,11 @@ from mbdae.errors import MbdaeError, OptionError
 from mbdae.laws.bodies import ORDERS
 from mbdae.notation import counted
 from mbdae.scene import reading
-from mbdae.scene.components import Array, Beam, BeamLoad, Connection
+from mbdae.scene.components import Beam, BeamLoad, Connection
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import SceneItems, statement
 from mbdae.scene.shapes import Section
-from mbdae.values import fixed, nearest, shown
+from mbdae.values import Array, fixed, nearest, shown
 
 if TYPE_CHECKING:
     from mbdae.laws.beam import LineLoad, node_positions

@@ -8,21 +8,19 @@ from dataclasses import InitVar, dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.inputs.sensed import paths
 from mbdae.scene.shapes import Shape
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
-from mbdae.values import AsStated, BadValueError, array, as_floats, fixed, number, shown
+from mbdae.values import Array, AsStated, BadValueError, array, as_floats, fixed, number, shown
 
 if TYPE_CHECKING:
     from mbdae.laws.beam import LineLoad
     from mbdae.laws.contact import Normal
     from mbdae.laws.friction import Friction
 
-Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured to find a place at a share of it
 MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: quantities of a run that are no attributes of a body
 

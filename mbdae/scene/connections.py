@@ -16,14 +16,13 @@ from mbdae.laws.forces import AppliedTorque
 from mbdae.laws.on_coordinates import Differential, Gear, OnCoordinate, Rack, WeightedSum
 from mbdae.scene import reading
 from mbdae.scene.beams import check_attachments
-from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Kinematic, Place
+from mbdae.scene.components import Beam, Body, Clearance, Connection, Kinematic, Place
 from mbdae.scene.models import joint_model, law_of
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import SceneItems, statement
-from mbdae.symbolic.coupling import Coupling, Reference
-from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.joint import Coupling, Joint, Reference
 from mbdae.symbolic.law import Force
-from mbdae.values import BadValueError, number, shown
+from mbdae.values import Array, BadValueError, number, shown
 
 NOBODY = ""  #: used for a coordinate that was not found, after the mistake has been reported
 

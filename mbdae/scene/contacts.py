@@ -16,14 +16,14 @@ import numpy as np
 
 from mbdae.deferred import Later
 from mbdae.scene import reading
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.components import Body, Connection
 from mbdae.scene.connections import where
 from mbdae.scene.models import friction_law, normal_law
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import SceneItems, statement
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.symbolic.law import TwoBodyLaw
-from mbdae.values import BadValueError, array, shown
+from mbdae.values import Array, BadValueError, array, shown
 
 if TYPE_CHECKING:
     from mbdae.laws import surfaces
@@ -185,15 +185,15 @@ def _rank(one: Shape) -> int:
     return next((i for i, kind in enumerate((Plane, Cylinder)) if isinstance(one, kind)), 2)
 
 
-Made = list[tuple[type["Contact"], dict[str, Any]]]  #: classes of laws, each with its places and numbers by name
+ContactLaws = list[tuple[type["Contact"], dict[str, Any]]]  #: classes of laws, each with its places and numbers by name
 
 
-def _ball_on_plane(plane: Plane, ball: Any) -> Made:
+def _ball_on_plane(plane: Plane, ball: Any) -> ContactLaws:
     radius = getattr(ball, "radius", None)
     return [(surfaces.BallOnPlane, {"at": plane.at, "at_l": ball.at, "axis": plane.normal, "radius": radius})]
 
 
-def _box_on_plane(plane: Plane, box: Box) -> Made:
+def _box_on_plane(plane: Plane, box: Box) -> ContactLaws:
     """The contact of every corner of the box."""
     axes = np.eye(3) if box.rotation is None else np.asarray(box.rotation)
     signs = product(*((-0.5, 0.5) if edge else (0.0,) for edge in box.size))
@@ -201,7 +201,7 @@ def _box_on_plane(plane: Plane, box: Box) -> Made:
     return [part for corner in corners for part in _ball_on_plane(plane, Point(corner))]
 
 
-def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
+def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> ContactLaws:
     """The contact of a cylinder with a plane. The x axis of the law's frame is along the part of the cylinder's axis that lies in
     the plane. Where normal and axis both lie in the plane z = 0, y is along that part instead, because x is then normal to the
     planar scene."""
@@ -218,18 +218,18 @@ def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
     return [(surfaces.CylinderOnPlane, {**place, "radius": cylinder.radius, "length": cylinder.length, **components})]
 
 
-def _ball_on_cylinder(cylinder: Cylinder, ball: Any) -> Made:
+def _ball_on_cylinder(cylinder: Cylinder, ball: Any) -> ContactLaws:
     return [(surfaces.BallOnCylinder, {"at": cylinder.at, "at_l": ball.at, "axis": cylinder.axis, "radius_k": cylinder.radius,
                               "radius_l": getattr(ball, "radius", None), "length": cylinder.length})]
 
 
-def _ball_on_ball(one: Any, other: Any) -> Made:
+def _ball_on_ball(one: Any, other: Any) -> ContactLaws:
     return [(surfaces.BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": getattr(one, "radius", None),
                           "radius_l": getattr(other, "radius", None)})]
 
 
 #: two kinds of shapes -> function that makes the laws of their contact
-PAIRS: dict[tuple[type[Shape], type[Shape]], Callable[[Any, Any], Made]] = {
+PAIRS: dict[tuple[type[Shape], type[Shape]], Callable[[Any, Any], ContactLaws]] = {
     (Plane, Sphere): _ball_on_plane, (Plane, Point): _ball_on_plane, (Plane, Box): _box_on_plane,
     (Plane, Cylinder): _cylinder_on_plane, (Cylinder, Sphere): _ball_on_cylinder, (Cylinder, Point): _ball_on_cylinder,
     (Sphere, Sphere): _ball_on_ball, (Sphere, Point): _ball_on_ball, (Point, Sphere): _ball_on_ball,

@@ -24,8 +24,7 @@ from mbdae.scene.components import AsGiven, BeamLoad, Connection, Controller, Si
 from mbdae.scene.connections import ConnectionStatements
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
-from mbdae.symbolic.coupling import Coupling
-from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import option, shown, text
@@ -62,11 +61,15 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
                 yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint | Coupling))
 
 
+def stated_values(connections: list[Connection], signals: list[Signal]) -> list[tuple[str, str, Any]]:
+    """Kind and name of every law, signal and state with each of its values: numbers, expressions, None."""
+    found = [(c.kind, c.name, getattr(law, key)) for c in connections for law in c.laws for key in law.params]
+    return found + [(one.kind, one.name, one.value if one.law is None else getattr(one.law, "rate", None)) for one in signals]
+
+
 def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input]:
     """Parts that depend on time alone in expressions that read sensors, of laws, signals and states."""
-    stated = [(c.kind, c.name, getattr(law, key)) for c in connections for law in c.laws for key in law.params]
-    stated += [(one.kind, one.name, one.value if one.law is None else getattr(one.law, "rate", None)) for one in signals]
-    for kind, name, value in stated:
+    for kind, name, value in stated_values(connections, signals):
         if paths(value) or (kind in ("signal", "state") and getattr(value, "free_symbols", None)):
             yield from (Input(readable(f"{kind} '{name}': {e}"), e, "1", False)
                         for e in dict.fromkeys(of_time(se.sympify(value))))

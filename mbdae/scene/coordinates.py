@@ -139,7 +139,7 @@ READERS: dict[str, tuple[Reader, Reader]] = {
     "radius": (reading.quantity("m", "positive"),) * 2,
     "normal_force": (reading.quantity("N", "not negative"),) * 2,
 }
-Made = tuple[type[TwoBodyLaw], dict[str, Any]]  #: class of a law, and its arguments by name
+LawArguments = tuple[type[TwoBodyLaw], dict[str, Any]]  #: class of a law, and its arguments by name
 
 
 @dataclass
@@ -166,12 +166,12 @@ class OnCoordinates:
         """Whether an angle has limits: it must count whole turns, which only a coordinate that is an unknown of its own does."""
         return any(self.law.coordinates[c].unit == "rad" for c in self.of("limits"))
 
-    def forces(self) -> list[Made]:
+    def forces(self) -> list[LawArguments]:
         """Class and arguments of every force law on the coordinates: springs, dampers, loads, stops and friction."""
         return [(made[0], {"coordinate": c, **made[1]}) for c in self.law.scalars() for made in self._on(c)]
 
-    def _on(self, c: str) -> list[Made]:
-        found: list[Made] = []
+    def _on(self, c: str) -> list[LawArguments]:
+        found: list[LawArguments] = []
         if c in self.of("spring"):
             start = self.of("start").get(c, 0.0) if self.law.coordinates[c].unit == "rad" else 0.0
             turns = 2 * math.pi * round(start / (2 * math.pi))

@@ -16,9 +16,9 @@ import numpy as np
 
 from mbdae.inputs import timed
 from mbdae.inputs.sensed import symbol
-from mbdae.scene.components import Array, Body, Place
+from mbdae.scene.components import Body, Place
 from mbdae.symbolic.joint import Joint
-from mbdae.values import BadValueError, array, entries, flag, number, shown, text, whole, word
+from mbdae.values import Array, BadValueError, array, entries, flag, number, shown, text, whole, word
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -192,11 +192,6 @@ def inertia(arg: Argument, value: Any) -> Any:
     return np.zeros((3, 3))
 
 
-def values(remedy: str, *counts: int) -> Reader:
-    """Reader of several numbers, as many as one of the counts."""
-    return lambda arg, value: _read(arg, value, lambda v: array(v, *((n,) for n in counts)), remedy, np.zeros(counts[0]))
-
-
 def driven(unit: str, sensors: bool = False, named: bool = False, least: str = "") -> Reader:
     """Reader of a number in a unit or an expression of time. sensors: expressions may contain sensors too; named: a text is taken
     as the path of a sensor; least: consequence of a negative number, where that is refused."""
@@ -213,17 +208,23 @@ def driven(unit: str, sensors: bool = False, named: bool = False, least: str = "
     return lambda arg, value: _read(arg, value, read, remedy, 0.0)
 
 
+def _several(arg: Argument, value: Any, remedy: str, *counts: int) -> Any:
+    """The entries of a list with one of these lengths; three zeros where the value is no such list."""
+
+    def read(given: Any) -> Any:
+        found = entries(given)
+        if found.shape not in [(n,) for n in counts]:
+            raise BadValueError(_misshapen(given, found))
+        return found
+
+    return _read(arg, value, read, remedy, np.zeros(3))
+
+
 def components(unit: str, sensors: bool = False) -> Reader:
     """Reader of three numbers or expressions of time (sensors: of sensors too); two mean that the third is 0."""
 
     def read(arg: Argument, value: Any) -> list[Any]:
-        try:
-            found = entries(value)
-            if found.shape not in ((2,), (3,)):
-                raise BadValueError(_misshapen(value, found))
-        except BadValueError as value_and_reason:
-            arg.wrong(value_and_reason, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}")
-            return [0.0, 0.0, 0.0]
+        found = _several(arg, value, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}", 2, 3)
         read_one = driven(unit, sensors)
         return [read_one(arg.part(f"{arg.option}[{i}]"), v) for i, v in enumerate(found)] + [0.0] * (3 - len(found))
 
@@ -235,13 +236,7 @@ def along_axes(unit: str, about: str, least: str = "") -> Reader:
     in `driven`."""
 
     def read(arg: Argument, value: Any) -> list[Any]:
-        try:
-            found = entries(value)
-            if found.shape not in ((3,), (6,)):
-                raise BadValueError(_misshapen(value, found))
-        except BadValueError as value_and_reason:
-            arg.wrong(value_and_reason, f"give 3 values (along the axes of k, {unit}), or 6 (then about them, {about})")
-            return [0.0, 0.0, 0.0]
+        found = _several(arg, value, f"give 3 values (along the axes of k, {unit}), or 6 (then about them, {about})", 3, 6)
         return [driven(one, True, least=least)(arg.part(f"{arg.option}[{i}]"), v)
                 for i, (one, v) in enumerate(zip((unit,) * 3 + (about,) * 3, found, strict=False))]
 

@@ -23,7 +23,7 @@ from mbdae.scene import reading
 from mbdae.scene.components import AsGiven, Beam, BeamLoad, Body, Connection, Controller, Place, Signal
 from mbdae.scene.reading import Argument, Reader
 from mbdae.scene.sensed import keep_read_coordinates, keep_wanted, read_by
-from mbdae.symbolic.coupling import Coupling
+from mbdae.symbolic.joint import Coupling
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
 from mbdae.symbolic.rebuild import nodes

@@ -22,8 +22,7 @@ from mbdae.laws.friction import Friction
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, stored_name, without_module
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphere
-from mbdae.symbolic.coupling import Coupling
-from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
 from mbdae.values import array, shown

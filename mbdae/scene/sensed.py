@@ -20,10 +20,10 @@ from mbdae.errors import OptionError, SceneError, meant
 from mbdae.inputs.sensed import paths
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import LOOPS, UNITS
-from mbdae.scene.components import Array, Body, Connection, Controller, Signal
+from mbdae.scene.components import Body, Connection, Controller, Signal
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force
-from mbdae.values import BadValueError
+from mbdae.values import Array, BadValueError
 
 if TYPE_CHECKING:
     from mbdae.laws.contact import Contact

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from mbdae.results.stored_parts import started
-from mbdae.scene.components import Array
 from mbdae.show import symbols
 from mbdae.show.figure import Namer, fitting
-from mbdae.show.geometry import INK, Geometry, Shape
+from mbdae.show.geometry import INK, Geometry, Outline
 from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import Prepared
+from mbdae.values import Array
 
 PAD = 0.07  #: ratio of the margin to the size of the drawing
 LIGHT = np.array([0.4, -0.8, 0.9])  #: direction towards the light, with z upright
@@ -102,7 +102,7 @@ class Picture:
         else:
             artist.set_data_3d(*points.T)
 
-    def _line(self, shape: Shape) -> Any:
+    def _line(self, shape: Outline) -> Any:
         look = LOOKS[shape.kind]
         empty: Any = ([], []) if self.seen.planar else ([], [], [])
         (line,) = self.axes.plot(*empty, color=shape.colour, zorder=look.layer, clip_on=False, solid_capstyle="round",
@@ -119,7 +119,7 @@ class Picture:
             line.set_path_effects([patheffects.Stroke(linewidth=look.width + 1.6, foreground=INK), patheffects.Normal()])
         return line
 
-    def _patch(self, shape: Shape, line: Array) -> Any:
+    def _patch(self, shape: Outline, line: Array) -> Any:
         from matplotlib.patches import Polygon
 
         look = LOOKS[shape.kind]
@@ -133,7 +133,7 @@ class Picture:
 
     def trail(self, points: Array, colour: str) -> Any:
         """A function of i that draws the path up to its i-th point."""
-        line = self._line(Shape("", "trail", colour, points[None]))
+        line = self._line(Outline("", "trail", colour, points[None]))
         self._trails.append(line)
         return lambda i: self._place(line, points[: i + 1])
 
@@ -141,7 +141,7 @@ class Picture:
 class Solids:
     """Faces of all solids in space in one collection, so that nearer faces hide those behind."""
 
-    def __init__(self, axes: Any, seen: Geometry, shapes: list[Shape]) -> None:
+    def __init__(self, axes: Any, seen: Geometry, shapes: list[Outline]) -> None:
         from matplotlib.colors import to_rgb
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped,unused-ignore]
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure as _Figure
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
 
-from mbdae.scene.components import Array
 from mbdae.show.geometry import INK, Geometry, Label
+from mbdae.values import Array
 
 _TEX = MathTextParser("path")
 

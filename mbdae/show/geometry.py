@@ -11,16 +11,17 @@ import numpy as np
 
 from mbdae.results.beams import polylines
 from mbdae.results.result import Result
-from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.components import Body, Connection, Place
 from mbdae.scene.shapes import Plane
 from mbdae.show import symbols
 from mbdae.system.model.beams import Line
+from mbdae.values import Array
 
 INK = "#222222"
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Outline:
     """A polyline or markers of one item. `points`, m: (1, n, 3) in axes of the named body, from its centre of mass; where `body`
     is "", in the inertial frame, (nt, n, 3), or (1, n, 3) if it does not move."""
 
@@ -43,7 +44,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A name and its point, m: (1, 3) in axes of the body, or (1, 3) or (nt, 3) in the inertial frame, as for a `Shape`."""
+    """A name and its point, m: (1, 3) in axes of the body, or (1, 3) or (nt, 3) in the inertial frame, as for a `Outline`."""
 
     text: str
     points: Array
@@ -61,10 +62,10 @@ class Geometry:
     size: float
     gravity: Array
     poses: dict[str, Pose]
-    shapes: tuple[Shape, ...]
+    shapes: tuple[Outline, ...]
     labels: tuple[Label, ...]
 
-    def polyline(self, shape: Shape) -> Array:
+    def polyline(self, shape: Outline) -> Array:
         """Points (nt, n, 3) of a shape over time, m, inertial frame."""
         if shape.body:
             return moved(self.poses[shape.body], shape.points[0])
@@ -115,7 +116,7 @@ class Collected:
         self.mark = MARK * self.size
         g = self.scene.gravity
         self.down = symbols.unit(g) if np.any(g) else np.array([0.0, -1.0, 0.0]) if self.planar else -symbols.Z
-        self.shapes: list[Shape] = []
+        self.shapes: list[Outline] = []
         self.labels: list[Label] = []
         self._grounded: list[Array] = []
         self.fixed: list[Any] = []  #: shapes on the ground that are already drawn
@@ -182,9 +183,9 @@ class Collected:
     def _add(self, item: str, kind: str, points: Array, body: Body | None = None, colour: str = INK) -> None:
         """Add a shape: points (n, 3), m, as drawn on a body, or (nt, n, 3) in the inertial frame."""
         if body is None or body.is_ground:
-            self.shapes.append(Shape(item, kind, colour, points if points.ndim == 3 else points[None]))
+            self.shapes.append(Outline(item, kind, colour, points if points.ndim == 3 else points[None]))
         else:
-            self.shapes.append(Shape(item, kind, colour, self._local(body, points)[None], body.name))
+            self.shapes.append(Outline(item, kind, colour, self._local(body, points)[None], body.name))
 
     def _name(self, text: str, body: Body, point: Array, of_body: bool = False) -> None:
         on = "" if body.is_ground else body.name

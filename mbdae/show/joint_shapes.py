@@ -15,11 +15,12 @@ import numpy as np
 from mbdae.laws.joint_rows import Distance
 from mbdae.laws.on_coordinates import JointLoad, JointSpring
 from mbdae.scene import shapes as solid
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.components import Body, Connection
 from mbdae.show import symbols
-from mbdae.show.geometry import INK, Collected, Label, Shape, ends
+from mbdae.show.geometry import INK, Collected, Label, Outline, ends
 from mbdae.symbolic.joint import Joint
 from mbdae.system.model.nodes import JointMotion
+from mbdae.values import Array
 
 # -- Shapes with which bodies are drawn
 
@@ -60,7 +61,7 @@ class BodyShapes(Collected):
         centre = [] if shaped else [("centre", np.zeros((1, 3)))]
         parts = [*_frame(np.array(corners), self.planar), *extent, *centre]
         for kind, points in parts:
-            self.shapes.append(Shape(body.name, kind, colour if kind != "centre" else INK, points[None], body.name))
+            self.shapes.append(Outline(body.name, kind, colour if kind != "centre" else INK, points[None], body.name))
         anchor = np.mean([np.zeros(3), *corners], axis=0) if corners else np.zeros(3)
         self.labels.append(Label(body.name, anchor[None], body.name, True))
 
@@ -92,7 +93,7 @@ class BodyShapes(Collected):
             return one
         for part in symbols.drawn(one, self.planar, self.size):
             points = part.points if body.is_ground else self._local(body, part.points)
-            self.shapes.append(Shape(item, part.kind, colour, points[None], "" if body.is_ground else body.name, part.faces,
+            self.shapes.append(Outline(item, part.kind, colour, points[None], "" if body.is_ground else body.name, part.faces,
                                      part.shades))
         return one
 

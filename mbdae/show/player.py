@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.scene.components import Array
 from mbdae.show.drawing import LOOKS
 from mbdae.show.figure import WIDE, fitting
-from mbdae.show.geometry import Geometry, Shape
+from mbdae.show.geometry import Geometry, Outline
 from mbdae.show.player_view import VIEW
 from mbdae.show.plots import COLOURS
 from mbdae.show.shapes import Film, digits
+from mbdae.values import Array
 
 # -- HTML of the player; `player.page` replaces the fields between @ signs
 
@@ -303,6 +303,6 @@ def _pose(seen: Geometry, name: str, unit: float) -> dict[str, Any]:
     return {"r": _whole(pose.position, unit), "R": _whole(turn[:1] if still else turn, GRAIN)}
 
 
-def _shape(shape: Shape, unit: float) -> dict[str, Any]:
+def _shape(shape: Outline, unit: float) -> dict[str, Any]:
     solid = {"faces": shape.faces, "shades": shape.shades} if shape.faces else {}
     return {"kind": shape.kind, "colour": shape.colour, "body": shape.body, "points": _whole(shape.points, unit), **solid}

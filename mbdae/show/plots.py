@@ -12,9 +12,9 @@ from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
 from mbdae.notation import counted
 from mbdae.results.result import Result
-from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.components import Body, Connection, Place
 from mbdae.scene.sensed import measured, placed, split
-from mbdae.values import file_to_write, of_class, option, sequence, shown, text
+from mbdae.values import Array, file_to_write, of_class, option, sequence, shown, text
 
 #: colours of Okabe and Ito by falling contrast; the line style changes with the colour, for grey prints
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

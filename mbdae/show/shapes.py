@@ -15,13 +15,13 @@ import numpy as np
 from mbdae.errors import OptionError
 from mbdae.inputs import timed
 from mbdae.results.result import Result
-from mbdae.scene.components import Array, BeamLoad, Connection, Place
+from mbdae.scene.components import BeamLoad, Connection, Place
 from mbdae.show import symbols
 from mbdae.show.geometry import Geometry, ends
 from mbdae.show.joint_shapes import BodyShapes, JointShapes
 from mbdae.show.plots import COLOURS, strips, track
-from mbdae.symbolic.coupling import Coupling
-from mbdae.values import shown
+from mbdae.symbolic.joint import Coupling
+from mbdae.values import Array, shown
 
 ARROWS = 9  #: number of arrows of a distributed load
 UNMARKED = ("force", "torque", "spring", "pointspring")  #: kinds of forces drawn without a marker at their point

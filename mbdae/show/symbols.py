@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.scene.components import Array
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
+from mbdae.values import Array
 
 Z = np.array([0.0, 0.0, 1.0])
 

@@ -1,4 +1,4 @@
-"""Joints: a law states the coordinates of a joint and its motion, or rows that vanish, or both.
+"""Joints: a law states the coordinates of a joint and its motion, or rows that vanish, or both. Couplings between coordinates.
 
 The *motion* takes the axes of k to those of l by the joint's coordinates (`symbolic/motion.py`). From it follow the recursive
 joint, the start, and the rows of the joint with its coordinates as unknowns: the pose of l is that of the motion. *Rows*
@@ -26,11 +26,11 @@ from mbdae.symbolic.variation import let, rate
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, shown, word
 
+Reference = tuple[str, str]  #: name of a joint, name of one of its coordinates
 OPTIONS = ("kept", "friction", "rubs")  #: options that every joint has, see `Joint`
 UNITS = ("rad", "m", "rotation")  #: units of coordinates; a rotation is a quaternion, its rates an angular velocity
 SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: further sensors of joints
-#: N; the normal force of a joint with the reaction F is smoothed to sqrt(F.F + SLIGHT^2), so that it has a derivative where F is
-#: 0
+#: N; the normal force of a joint with the reaction F is sqrt(F.F + SLIGHT^2), which has a derivative where F is 0
 SLIGHT = 1e-9
 
 
@@ -309,3 +309,42 @@ class Joint(TwoBodyLaw):
 
     def initial(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.initial(self.sliding(*frames)))
+
+
+class Coupling(TwoBodyLaw):
+    """A law on coordinates of joints stated by `constraints`: expressions of the coordinates (`self.<name>`) that vanish.
+
+    The forces of its rows act on both bodies of every joint, by virtual work. of: for every coordinate of the law the joint and
+    the coordinate there, "joint.coordinate"; a coordinate is 0 as drawn, whole turns of angles count."""
+
+    frames: ClassVar[tuple[str, ...]] = ()
+    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of joints, with their unit (rad, m or either)
+
+    def __init__(self, name: str, of: Mapping[str, Any], **values: Any) -> None:
+        super().__init__(name, None, None, **values)
+        kind = f"{type(self).__name__} {shown(name)}"
+        if not self.own_coordinates:
+            raise LawError(f"{kind} couples no coordinates; declare them: coordinates = mb.params(angle=('rad', 'of a wheel'))")
+        names = ", ".join(self.own_coordinates)
+        example = f"as in of={{'{self.own_coordinates[0]}': 'A.angle', ...}}"
+        if not isinstance(of, Mapping):
+            raise LawError(f"{kind}: of = {shown(of)} is no dict: say which joint's coordinate each of {names} is, {example}")
+        self.of = dict(of)
+        if set(self.of) != set(self.own_coordinates):
+            raise LawError(f"{kind}: of = {shown(of)} must have the keys {names} and no others: say which joint's coordinate "
+                           f"each is, {example}")
+
+    def constraints(self) -> dict[str, Expr]:
+        """Expressions of the coordinates that vanish, by name of the row."""
+        raise LawError(f"coupling {type(self).__name__} does not state `constraints(self)`: return its rows, "
+                       f"{{'name': expression that vanishes}}")
+
+    def rows(self) -> dict[str, Expr]:  # type: ignore[override]
+        return self.constraints()
+
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        return tuple(self.coordinates)
+
+    def coordinates_in(self, item: str) -> list[Reference]:
+        return [self.of[name] for name in self.own_coordinates]

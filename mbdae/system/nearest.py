@@ -96,7 +96,7 @@ class Look(Trial):
 
 
 @dataclass
-class Place:
+class PathPoint:
     """A point of a path: share of the stated values, positions q, joint coordinates; unit displacements, and singular values and
     vectors of the conditions there, which tell whether it is near a singular position."""
 
@@ -109,7 +109,7 @@ class Place:
 
 
 @dataclass
-class Way:
+class PathEnd:
     """The end of a path: squared distance from the drawing, infinite where loops are open; positions q; joint coordinates."""
 
     far: float
@@ -127,7 +127,7 @@ class NearestPositions(ConsistentPositions):
         self.joints = JointMotions(self.model)
         self.share = 0.0  #: present fraction of the stated values, and of the closing of loops that are drawn open (`open`)
         self.open = np.zeros(mechanics.m)
-        self.passed: list[Place] = []
+        self.passed: list[PathPoint] = []
         self.angles: dict[tuple[str, str], float] = {}  #: (joint, coordinate) -> its value, angles beyond one turn included
 
     def held_values(self, joint: Connection) -> dict[str, float]:
@@ -165,7 +165,7 @@ class NearestPositions(ConsistentPositions):
         self._report(drawn, nearest.q, bool(others))
         return nearest.q
 
-    def _crossings(self, way: Way) -> list[tuple[Place, Array]]:
+    def _crossings(self, way: PathEnd) -> list[tuple[PathPoint, Array]]:
         """Points of a path at which another branch may begin, each with a displacement into it: the point next to a singular
         position; the drawing, if it is singular and the path did not end in closed loops."""
         passed, first = list(self.passed), self.passed[0]
@@ -192,14 +192,14 @@ class NearestPositions(ConsistentPositions):
             gaps.append((max(turned, moved / self.model.length), body.name))
         return max(gaps)
 
-    def _way(self, q: Array, first: float) -> Way:
+    def _way(self, q: Array, first: float) -> PathEnd:
         """Follow a path from positions q, where the share of the stated values is `first`, to the share 1; returns its end."""
         self.share = 1.0
         held = [abs(v) / (self.joints.extent if joint.unit(c) == "m" else 1.0) for joint, c, v in self._held(self.held_values)]
         steps = max(1, ceil((1 - first) * max(held, default=0.0) / STEP))
         for step in range(1, steps + 1):
             before, self.share = self.share, first + (1 - first) * step / steps
-            self.passed.append(Place(before if step > 1 else first, q, dict(self.angles), *self._loose(q)))
+            self.passed.append(PathPoint(before if step > 1 else first, q, dict(self.angles), *self._loose(q)))
             q = self._settled(q, *(AT_THE_END if step == steps else ON_THE_WAY))
             self._follow(q)
         if self.closing_error(q) > REACHED:  # try from any positions that close the loops
@@ -207,7 +207,7 @@ class NearestPositions(ConsistentPositions):
                 q = self._settled(self.closed(q), *AT_THE_END)
                 self._follow(q)
         far = self.joints.far(q)
-        return Way(float(far @ far) if self.closing_error(q) <= REACHED else inf, q, dict(self.angles))
+        return PathEnd(float(far @ far) if self.closing_error(q) <= REACHED else inf, q, dict(self.angles))
 
     def _settled(self, q: Array, exact: float, most: int) -> Array:
         """Positions near q that satisfy the conditions with the least distance from the drawing, by Newton's method. exact, most:

@@ -31,10 +31,10 @@ from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 from mbdae.values import shown
 
-Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
+MotionRows = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
 
 
-def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
+def motion_distance(prepared: Prepared, a: MotionRows, b: MotionRows) -> Array:
     """(nt,) distance of two motions at the same times: the largest difference of a position over the scene's length, or of an
     angle in rad. In scenes without beams (their velocities contain vibrations) also of velocities, over the larger of length /
     characteristic time and the speed reached; but not while one of the motions is in contact, because an impact that is slightly

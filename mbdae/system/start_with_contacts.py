@@ -21,7 +21,7 @@ from mbdae.system.base import Array
 from mbdae.system.model.model import FLAT, build, scene_length
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.constrained import largest_entries, row_lengths
-from mbdae.system.motion.mechanics import Mechanics, Place, approaches, effective_masses, in_units
+from mbdae.system.motion.mechanics import InstanceNumber, Mechanics, approaches, effective_masses, in_units
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.nearest import start_positions
 from mbdae.system.start import Start, Starter
@@ -96,7 +96,7 @@ class ExpectedContact:
 
     item: str
     law: Any
-    place: Place
+    place: InstanceNumber
     impact: Impact
     penetration: float
     weight: float = 0.0
@@ -151,7 +151,7 @@ def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, f
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
     known = approaches(mechanics, start.t, start.q)
     gaps = gaps_of(mechanics, t, q, u) if known else {}
-    masses: dict[Place, float] = {}
+    masses: dict[InstanceNumber, float] = {}
     for with_joints in (False, True):
         of = {place: rows for place, rows in known.items() if _law(mechanics, place).with_joints is with_joints}
         if of:
@@ -169,7 +169,7 @@ def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, f
     return found
 
 
-def _law(mechanics: Mechanics, place: Place) -> Any:
+def _law(mechanics: Mechanics, place: InstanceNumber) -> Any:
     return mechanics.model.groups[place[0]].instances[place[1]].law
 
 

@@ -14,10 +14,10 @@ import pytest
 
 import mbdae as mb
 from mbdae.audit import Audit, verdicts
-from mbdae.audit.compare import SAME, States, difference
+from mbdae.audit.compare import SAME, ComparedStates, difference
 from mbdae.audit.edits import Candidates, edits
 from mbdae.audit.evaluate import SizeError, evaluate
-from mbdae.audit.notation import AuditError, Reader, Statement, is_zero
+from mbdae.audit.notation import AuditError, Reader, Relation, is_zero
 from mbdae.audit.phrases import understand, wordings
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import audit_equation
@@ -95,9 +95,9 @@ def test_verdicts_come_from_the_formulas_alone(paper: Audit) -> None:
 # -- damages
 
 
-def same_side(equation: Printed, statement: Statement, i: int, new: object) -> bool:
+def same_side(equation: Printed, statement: Relation, i: int, new: object) -> bool:
     """Whether a damaged side has the values of the side as printed, where the text speaks of."""
-    states = States(equation, equation.inner or "l")
+    states = ComparedStates(equation, equation.inner or "l")
 
     def gaps(envs: list) -> tuple[float, float]:
         with np.errstate(all="ignore"):
@@ -121,7 +121,7 @@ def damaged(equation: Printed, rng: random.Random, count: int) -> list[tuple[str
     for _ in range(20 * count):
         j, i = rng.choice(places)
         statement = equation.statements[j]
-        candidates = Candidates(equation.scope, States(equation, equation.inner or "l").joint[0])
+        candidates = Candidates(equation.scope, ComparedStates(equation, equation.inner or "l").joint[0])
         options = list(edits(statement.sides[i], candidates))
         if not options:
             continue

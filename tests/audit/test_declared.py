@@ -7,7 +7,7 @@ import symengine as se
 
 import mbdae as mb
 from mbdae.audit import laws
-from mbdae.audit.motion import Motion
+from mbdae.audit.motion import RandomMotion
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import read
 from mbdae.audit.rules_laws import law
@@ -57,7 +57,7 @@ def test_every_declared_parameter_of_every_law(name: str) -> None:
         return
     units = [spec.unit.split(" or ")[0] or "1" for spec in cls.params.values()]
     text = "".join(f"p{i} [{u}]: parameter {p} of {name}\n" for i, (p, u) in enumerate(zip(cls.params, units, strict=True)))
-    env = Env(Motion(0), read(text + "1: p0 = p0\n").equations[-1].scope)
+    env = Env(RandomMotion(0), read(text + "1: p0 = p0\n").equations[-1].scope)
     state = law(env, name)
     for i, p in enumerate(cls.params):
         assert state.values[se.Symbol(p)] == env.value(f"p{i}")

@@ -10,7 +10,7 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae.audit import carried
-from mbdae.audit.motion import VECTORS, Motion
+from mbdae.audit.motion import VECTORS, RandomMotion
 from mbdae.laws.journal import JournalContact
 from mbdae.symbolic import tree
 
@@ -46,7 +46,7 @@ def verdict(text: str, **given: Any) -> tuple[str, str]:
 @pytest.mark.parametrize("kind", ["free", "clearance", "revolute", "prismatic", "cylindrical", "universal", "screw", "planar"])
 def test_states_are_those_of_a_motion(kind: str) -> None:
     """Velocities and accelerations are the time derivatives of positions and attitudes, of l on every joint too."""
-    m = Motion(3, kind)
+    m = RandomMotion(3, kind)
     later, h = m.moved("time"), 1e-30
     for side in "kl":
         for name, rate in (("x", "v"), ("v", "a"), ("w", "alpha")):

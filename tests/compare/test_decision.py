@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -90,6 +91,25 @@ def test_what_simulate_does_is_a_row_unless_runs_are_named(w: Any) -> None:
     assert own.call_s > own.cpu_s > 0
     assert found.cheapest(1e-3) is not own
     assert f"`simulate` takes DOP853 ODE, {seconds(own.call_s)} a call for 1e-03." in found.decision
+
+
+def test_a_label_does_not_make_a_run_the_choice_of_simulate() -> None:
+    w = mb.compare(pendulum(), 0.1, [mb.Run(mb.RadauIIA(3), label="simulate by hand")], [1e-3])
+    assert w.cheapest(1e-2) is w.runs[0]
+    assert w.decision.startswith("For 1e-03 take simulate by hand: ")
+
+
+def test_another_scene_is_part_of_what_is_resumed(tmp_path: Path) -> None:
+    """Two scenes of the same statements under another gravity are two models."""
+    def run(gravity: float) -> Any:
+        other = mb.Scene("pendulum", gravity=(0, gravity, 0))
+        other.revolute("hinge", other.ground, other.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+        runs = [mb.RadauIIA(3), mb.Run(mb.RadauIIA(3), scene=other, label="elsewhere")]
+        return mb.compare(pendulum(), 0.1, runs, [1e-3], resume=tmp_path / "w.json")
+
+    run(-1.6)
+    with pytest.raises(mb.OptionError, match=r"holds another comparison: .*gravity"):
+        run(-3.7)
 
 
 def test_all_solvers_on_request() -> None:

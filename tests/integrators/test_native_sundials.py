@@ -24,7 +24,7 @@ from mbdae.formulations import system_for
 from mbdae.integrators.constant import rate_jacobian
 from mbdae.native import sundials, sundials_library
 from mbdae.native.build import HERE
-from mbdae.native.equations import Equations, Pointer, Table
+from mbdae.native.equations import CEquations, Equations, Pointer
 from mbdae.process import Signals
 from mbdae.system.dae import DAE
 from mbdae.system.prepare import prepare
@@ -60,7 +60,7 @@ class Harmonic(Explicit):
         subprocess.run(["cc", "-O2", "-shared", "-fPIC", f"-I{HERE}", "-o", str(built), str(source)], check=True)
         library = ctypes.CDLL(str(built))
         addresses = [ctypes.cast(getattr(library, name), Pointer).value for name in ("residual", "jacobian", "rates")]
-        self.native = Equations(Table(None, 2, 4, *addresses, None), library)
+        self.native = Equations(CEquations(None, 2, 4, *addresses, None), library)
         return self
 
 

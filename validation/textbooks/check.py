@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from runner import Case, Claim, Found
 
-from mbdae.audit.compare import States
+from mbdae.audit.compare import ComparedStates
 from mbdae.audit.evaluate import evaluate
-from mbdae.audit.motion import Motion
-from mbdae.audit.notation import Node, Reader, Statement
+from mbdae.audit.motion import RandomMotion
+from mbdae.audit.notation import Node, Reader, Relation
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import Row as Verdict
@@ -46,7 +46,7 @@ def formulas(file: Path) -> list[tuple[Printed, Printed]]:
 @lru_cache(maxsize=2 * len(FILES))
 def verdicts(file: Path, planted: bool) -> list[tuple[Printed, Verdict]]:
     """The verdicts on the formulas of a file, or on those with an error, beside the formulas that are right."""
-    shared: dict[tuple[str, int], Motion] = {}
+    shared: dict[tuple[str, int], RandomMotion] = {}
     return [(right, audit_equation(wrong if planted else right, shared)) for right, wrong in formulas(file)]
 
 
@@ -92,11 +92,11 @@ def _mended(right: Printed, row: Verdict) -> bool:
     """Whether the repaired formula has the terms of the right one, side by side."""
     if row.repaired is None:
         return False
-    states = States(right, right.inner or "l").joint[1], States(row.repaired, right.inner or "l").joint[1]
+    states = ComparedStates(right, right.inner or "l").joint[1], ComparedStates(row.repaired, right.inner or "l").joint[1]
     return _terms(right.statements[0], states[0]) == _terms(row.repaired.statements[0], states[1])
 
 
-def _terms(statement: Statement, env: Env) -> list[list[str]]:
+def _terms(statement: Relation, env: Env) -> list[list[str]]:
     return [sorted(str(np.round(np.ravel(v), 6) + 0.0) for v in _values(side, env, 1)) for side in statement.sides]
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
 from mbdae.kernels.plan import plan
-from mbdae.native.equations import Equations, Table
+from mbdae.native.equations import CEquations, Equations
 from mbdae.native.program import Operations, address_of
 from mbdae.symbolic import outputs
 from mbdae.symbolic.derive import Derived
@@ -85,7 +85,7 @@ class AccelerationKernel(Workspace):
         (self._by_lu if whole else self._by_cholesky)(part, mass)
         self.finish(rates=part, unknowns=self.differential, rates_at=self.rates)
         self.multipliers, _ = self.view(self._multipliers, self.m)
-        table = Table(self.address, self.differential, 0, None, None, address_of("scene_rates"), None)
+        table = CEquations(self.address, self.differential, 0, None, None, address_of("scene_rates"), None)
         self.equations = Equations(table, self, make=self.make)
 
     def _laws(self, part: Operations, full: Any, row_of: RowOf) -> dict[tuple[int, int], int]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.deferred import sp
-from mbdae.native.equations import Equations, Table
+from mbdae.native.equations import CEquations, Equations
 from mbdae.native.program import Operations, Tangent, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern, Scatter
 from mbdae.system.assembled.tree_terms import TreeTerms
@@ -182,7 +182,7 @@ class EquationsOfScene(Workspace):
             if self._c.scene_part(self.address, ctypes.byref(once), np.nan, self._at_y, None):
                 self._massless, self.W[self._steady[1]] = int(self.order[self.scene.bad]), np.nan
         addresses = [address_of(name) for name in ("scene_residual", "scene_jacobian", "scene_rates")]
-        table = Table(self.address, self.n, self.nnz, *addresses[:2], addresses[2] if self.rates_part.steps else None, None)
+        table = CEquations(self.address, self.n, self.nnz, *addresses[:2], addresses[2] if self.rates_part.steps else None, None)
         self.equations = Equations(table, self, make=self.make)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:

@@ -26,8 +26,8 @@ from mbdae.system.model.model import Model, entry_of
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Groups, Instance
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.constrained import Values
-from mbdae.system.motion.mechanics import Mechanics, Place, approaches, effective_masses
+from mbdae.system.motion.constrained import StateValues
+from mbdae.system.motion.mechanics import InstanceNumber, Mechanics, approaches, effective_masses
 from mbdae.system.motion.states import gap_outputs
 from mbdae.system.start_with_contacts import ExpectedContact
 
@@ -38,7 +38,7 @@ NEAR = 10.0
 #: whichever is smaller, up to which effective masses are not calculated again
 SAME = 0.01
 
-States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes
+StateReader = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class ContactPlace:
     """One contact of a scene. place: numbers of its law's group and instance; law: the law with its numbers; mass: effective mass
     of an impact at the start of the run (kg, or kg m^2)."""
 
-    place: Place
+    place: InstanceNumber
     name: str
     law: Any
     mass: float
@@ -66,7 +66,7 @@ class ContactGuards:
 
     contacts: those expected before the run, with their effective masses; states: q, u, s of all nodes from the unknowns."""
 
-    def __init__(self, system: Assembly, contacts: Sequence[ExpectedContact], mechanics: Mechanics, states: States) -> None:
+    def __init__(self, system: Assembly, contacts: Sequence[ExpectedContact], mechanics: Mechanics, states: StateReader) -> None:
         gathers, kernels = [], []
         self._mechanics, self._states = mechanics, states
         masses = {contact.place: contact.mass for contact in contacts}
@@ -89,9 +89,9 @@ class ContactGuards:
         self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None
 
     @cached_property
-    def _gaps(self) -> Values:
+    def _gaps(self) -> StateValues:
         """The native program that evaluates all gaps and their rates, compiled when it is first needed."""
-        return Values(*self._made_of)
+        return StateValues(*self._made_of)
 
     def native(self, numbers: Mapping[str, float]) -> Contacts:
         """The contacts as a table that the native methods read. numbers: constants of the checks, see `Contacts`."""
@@ -222,7 +222,7 @@ def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, 
     plans = [plan(model.groups[g].derived, outputs) for g, _ in watched]
     gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
     motion = partial(moved.motion, numbering=nb, to=lambda node, head, i: nb.node_place(head, node, i)) if carried else None
-    return Values(nb, motion, gathers, [p.kernel for p in plans]).at_states
+    return StateValues(nb, motion, gathers, [p.kernel for p in plans]).at_states
 
 
 class Observer:

@@ -16,11 +16,11 @@ from mbdae.kernels.line import LineKernel, merged
 from mbdae.kernels.line_nodes import ElementKernel
 from mbdae.laws.line_mesh import LineMesh
 from mbdae.scene.beams import mesh_of, nearest_place
-from mbdae.scene.components import Array, Beam, BeamLoad, Body, Station
+from mbdae.scene.components import Beam, BeamLoad, Body, Station
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.line import WEIGHT
 from mbdae.system.model.nodes import Node, rotation_matrices
-from mbdae.values import nearest
+from mbdae.values import Array, nearest
 
 if TYPE_CHECKING:
     from mbdae.scene.scene import SceneData

@@ -298,7 +298,7 @@ class Workspace:
         return int(self.scene.bad) if code > 0 else -1
 
 
-class Values(Workspace):
+class StateValues(Workspace):
     """Evaluates kernels at given states, such as that of the gaps of contacts."""
 
     def __init__(self, numbering: Numbering, motion: Emitted | None, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
@@ -313,7 +313,7 @@ class Values(Workspace):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For copies: a copy makes its own tables, because they contain addresses of arrays."""
-        return Values, self._made_of
+        return StateValues, self._made_of
 
 
 class Columns(NamedTuple):

@@ -284,7 +284,7 @@ def _largest(values: Array, otherwise: float) -> float:
     return largest if largest > 0 else otherwise
 
 
-Place = tuple[int, int]  #: numbers of the group and the instance of a law
+InstanceNumber = tuple[int, int]  #: numbers of the group and the instance of a law
 
 
 def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -300,7 +300,7 @@ def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return out
 
 
-def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[Place, Array]:
+def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[InstanceNumber, Array]:
     """For every contact law the rows (directions, nu) at positions q (nq,): rows @ u are the rates of the relative displacements
     along which its force may act."""
     found = {}

@@ -10,7 +10,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.contracts.case import columns
-from mbdae.contracts.states import States
+from mbdae.contracts.states import RandomStates
 from mbdae.formulations import ggl_outputs
 from mbdae.kernels.plan import linearised_plan, plan
 from mbdae.laws.journal import JournalContact
@@ -35,7 +35,7 @@ def derived(sides: Any = SPATIAL, law: type[JournalContact] = JournalContact, **
 
 def touching(d: Derived, count: int, seed: int, given: dict[str, float]) -> Any:
     """Random states of two bodies whose pin is near the race: gap from -1e-4 to 1e-4 m, any attitude and velocity."""
-    states = States(d, given, np.random.default_rng(seed), count)
+    states = RandomStates(d, given, np.random.default_rng(seed), count)
     rng, values = np.random.default_rng(seed), states.values
     gaps = plan(d, lambda d: [(("u", i), d.variation.resolve(e)) for i, e in enumerate(d.frames[1].r - d.frames[0].r)])
     u = gaps.kernel.values(columns(gaps.all_inputs.symbols, values))

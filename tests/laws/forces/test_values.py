@@ -11,7 +11,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.contracts.case import starts
-from mbdae.contracts.states import States, columns, rotation
+from mbdae.contracts.states import RandomStates, columns, rotation
 from mbdae.kernels.plan import plan
 from mbdae.laws import forces, joints
 from mbdae.laws.journal import JournalContact
@@ -89,12 +89,12 @@ def spring(k: Side, l: Side, p: Values) -> Wrench:
 
 def test_spring_and_damper_between_points() -> None:
     d = derived(forces.PointSpring, stiffness=3.0, damping=2.0, length=0.5)
-    compare(d, States(d, {"stiffness": 3.0, "damping": 2.0, "length": 0.5}, np.random.default_rng(1), 8).values, spring)
+    compare(d, RandomStates(d, {"stiffness": 3.0, "damping": 2.0, "length": 0.5}, np.random.default_rng(1), 8).values, spring)
 
 
 def test_spring_of_no_length() -> None:
     d = derived(forces.PointSpring, stiffness=3.0)
-    values = States(d, {}, np.random.default_rng(2), 8).values
+    values = RandomStates(d, {}, np.random.default_rng(2), 8).values
     compare(d, values, lambda k, l, p: (-p["stiffness"] * (l.r - k.r), np.zeros(3)))
 
 
@@ -108,7 +108,7 @@ def test_bushing() -> None:
         return -k.A @ (c * d + damping * v), np.zeros(3)
 
     d = derived(forces.Bushing, kx=1.0, ky=2.0, kz=3.0, cx=0.1, cy=0.2, cz=0.3)
-    compare(d, States(d, {}, np.random.default_rng(3), 8).values, bushing)
+    compare(d, RandomStates(d, {}, np.random.default_rng(3), 8).values, bushing)
 
 
 def test_rotational_bushing() -> None:
@@ -123,7 +123,7 @@ def test_rotational_bushing() -> None:
         return np.zeros(3), -k.A @ torque
 
     d = derived(forces.RotationalBushing, rx=1.0, ry=2.0, rz=3.0, sx=0.1, sy=0.2, sz=0.3)
-    compare(d, States(d, {}, np.random.default_rng(4), 8).values, bushing)
+    compare(d, RandomStates(d, {}, np.random.default_rng(4), 8).values, bushing)
 
 
 # -- applied
@@ -139,7 +139,7 @@ def test_applied(law: Any, letters: str, part: int, following: bool) -> None:
         return wrench[0], wrench[1]
 
     d = derived(law, (GROUND, SPATIAL), following=following, **{letters + a: 1.0 for a in "xyz"})
-    compare(d, States(d, {}, np.random.default_rng(5), 8).values, applied)
+    compare(d, RandomStates(d, {}, np.random.default_rng(5), 8).values, applied)
 
 
 def test_gravity() -> None:
@@ -150,7 +150,7 @@ def test_gravity() -> None:
         return force, np.cross(l.c - l.r, force)
 
     d = derived(forces.Gravity, (GROUND, SPATIAL), mass=2.0, gx=1.0, gy=2.0, gz=3.0)
-    compare(d, States(d, {}, np.random.default_rng(6), 4).values, weight)
+    compare(d, RandomStates(d, {}, np.random.default_rng(6), 4).values, weight)
 
 
 # -- on the axis of a joint: l turned by an angle about k.z, its point on that of k
@@ -160,7 +160,7 @@ ANGLE = 0.7
 
 
 def on_axis(d: Derived, seed: int, given: dict[str, float]) -> dict[str, Array]:
-    states = States(d, given, np.random.default_rng(seed), 1)
+    states = RandomStates(d, given, np.random.default_rng(seed), 1)
     points = [states.special(ANGLE, True) for _ in range(6)]
     return {name: np.concatenate([p[name] for p in points]) for name in points[0]}
 
@@ -183,7 +183,7 @@ def test_joint_drives() -> None:
     compare(torque, on_axis(torque, 9, {}), lambda k, l, p: (np.zeros(3), p["load"] * k.A[:, 2]))
     for law, coordinate in ((joints.Prismatic, None), (joints.Cylindrical, "displacement")):
         force = derived(forces.JointLoad, load=1.0, joint=law, coordinate=coordinate)
-        values = States(force, {}, np.random.default_rng(10), 6).values
+        values = RandomStates(force, {}, np.random.default_rng(10), 6).values
         compare(force, values, lambda k, l, p: (p["load"] * k.A[:, 2], np.zeros(3)))
 
 
@@ -194,7 +194,7 @@ def test_forces_on_a_coordinate_that_is_an_unknown_act_on_it_alone() -> None:
             forces.JointDamper: lambda c, cd: 0.7 * cd}
     for law, expected in laws.items():
         d = derived(law, **{name: value for name, value in given.items() if name in law.params}, joint=joints.Revolute, kept=True)
-        values = States(d, given, np.random.default_rng(22), 6).values
+        values = RandomStates(d, given, np.random.default_rng(22), 6).values
         p = plan(d, loads)
         (c,) = d.frames[2:]
         assert p.targets == [("u", "c", 0)]
@@ -209,7 +209,7 @@ def rate_along(k: Side, l: Side) -> float:
 
 def test_slide_under_a_given_normal_force() -> None:
     d = derived(forces.JointFriction, normal_force=5.0, friction=mb.Coulomb(MU, V_C), joint=joints.Prismatic)
-    values = States(d, {"friction_mu": MU, "friction_v_c": V_C}, np.random.default_rng(11), 6).values
+    values = RandomStates(d, {"friction_mu": MU, "friction_v_c": V_C}, np.random.default_rng(11), 6).values
 
     def friction(k: Side, l: Side, p: Values) -> Wrench:
         return -k.A[:, 2] * MU * np.tanh(rate_along(k, l) / V_C) * p["normal_force"], np.zeros(3)
@@ -246,7 +246,7 @@ def test_bearing_of_an_angle_that_is_an_unknown() -> None:
 
 def test_guide_pressed_by_its_reaction() -> None:
     d = derived(joints.Prismatic, friction=mb.Coulomb(MU, V_C))
-    values = States(d, {"friction_mu": MU, "friction_v_c": V_C}, np.random.default_rng(13), 6).values
+    values = RandomStates(d, {"friction_mu": MU, "friction_v_c": V_C}, np.random.default_rng(13), 6).values
     rows = [str(s) for s, name in zip(d.multipliers, d.rows, strict=True) if name in ("offset_x", "offset_y")]
 
     def friction(k: Side, l: Side, p: Values) -> Wrench:
@@ -299,7 +299,7 @@ def pin(length: float | None, seed: int) -> tuple[Derived, dict[str, Array]]:
     """A pin of 0.5 m in races of other radii, so that where the force acts shows in the moments, at these depths."""
     d = derived(JournalContact, outer=1.0, inner=INNER, length=length, normal=mb.Hertz(200.0, damping=0.3),
                 friction=mb.Coulomb(MU, V_C))
-    values = States(d, HERTZ | {"length": 0.4}, np.random.default_rng(seed), len(DEPTHS)).values
+    values = RandomStates(d, HERTZ | {"length": 0.4}, np.random.default_rng(seed), len(DEPTHS)).values
     for i, depth in enumerate(DEPTHS):
         k, l = side(d, 0, values, i), side(d, 1, values, i)
         values["outer"][i] = np.linalg.norm(np.cross(k.A[:, 2], l.r - k.r)) + INNER - depth
@@ -351,7 +351,7 @@ def test_pin_that_cannot_tilt_touches_twice(outputs: Any) -> None:
     plane = ((NodeKind.PLANAR, Axes.NORMAL),) * 2
     laws = {"normal": mb.Hertz(200.0, damping=0.3), "friction": mb.Coulomb(MU, V_C)}
     once, twice = (derived(JournalContact, plane, outer=0.6, inner=INNER, length=end, **laws) for end in (None, 0.4))
-    values = States(twice, HERTZ | {"outer": 0.6, "length": 0.4}, np.random.default_rng(18), 12).values
+    values = RandomStates(twice, HERTZ | {"outer": 0.6, "length": 0.4}, np.random.default_rng(18), 12).values
     found = []
     for d in (once, twice):
         p = plan(d, outputs)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdae.contracts.states import States, columns, rotation
+from mbdae.contracts.states import RandomStates, columns, rotation
 from mbdae.kernels.plan import plan
 from mbdae.laws import joints
 from mbdae.symbolic.derive import Derived, derive
@@ -87,7 +87,7 @@ def expected(law: Any, kept: bool, u: Array, K: Array, L: Array, drive: dict[str
 @pytest.mark.parametrize(("law", "kept"), BOTH)
 def test_rows(law: Any, kept: bool) -> None:
     d = derived(law, kept)
-    values = States(d, OWN, np.random.default_rng(15), 6).values
+    values = RandomStates(d, OWN, np.random.default_rng(15), 6).values
     p = plan(d, position)
     found = p.kernel.values(columns(p.all_inputs.symbols, values))
     for i in range(len(found)):
@@ -120,7 +120,7 @@ def test_angles_and_their_branches(law: Any, kept: bool, angle: float) -> None:
     """On the axis the angle reads what l was turned by; branches are positive there, and half a turn off they are not."""
     d = derived(law, kept)
     for off in (0.0, np.pi):
-        values = States(d, {"drive": angle}, np.random.default_rng(16), 1).special(angle + off, True)
+        values = RandomStates(d, {"drive": angle}, np.random.default_rng(16), 1).special(angle + off, True)
         for symbol in unknowns(d).values():
             values[symbol][:] = angle
         p = plan(d, read)
@@ -133,7 +133,7 @@ def test_angles_and_their_branches(law: Any, kept: bool, angle: float) -> None:
 def test_branches_of_a_universal_joint_as_drawn_and_with_the_pin_of_l_turned_over(angle: float) -> None:
     """Both angles are 0 as unknowns: where l is turned about k.z by pi the cross and l are half a turn off."""
     d = derived(joints.Universal, True)
-    values = States(d, {}, np.random.default_rng(16), 1).special(angle, True)
+    values = RandomStates(d, {}, np.random.default_rng(16), 1).special(angle, True)
     for symbol in unknowns(d).values():
         values[symbol][:] = 0.0
     p = plan(d, read)
@@ -148,7 +148,7 @@ def test_half_turns_that_the_rows_would_admit(law: Any, kept: bool) -> None:
     """The rows vanish upright and after half a turn about k.z; one of the branches tells them apart."""
     d, rows = derived(law, kept), [i for i, name in enumerate(derived(law, kept).rows) if name in ("tilt_y", "tilt_x", "twist")]
     for angle in (0.0, np.pi):
-        values = States(d, OWN, np.random.default_rng(19), 1).special(angle, True)
+        values = RandomStates(d, OWN, np.random.default_rng(19), 1).special(angle, True)
         p, held = plan(d, read), plan(d, position)
         branches = dict(zip(p.targets, p.kernel.values(columns(p.all_inputs.symbols, values))[0], strict=True))
         for target in [target for target in branches if target[0].startswith("coordinate")]:
@@ -161,7 +161,7 @@ def test_half_turns_that_the_rows_would_admit(law: Any, kept: bool) -> None:
 
 def test_displacement_is_along_the_axis_of_k() -> None:
     d = derived(joints.Prismatic)
-    values = States(d, OWN, np.random.default_rng(21), 6).values
+    values = RandomStates(d, OWN, np.random.default_rng(21), 6).values
     p = plan(d, read)
     found = p.kernel.values(columns(p.all_inputs.symbols, values))[:, p.targets.index(("coordinate displacement",))]
     for i, displacement in enumerate(found):
