@@ -16,18 +16,16 @@ from mbdae.integrators.watched_arguments import NODES, StepArguments
 from mbdae.system.base import Array, System
 
 #: an argument chatters where it changes its sign MOST times within the fraction PART of the run and the equations jump there
-#: (JUMPS); at a lower rate a run has fewer than 2000 such changes, which it can afford (CVODE needs 15 steps for each)
-MOST, PART = 100, 5e-2
+#: (JUMPS); at a lower rate a run has fewer than 1e4 such changes, which it can afford
+MOST, PART = 100, 1e-2
 #: an argument stays at zero while its magnitude in a step is below STAYS times the change that the tolerance of the unknowns
 #: causes in it (measured while chattering: 3 times, in one of some hundred steps 12 times); in a step in which it is larger, the
 #: count of changes of sign is halved. A change of sign with a magnitude below LEAST times that change may be round-off of a body
-#: at rest (1e-9 at rtol 1e-7), and counts TENTH. A run that begins at rest exactly where the equations jump stays between 1e-5
-#: and 1e-3 (Radau IIA, CVODE)
-STAYS, LEAST, TENTH = 30.0, 1e-6, 0.1
-#: HALVINGS: largest number of bisections that locate a change of sign in the step; they end where the argument changes by what
-#: changes of the unknowns by DIGITS of their magnitude cause, since the law itself may round to the other side of the jump;
-#: JUMPS: the equations jump there where their residuals change by more than this fraction of their change in the whole step
-HALVINGS, DIGITS, JUMPS = 40, 1e2 * float(np.finfo(float).eps), 1e-3
+#: at rest, and counts TENTH: a run that begins at rest exactly where the equations jump has nothing else
+STAYS, LEAST, TENTH = 30.0, 1e-4, 0.1
+#: HALVINGS: number of bisections that locate a change of sign in the step; JUMPS: the equations jump there where their residuals
+#: change by more than this fraction of their change in the whole step
+HALVINGS, JUMPS = 40, 1e-3
 #: a run is examined where its last 2000 steps are less than SHARE of it, so that it needs more than 1e5: at SAMPLES of them, it
 #: is sought whether the equations jump within BESIDE steps on either side. They do at 33 to 40 of 40 in motions that switch
 #: without end, at none in fast vibrations or where they jump with time; SAMPLES - SPARED are enough. BISECTIONS of that distance
@@ -54,24 +52,24 @@ class Endless(NamedTuple):
 
 
 class Chattering:
-    """Counts the steps in which the argument of a kink, or its rate, changes its sign while the argument stays near 0."""
+    """Counts the changes of sign of every kink of a run while its argument stays near 0."""
 
     def __init__(self, system: System, arguments: StepArguments, tolerance: Callable[[Array], Array], known: Counts) -> None:
         """known: counts of the run until now; the parts of a run (between breaks) share this dictionary."""
         self.system, self.arguments, self.tolerance, self._counts = system, arguments, tolerance, known
 
     def endless(self, span: float) -> Endless | None:
-        """Count the changes of sign in the last step, which is accepted: of the argument, or of its rate where the solver stays
-        on one side within its tolerance, driven back by the jump all the same. Returns the argument that chatters, or None;
-        span: length of the run, s."""
+        """Count the changes of sign in the last step, which is accepted. Returns the argument that chatters, or None; span:
+        length of the run, s."""
         arguments, counts = self.arguments, self._counts
-        switched = arguments.kinks & (arguments.crossed | arguments.turned)
-        for i in sorted({*np.flatnonzero(switched).tolist(), *counts}):
+        negative = arguments.at_nodes < 0
+        crossed = arguments.kinks & np.any(negative[1:] != negative[:-1], axis=0)
+        for i in sorted({*np.flatnonzero(crossed).tolist(), *counts}):
             noise, largest = arguments.noise(i, self.tolerance)[0], float(np.max(np.abs(arguments.at_nodes[:, i])))
             count, since = counts.pop(i, (0.0, arguments.t))
             leaves = largest > STAYS * noise
-            count = count // 2 if leaves else count + switched[i] * (1.0 if largest > LEAST * noise else TENTH)
-            if count >= MOST:  # counts grow only by the last step
+            count = count // 2 if leaves else count + crossed[i] * (1.0 if largest > LEAST * noise else TENTH)
+            if count >= MOST:  # counts grow only by a change of sign in the last step, so that it has one
                 if arguments.t + arguments.h - since < PART * span and self._jumps(i):
                     return Endless(arguments.switches.names[i], round(count), arguments.t + arguments.h - since)
             elif count:
@@ -79,53 +77,26 @@ class Chattering:
         return None
 
     def _jumps(self, i: int) -> bool:
-        """Whether the equations jump where argument i changes its sign, in the last step or beside its end."""
-        sides = self._sides(i)
-        if sides is None:
-            return False
-        arguments, (a, b) = self.arguments, sides
-        rounded = arguments.noise(i, lambda y: DIGITS * np.abs(y))[0]
-        u, v = self._argument(i, a), self._argument(i, b)
+        """Whether the equations jump where argument i changed its sign in the last step."""
+        arguments = self.arguments
+        negative = arguments.at_nodes[:, i] < 0
+        k = int(np.flatnonzero(negative[1:] != negative[:-1])[0])
+        a, b = NODES[k], NODES[k + 1]
         for _ in range(HALVINGS):
             middle = (a + b) / 2
-            value = self._argument(i, middle)
-            left = (value < 0) == (u < 0)
-            if abs(value - (v if left else u)) < rounded:
-                break
-            a, b, u, v = (middle, b, value, v) if left else (a, middle, u, value)
-        start, end = self._states(np.array([0.0, 1.0]))
-        F = self._equations((start, a, b, end))
+            a, b = (middle, b) if (arguments.at(np.array([middle]))[0, i] < 0) == negative[k] else (a, middle)
+        F = self._equations(np.array([0.0, a, b, 1.0]))
         jump, change = np.abs(F[2] - F[1]), np.abs(F[3] - F[0])
         row = int(np.argmax(jump))
         return bool(jump[row] > JUMPS * change[row])
 
-    def _sides(self, i: int) -> tuple[Array, Array] | None:
-        """Two states between which argument i changes its sign: points of the last step, or its end and a state that differs from
-        it by tolerances, since a solver may take either side for the other within its tolerance; None where there is none."""
-        negative = self.arguments.at_nodes[:, i] < 0
-        k = np.flatnonzero(negative[1:] != negative[:-1])
-        if len(k):
-            a, b = self._states(NODES[k[0] : k[0] + 2])
-            return a, b
-        end = self._states(np.ones(1))[0]
-        shift = STAYS * np.array([0.0, *self.tolerance(end[1:])])
-        signs = np.random.default_rng(0).choice([-1.0, 1.0], (8, len(end)))
-        others = [end + sign * shift for sign in signs]
-        return next(((end, other) for other in others if (self._argument(i, other) < 0) != negative[-1]), None)
-
-    def _states(self, parts: Array) -> Array:
-        """States (k, 1 + n), t and y, at fractions (k,) of the last step."""
-        return np.column_stack([self.arguments.t + parts * self.arguments.h, self.arguments.inside(parts)])
-
-    def _argument(self, i: int, state: Array) -> float:
-        return float(self.arguments.switches.arguments(state[:1], state[None, 1:])[0, i])
-
-    def _equations(self, states: tuple[Array, ...]) -> Array:
-        """Residuals F (k, n) at k states (1 + n,), all with the mean y' of the last step, so that only a jump of the equations
-        makes them differ."""
-        (first, last), out = self._states(np.array([0.0, 1.0]))[:, 1:], np.empty((len(states), self.system.n))
-        for state, row in zip(states, out, strict=True):
-            self.system.residual(float(state[0]), state[1:], (last - first) / self.arguments.h, row)
+    def _equations(self, parts: Array) -> Array:
+        """Residuals F (k, n) at fractions (k,) of the last step, all with the mean y' of the step, so that only a jump of the
+        equations makes them differ."""
+        t, h = self.arguments.t, self.arguments.h
+        y, out = self.arguments.inside(np.array([0.0, *parts, 1.0])), np.empty((len(parts), self.system.n))
+        for i, part in enumerate(parts):
+            self.system.residual(t + part * h, y[i + 1], (y[-1] - y[0]) / h, out[i])
         return out
 
 

@@ -235,17 +235,6 @@ class StepArguments:
         over = np.abs(self._ends[1] - self._ends[0]) > limit
         return over | (self.kinks & ((self.at_nodes[0] < 0) != (self.at_nodes[-1] < 0)))
 
-    @property
-    def crossed(self) -> Any:
-        """(na,) bool: arguments that change their sign in the step."""
-        negative = self.at_nodes < 0
-        return np.any(negative[1:] != negative[:-1], axis=0)
-
-    @property
-    def turned(self) -> Any:
-        """(na,) bool: arguments whose rates at both ends of the step have opposite signs."""
-        return self._rise[0] * self._rise[-1] < 0
-
     def _turns(self) -> Any:
         """(33, na) bool: points of FINE at which arguments have an extremum larger than round-off; None where there is none."""
         rise = self._rise
