@@ -73,8 +73,7 @@ def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: b
 
 def statement(s: Relation, letters: Letters = _NONE) -> str:
     """A statement in LaTeX."""
-    relation = " = " if s.relation == "=" else r" \le "
-    return relation.join(formula(side, letters) for side in s.sides)
+    return (" = " if s.relation == "=" else r" \le ").join(formula(side, letters) for side in s.sides)
 
 
 def formula(node: Node, letters: Letters = _NONE, level: int = 0) -> str:

@@ -268,8 +268,7 @@ def _partial(e: Node, by: Node, at: Source) -> Value:
     wanted = np.shape(at.value(by.value))
     if not wanted:
         return along(0)
-    columns = [np.reshape(along(i), (-1, 1)) for i in range(wanted[0] * wanted[1])]
-    return np.hstack(columns)
+    return np.hstack([np.reshape(along(i), (-1, 1)) for i in range(wanted[0] * wanted[1])])
 
 
 #: nodes and weights of the tanh-sinh rule on (-1, 1), accurate also for integrands with steep ends, as sqrt(x) at 0

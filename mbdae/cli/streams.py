@@ -109,8 +109,7 @@ def usable_streams() -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:
-                nothing = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
-                stack.enter_context(_instead(name, nothing))
+                stack.enter_context(_instead(name, stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
             elif isinstance(getattr(sys, name), io.TextIOWrapper):
                 getattr(sys, name).reconfigure(errors="backslashreplace")
         stack.enter_context(_instead("stdout", _Checked(sys.stdout)))

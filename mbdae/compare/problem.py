@@ -319,8 +319,7 @@ def _of_the_nearest(problem: Problem, first: Reference, made: Sequence[tuple[str
                     ) -> tuple[Reference, list[Any]]:
     """The reference where no second run confirms the first: of the two runs with the smallest difference the one that was made
     earlier, with that difference as its uncertainty. made: (name, number of steps, CPU time in s, values) of every run."""
-    pairs = [(problem.error(made[j][-1][0], made[i][-1][0]), i, j) for j in range(len(made)) for i in range(j)]
-    gap, i, j = min(pairs)
+    gap, i, j = min([(problem.error(made[j][-1][0], made[i][-1][0]), i, j) for j in range(len(made)) for i in range(j)])
     name, steps, cpu, values = made[i]
     own = first if i == 0 else Reference(name, None, None, None, steps, cpu)
     note, gaps = f"errors below {gap:.0e} are not known", problem.errors(made[j][-1], values)

@@ -160,8 +160,7 @@ class Case:
 
     def rows(self, values: Values) -> tuple[Array, Array]:
         """g (points, rows) and G (points, rows, velocities of all frames one after the other)."""
-        points = len(next(iter(values.values())))
-        found = np.zeros((points, 0))
+        found = np.zeros((len(next(iter(values.values()))), 0))
         if self._rows.targets:
             with np.errstate(invalid="ignore", divide="ignore"):  # rows may be undefined in states that violate them
                 found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real

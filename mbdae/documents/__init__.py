@@ -170,8 +170,7 @@ def _tex_picture(picture: Picture, files: Mapping[int, str]) -> str:
 
 def markdown(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
     """The Markdown text of a document; `files`: name of the file of a picture by the picture's id."""
-    parts = [f"# {_plain(title)}", *(_markdown_block(block, 2, files or {}) for block in blocks)]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join([f"# {_plain(title)}", *(_markdown_block(block, 2, files or {}) for block in blocks)]) + "\n"
 
 
 def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:

@@ -38,21 +38,13 @@ def _equations(d: Derived) -> OutputTable:
     return [*of.dynamics(d), *(of.kinematics(d) if isinstance(d.law, Element) else ()), *of.position(d), *of.state_rows(d)]
 
 
-def _energy(d: Derived) -> OutputTable:
-    return [(("energy",), d.energy)]
-
-
-def _gamma(d: Derived) -> OutputTable:
-    return of.acceleration(d) if d.rows else []
-
-
 #: name of a function -> its outputs and their meaning
 FUNCTIONS: dict[str, tuple[Callable[[Derived], OutputTable], str]] = {
     "forces": (of.dynamics, "generalised forces of the law on the velocities of its frames, left-hand side of M u' + ... = 0"),
-    "energy": (_energy, "potential energy; of a body its kinetic energy"),
+    "energy": (lambda d: [(("energy",), d.energy)], "potential energy; of a body its kinetic energy"),
     "rows": (of.position, "constraint rows g = 0"),
     "row_rates": (of.velocity, "dg/dt = G u + g_t"),
-    "row_accelerations": (_gamma, "d2g/dt2 at zero accelerations"),
+    "row_accelerations": (lambda d: of.acceleration(d) if d.rows else [], "d2g/dt2 at zero accelerations"),
     "G": (of.jacobian_G, "entries of the constraint Jacobian by the velocities"),
     "states": (of.state_rows, "s' - rate = 0 of the internal states"),
     "kinematics": (lambda d: of.kinematics(d) if isinstance(d.law, Element) else [], "q' - H(q) u = 0"),

@@ -44,8 +44,7 @@ def scene_program(scene: Any, form: Form | None) -> Program:
     # trees that are evaluated joint by joint have no function to export: their joints are exported as kinematic ones
     if prepared.all_bodies.moved.ordered:
         prepared = prepare(scene.replace(*(c.name for c in prepared.model.recursive), model=Kinematic()))
-    chosen = form if form is not None else default_form(prepared)
-    system = system_for(prepared, chosen)
+    system = system_for(prepared, form if form is not None else default_form(prepared))
     full = getattr(system, "full", system.assembly)  # the formulation with multipliers, where they are eliminated
     assembly = Assembly(full.model, full.numbering.rows, full.spec, False, prepared.all_bodies.moved.opened(prepared.model))
     made = _Made(assembly, system.n, assembly.moved.written(assembly.model))

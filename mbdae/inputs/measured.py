@@ -332,11 +332,8 @@ def _function(name: str, order: int) -> Any:
     class AppliedTable(AppliedUndef):  # type: ignore[misc]
         """A table as a function in SymPy: with derivatives and, where the argument is a number, a value."""
 
-        def fdiff(self, argindex: int = 1) -> Any:
-            return _function(name, order + 1)(*self.args)
-
         def _eval_derivative(self, s: Any) -> Any:
-            return self.fdiff() * self.args[0].diff(s)
+            return _function(name, order + 1)(*self.args) * self.args[0].diff(s)
 
         def _eval_evalf(self, prec: int) -> Any:
             import sympy

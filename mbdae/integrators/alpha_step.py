@@ -157,8 +157,7 @@ class AlphaStep:
     def _directions(self) -> None:
         """Set `_G`, the constraint Jacobian (m, nu) at the start of the step, along whose rows eta displaces the bodies."""
         if self._velocity_rows is None:
-            block = self._fy[self.algebraic.start :, self.u]
-            filled = np.asarray(abs(block).sum(axis=1)).ravel() > 0
+            filled = np.asarray(abs(self._fy[self.algebraic.start :, self.u]).sum(axis=1)).ravel() > 0
             self._velocity_rows = self.algebraic.start + np.flatnonzero(filled)[-self.size[5] :]
         G = self._fy[self._velocity_rows][:, self.u]
         self._G = G if isinstance(G, np.ndarray) else G.toarray()

@@ -333,9 +333,7 @@ def set_tolerances(solver: Any) -> None:
 
 def _magnitudes(value: Any) -> float | tuple[float, ...]:
     """Read atol: one positive number, or a sequence of them as a tuple."""
-    if not several(value):
-        return number(value, above=0)
-    return tuple(sequence(value, number, above=0)) or number(value)
+    return number(value, above=0) if not several(value) else tuple(sequence(value, number, above=0)) or number(value)
 
 
 def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:

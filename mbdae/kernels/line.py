@@ -104,8 +104,7 @@ class LineKernel(ElementKernel):
     def values(self, x: Array) -> Array:
         q, _, X = self._gather(x)
         duals, rows = self._split(_evaluated(self.point, X), len(x))
-        forces = self.nodes.forces(q, self._covector(duals))
-        return np.concatenate([forces.reshape(len(x), -1), rows], axis=1)
+        return np.concatenate([self.nodes.forces(q, self._covector(duals)).reshape(len(x), -1), rows], axis=1)
 
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
         return block(LineProgram(self, part, gather).values(), len(gather), len(self.targets))

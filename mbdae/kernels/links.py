@@ -199,8 +199,7 @@ def node_load(kind: NodeKind, role: str) -> ProgramKernel:
 def _node_kernel(kind: NodeKind, entries: Callable[[NodeProgram], Sequence[tuple[Place, Expr]]], *names: str) -> ProgramKernel:
     def stated() -> Stated:
         found = NodeProgram(kind)
-        made = entries(found)
-        return Stated(found.program, found.inputs, made)
+        return Stated(found.program, found.inputs, entries(found))
 
     return ProgramKernel(stated, key_of("node", kind.name, *names))
 

@@ -161,9 +161,7 @@ class TreePasses:
 
     def _read_between(self, m: int, nodes: tuple[int, ...], place: Place) -> int:
         head, owner, name = place
-        if head == "x":
-            return self.at(nodes[owner], ("x", name))
-        return self.slot((head, f"member{m}", name))
+        return self.at(nodes[owner], ("x", name)) if head == "x" else self.slot((head, f"member{m}", name))
 
     def _read(self, j: int, place: Place) -> int:
         """Slot of the input `place` of body j's outward kernel, see `TreeProgram.inputs`."""
@@ -328,8 +326,6 @@ class TreePasses:
             if place[0] in ("K", "K0"):
                 first, kernel = self._kept[j]
                 return first + kernel.column[place]
-            if place[0] == "up":
-                return rate(self.unknown(j, own.kernels.freedoms[place[1]]))
-            return self.at(j, place)
+            return rate(self.unknown(j, own.kernels.freedoms[place[1]])) if place[0] == "up" else self.at(j, place)
 
         return read

@@ -43,8 +43,7 @@ class RecursiveValues(LawPage):
     def _letters(self) -> None:
         known = self.known
         for name, symbol in self.s.coordinates.items():
-            letter = known[str(symbol)]
-            known[str(self.tree.second(name))] = second_rate_of(letter)
+            known[str(self.tree.second(name))] = second_rate_of(known[str(symbol)])
         for name, side in self.s.turning.items():
             for i in "123":
                 known |= {

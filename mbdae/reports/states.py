@@ -184,8 +184,7 @@ class SymbolValues:
             center = move - np.cross(turn, self.vector(f.arm))
             n = f.kind.translations
             P = np.stack([self.given[str(s)] for s in f.q[n:]], axis=-1)
-            dP = spun(turn, P)
-            changes = [*np.moveaxis(center, -1, 0)[:n], *np.moveaxis(dP, -1, 0)]
+            changes = [*np.moveaxis(center, -1, 0)[:n], *np.moveaxis(spun(turn, P), -1, 0)]
             given |= {str(s): given[str(s)] + step * c for s, c in zip(f.q, changes, strict=True)}
         given |= {name: given[name] + step * c for name, c in (symbols or {}).items()}
         return SymbolValues(self.d, given)
@@ -267,15 +266,11 @@ class LineState:
         """Values of a vector of the cross-section (points, 3)."""
         _, P = self._fields()
         slope, _ = self._fields("_xi")
-        if base.kind == "rs":
-            return slope / self.given["ds"][:, None]
-        return _columns(P)[..., "xyz".index(base.kind)]
+        return slope / self.given["ds"][:, None] if base.kind == "rs" else _columns(P)[..., "xyz".index(base.kind)]
 
     def symbol(self, name: str) -> Any:
         """Value of a curvature, parameter or stress resultant by its name (points,)."""
-        if name.startswith("kappa"):
-            return self._curvature()[:, int(name[-1]) - 1]
-        return self.given[name]
+        return self._curvature()[:, int(name[-1]) - 1] if name.startswith("kappa") else self.given[name]
 
     def _curvature(self) -> Any:
         _, P = self._fields()

@@ -135,7 +135,7 @@ def _with_symbols(scene: Any, given: str) -> str:
     """The text with symbols of sensors in place of their paths."""
     known = {one.name for one in scene.signals}
     given, names = spelled(scene, given)
-    given = _NORM.sub(_length, given)
+    given = _NORM.sub(lambda match: f"sqrt({' + '.join(f'{match[1]}[{i}]**2' for i in range(3))})", given)
 
     def name(match: re.Match[str]) -> str:
         head, dot, rest = match[0].partition(".")
@@ -145,11 +145,6 @@ def _with_symbols(scene: Any, given: str) -> str:
         return symbol_name(found) if is_path and not called and not found.startswith("sensor(") else found
 
     return _NAME.sub(name, given)
-
-
-def _length(match: re.Match[str]) -> str:
-    """The magnitude of a vector written out by its components, as text."""
-    return f"sqrt({' + '.join(f'{match[1]}[{i}]**2' for i in range(3))})"
 
 
 class _Atoms:

@@ -113,8 +113,7 @@ def _edges(arg: Argument, value: Any) -> Array:
 def shapes(arg: Argument, value: Any) -> tuple[Shape, ...]:
     """Reader of the shapes of a body: one, or a list of them."""
     given = list(value) if isinstance(value, list | tuple) else [value]
-    found = [shape(arg if len(given) == 1 else arg.part(f"{arg.option}[{i}]"), one) for i, one in enumerate(given)]
-    return tuple(found)
+    return tuple([shape(arg if len(given) == 1 else arg.part(f"{arg.option}[{i}]"), one) for i, one in enumerate(given)])
 
 
 def color(arg: Argument, value: Any) -> str:

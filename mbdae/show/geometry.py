@@ -80,8 +80,7 @@ class Geometry:
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest coordinates (3,), m, over all times; for a single point those of a cube of 1 m around it."""
-        lines = [self.polyline(shape).reshape(-1, 3) for shape in self.shapes]
-        points: Array = np.concatenate(lines)
+        points: Array = np.concatenate([self.polyline(shape).reshape(-1, 3) for shape in self.shapes])
         low, high = points.min(axis=0), points.max(axis=0)
         return (low - 0.5, high + 0.5) if np.array_equal(low, high) else (low, high)
 

@@ -35,8 +35,7 @@ def zigzag(a: Array, b: Array, width: float, turns: int = 6) -> Array:
     share = np.r_[0, 0.12, 0.12 + 0.76 * (np.arange(2 * turns) + 0.5) / (2 * turns), 0.88, 1]
     offset = np.r_[0, 0, width * (-1.0) ** np.arange(2 * turns), 0, 0]
     side = np.array([across(d) for d in b - a])
-    along = a[:, None] + share[None, :, None] * (b - a)[:, None]
-    return np.asarray(along + offset[None, :, None] * side[:, None])
+    return np.asarray(a[:, None] + share[None, :, None] * (b - a)[:, None] + offset[None, :, None] * side[:, None])
 
 
 def arrow(tail: Array, tip: Array, head: float) -> Array:
@@ -121,8 +120,7 @@ def hull(points: Array) -> Array:
     order = [tuple(p) for p in np.unique(np.asarray(points)[:, :2], axis=0)]
     if len(order) < 3:
         return np.array([[*p, 0.0] for p in order])
-    corners = _chain(order)[:-1] + _chain(order[::-1])[:-1]
-    return np.array([[*p, 0.0] for p in corners])
+    return np.array([[*p, 0.0] for p in _chain(order)[:-1] + _chain(order[::-1])[:-1]])
 
 
 def _chain(points: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -222,8 +220,7 @@ def _turned() -> Array:
 
 
 def _ball(center: Array, radius: float) -> Drawn:
-    rise = np.pi * (np.arange(STACKS + 1) / STACKS - 0.5)
-    rings = [np.cos(b) * _turned() + np.sin(b) * Z for b in rise]
+    rings = [np.cos(b) * _turned() + np.sin(b) * Z for b in np.pi * (np.arange(STACKS + 1) / STACKS - 0.5)]
     bands = [_band(AROUND * i, AROUND * (i + 1)) for i in range(STACKS)]
     faces = tuple(face for band in bands for face in band)
     return Drawn("solid", center + radius * np.vstack(rings), faces, _alternate(STACKS))

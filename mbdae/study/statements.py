@@ -178,8 +178,7 @@ def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, di
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
     method, args, kwargs = statements[names.index(item)]
     call = dict(list(inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs).arguments.items())[1:])
-    further = call.pop("further", {})
-    return names.index(item), call | further
+    return names.index(item), call | call.pop("further", {})
 
 
 def _statement(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:

@@ -106,8 +106,7 @@ class _Derivation(Statement):
         if not self._reacts():
             return None
         x, y, z = se.symbols("reaction_1:4")
-        force = Vec(x, y, 0 if any(f.kind.flat for f in self.frames) else z)
-        return self._by(reactions(self.law, self.rows, ()), force)
+        return self._by(reactions(self.law, self.rows, ()), Vec(x, y, 0 if any(f.kind.flat for f in self.frames) else z))
 
     def _reacts(self) -> bool:
         law, cls = self.law, type(self.law)
@@ -130,8 +129,7 @@ class _Derivation(Statement):
         rows, vanished, undefined, g, G = self._constraints()
         force_on_l = reaction_on_l(self.law, self.frames, rows, G)
         force, powers = self._forces(reactions(self.law, rows, vanished), force_on_l)
-        resolve = self.variation.resolve
-        energy, dissipated, work = map(resolve, powers)
+        energy, dissipated, work = map(self.variation.resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
         self.variation.release()
         facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force))

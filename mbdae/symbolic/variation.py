@@ -61,8 +61,7 @@ class Variation:
 
     def define(self, symbol: Expr, statement: Any) -> None:
         """Make a symbol the name of a statement; it counts as a number until `release`."""
-        value = self.resolve(self.name(statement))
-        self.values[symbol] = value
+        self.values[symbol] = self.resolve(self.name(statement))
         self.constant.add(symbol)
         self._defined.append(symbol)
 

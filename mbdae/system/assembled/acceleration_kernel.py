@@ -76,8 +76,7 @@ class AccelerationKernel(Workspace):
         self.differential = nb.start["lambda"]
         self._part = part = operations.part()
         self._F = part.zeros(full.n + 1)
-        entries = self._laws(part, full, row_of)
-        cells = np.array(list(entries), dtype=np.intp).reshape(-1, 2)
+        cells = np.array(list(self._laws(part, full, row_of)), dtype=np.intp).reshape(-1, 2)
         self._rows, self._columns = cells[:, 0], cells[:, 1]
         self.rates, self._multipliers = part.zeros(self.differential), operations.slots(self.m)
         kept = np.r_[np.arange(self.nq), np.arange(self.nq + self.nu, self.differential)]
@@ -206,9 +205,7 @@ def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, i
     entries whose row is not in force or whose velocity is no unknown."""
     nb = full.numbering
     row, column = nb.row(g, i, target[1]), nb.velocity(("u", *target[2:]), g, i)
-    if row is None or not 0 <= column < nb.nu:
-        return -1
-    return entries.setdefault((row, column), len(entries))
+    return -1 if row is None or not 0 <= column < nb.nu else entries.setdefault((row, column), len(entries))
 
 
 def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> AccelerationKernel | None:

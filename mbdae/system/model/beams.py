@@ -249,8 +249,7 @@ def batches(lines: list[Line], mixed: bool) -> list[ElementBatch]:
         count = len(line.mesh.elements), len(kernel.names)
         z = first + np.arange(count[0] * count[1]).reshape(count)
         first += z.size
-        key = (kernel.derived, line.mesh.order, kernel.turns is None)
-        groups.setdefault(key, []).append((line, kernel, z))
+        groups.setdefault((kernel.derived, line.mesh.order, kernel.turns is None), []).append((line, kernel, z))
     out: list[ElementBatch] = []
     for members in groups.values():
         of_group = [line for line, _, _ in members]

@@ -225,8 +225,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     undefined: list[str] = []
     refused: list[str] = []
     for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
-        ends = tuple(by_body.get(b) for b in bodies)
-        key, instance = entry_of(scenery, law, bodies, ends, item)
+        key, instance = entry_of(scenery, law, bodies, tuple(by_body.get(b) for b in bodies), item)
         try:
             group = groups.of(key)
             group.instances.append(instance)

@@ -142,8 +142,7 @@ class Mechanics(States):
 
     def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
         """The result of `mobility_with_joints`, by one factorisation of sparse matrices."""
-        at = np.array([t])
-        G, places, give = self._entries_and_give(at, q[None])
+        G, places, give = self._entries_and_give(np.array([t]), q[None])
         found = FixedPattern(self.mass, self.m, *places, None)
         solve = found.at(found.values(G, None)[0], give[0], self.redundant > 0)
         return np.array([row @ solve(np.r_[row, np.zeros(self.m)])[: self.nu] for row in rows])
