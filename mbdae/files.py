@@ -44,7 +44,9 @@ def replacing(path: Any) -> Iterator[Path]:
         try:
             _begin(part, place)
             yield part
-            _flush(part)
+            # wait until the file is on the disk: only then may it replace another
+            with part.open("rb+") as file:
+                os.fsync(file.fileno())
             os.replace(part, place)
             _flush_folder(place.parent)
         except BaseException as error:
@@ -89,12 +91,6 @@ def _begin(part: Path, place: Path) -> None:
     os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     if there:
         part.chmod(place.stat().st_mode & 0o777)
-
-
-def _flush(part: Path) -> None:
-    """Wait until the file is on the disk: only then may it replace another."""
-    with part.open("rb+") as file:
-        os.fsync(file.fileno())
 
 
 def _flush_folder(folder: Path) -> None:

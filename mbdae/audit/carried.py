@@ -254,7 +254,10 @@ class Carried:
         """Attitude "Q", Euler parameters "P" and motion vectors of l, from those of k and the coordinates of the state."""
         found = np.array(self.function([complex(self._input(place, k, state)) for place in self.inputs]), dtype=complex)
         q, u, up = found[:7, None], found[7:13, None], found[13:, None]
-        Q = _rotation(q[3:])
+        P = q[3:]
+        w, e = P[0, 0], P[1:]
+        x, y, z = e[:, 0]
+        Q = (2 * w * w - 1) * np.eye(3) + 2 * e @ e.T + 2 * w * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         return {"Q": Q, "P": q[3:], "x": q[:3], "v": u[:3], "w": Q @ u[3:], "a": up[:3], "alpha": Q @ up[3:]}
 
     def _input(self, place: tuple[Any, ...], k: dict[str, Value], state: Any) -> Value:
@@ -275,10 +278,3 @@ def _number(name: str, state: Any) -> float:
     if side not in ("k", "l") or not what:
         return float(state.positive(f"parameter {name}"))
     return float(what in ("Qx1", "Qy2", "Qz3", "P0"))
-
-
-def _rotation(P: Value) -> Value:
-    """Rotation matrix (3, 3) of Euler parameters (4, 1) of unit length."""
-    w, e = P[0, 0], P[1:]
-    x, y, z = e[:, 0]
-    return (2 * w * w - 1) * np.eye(3) + 2 * e @ e.T + 2 * w * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -193,17 +193,13 @@ register({
 # -- laws on a line (beams), evaluated at the section
 
 
-def _line(cls: Any) -> tuple[LineDerived, Any]:
-    structure = Structure(absent=frozenset({"damping"} & set(cls.params)))
-    return derive_line(cls, structure, NodeKind.SPATIAL), cls.symbolic(structure)
-
-
 def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, Any]], wanted: str) -> Value:
     """Values of named quantities that a law on a line states at the section."""
     cls: Any = law_class(of, env.scope.own)
     if cls is None or not issubclass(cls, LineLaw):
         raise AuditError(f"an audit knows no law on a line, as of beams, with the name '{of}'; {GIVE_OWN_CLASS.format(of)}")
-    line, stated_law = _line(cls)
+    structure = Structure(absent=frozenset({"damping"} & set(cls.params)))
+    line, stated_law = derive_line(cls, structure, NodeKind.SPATIAL), cls.symbolic(structure)
     values = env.motion.once(("line", cls), lambda: _point(env, stated_law))
     known = stated(line, stated_law)
     for name in names(wanted):

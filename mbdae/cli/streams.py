@@ -119,16 +119,12 @@ def usable_streams() -> Iterator[None]:
             finally:
                 sys.stdout.flush()
         except OutputLostError:
-            _drop_output()
+            # discard buffered output, so that Python does not try to write it at exit
+            with contextlib.suppress(OSError, ValueError, AttributeError):
+                nothing = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nothing, sys.stdout.fileno())
+                os.close(nothing)
             raise
-
-
-def _drop_output() -> None:
-    """Discard buffered output, so that Python does not try to write it at exit."""
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nothing, sys.stdout.fileno())
-        os.close(nothing)
 
 
 @contextlib.contextmanager

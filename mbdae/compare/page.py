@@ -129,7 +129,15 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
     for axis, (work, title) in zip(axes, PANELS, strict=True):
         for i, label in enumerate(labels):
             _line(axis, [row for row in w.runs if row.label == label and not row.loose], work, i, names[i])
-        _dress(axis, w, title)
+        _ticks(axis)
+        axis.set_xlabel(title)
+        axis.grid(True, which="major", color="0.9")
+        axis.spines[["top", "right"]].set_visible(False)
+        if w.reference.difference:
+            low = axis.get_ylim()[0]
+            if w.reference.difference > low:
+                axis.axhspan(low, w.reference.difference, color="0.94", zorder=0, label=BELOW)
+                axis.set_ylim(bottom=low)
     told = escaped(f"error: {w.what}") if w.measure is not None else "error of the whole motion"
     for axis in axes if stacked else axes[:1]:
         axis.set_ylabel("\n".join(textwrap.wrap(told, 48)))
@@ -191,18 +199,6 @@ def own_look(i: int) -> tuple[dict[str, Any], str]:
     beyond these every method still has a combination of its own."""
     colours = (*COLOURS, *FURTHER)
     return style(i) | {"color": colours[i % len(colours)]}, MARKERS[(i + i // len(colours)) % len(MARKERS)]
-
-
-def _dress(axis: Any, w: ComparisonData, title: str) -> None:
-    _ticks(axis)
-    axis.set_xlabel(title)
-    axis.grid(True, which="major", color="0.9")
-    axis.spines[["top", "right"]].set_visible(False)
-    if w.reference.difference:
-        low = axis.get_ylim()[0]
-        if w.reference.difference > low:
-            axis.axhspan(low, w.reference.difference, color="0.94", zorder=0, label=BELOW)
-            axis.set_ylim(bottom=low)
 
 
 def _ticks(axis: Any) -> None:

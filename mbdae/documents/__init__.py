@@ -107,12 +107,18 @@ def _tex_block(block: Block, level: int, files: Mapping[int, str]) -> str:
     if isinstance(block, Paragraph):
         return _text(block.text)
     if isinstance(block, Equation):
-        return _tex_equation(block)
+        tag, body = f" \\tag{{{block.number}}}" if block.number is not None else "", displayed(block.latex)
+        note = f"\n\n{{\\small {_text(block.note)}}}" if block.note else ""
+        return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
     if isinstance(block, Table):
         return _tex_table(block)
     if isinstance(block, Code):
         return f"{{\\small\n\\begin{{verbatim}}\n{verbatim(block.text)}\n\\end{{verbatim}}}}"
-    return _tex_picture(block, files)
+    name = files.get(id(block))
+    if isinstance(block.content, Drawing):
+        return f"\\begin{{center}}\n{signs(block.content.tikz())}\n\n{_text(block.caption)}\n\\end{{center}}"
+    shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
+    return f"{shown}{_text(block.caption)}"
 
 
 def displayed(formula: str) -> str:
@@ -120,12 +126,6 @@ def displayed(formula: str) -> str:
     lines = folded(signs(formula), LETTERS, lambda part: max(width(part), 2 * extent(part)))
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
     return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if max(map(extent, lines)) > WIDEST else body
-
-
-def _tex_equation(equation: Equation) -> str:
-    tag, body = f" \\tag{{{equation.number}}}" if equation.number is not None else "", displayed(equation.latex)
-    note = f"\n\n{{\\small {_text(equation.note)}}}" if equation.note else ""
-    return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
 
 
 def _tex_table(table: Table) -> str:
@@ -157,14 +157,6 @@ def _letters(word: str) -> float:
     return width(word) + sum(0.8 * part.count("_") for formula, part in split_text(word) if not formula)
 
 
-def _tex_picture(picture: Picture, files: Mapping[int, str]) -> str:
-    name = files.get(id(picture))
-    if isinstance(picture.content, Drawing):
-        return f"\\begin{{center}}\n{signs(picture.content.tikz())}\n\n{_text(picture.caption)}\n\\end{{center}}"
-    shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
-    return f"{shown}{_text(picture.caption)}"
-
-
 # -- A document as Markdown with mathematics between dollar signs
 
 
@@ -181,21 +173,17 @@ def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:
     if isinstance(block, Paragraph):
         return _plain(block.text)
     if isinstance(block, Equation):
-        return _markdown_equation(block)
+        lines = folded(block.latex)
+        tag = f" \\tag{{{block.number}}}" if block.number is not None else ""
+        body = lines[0] if len(lines) == 1 else "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}"
+        note = f"\n\n{_plain(block.note)}" if block.note else ""
+        return f"$$\n{body}{tag}\n$$" + note
     if isinstance(block, Table):
         return _markdown_table(block)
     if isinstance(block, Code):
         return f"```text\n{block.text}\n```"
     name, caption = files.get(id(block)), _plain(block.caption)
     return f"![{caption}]({name})" if name else f"*Picture: {caption}*"
-
-
-def _markdown_equation(equation: Equation) -> str:
-    lines = folded(equation.latex)
-    tag = f" \\tag{{{equation.number}}}" if equation.number is not None else ""
-    body = lines[0] if len(lines) == 1 else "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}"
-    note = f"\n\n{_plain(equation.note)}" if equation.note else ""
-    return f"$$\n{body}{tag}\n$$" + note
 
 
 def _markdown_table(table: Table) -> str:

@@ -61,7 +61,18 @@ def law_program(what: Any, frames: Any, options: Mapping[str, Any]) -> Program:
     if issubclass(law, LineLaw):
         kind = NodeKind.PLANAR if frames and "planar" in frames[0] else NodeKind.SPATIAL
         return _of_line(title, derive_line(law, structure, kind), values, law)
-    return _of_frames(title, derive(law, structure, _sides(law, structure, frames)), values)
+    d = derive(law, structure, _sides(law, structure, frames))
+    found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
+    made: MadeFunctions = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
+                  if any(e != 0 for e in p.expressions)}
+    derived, symbols = linearised_plan(d, _equations, Open.ALL), of.input_symbols(d)
+    if derived.jacobian_places:
+        stated, by = _named(d, derived.targets), dict(symbols)
+        entries = [Entry(f"d {stated[row].name} / d {by[t]}", "") for row, t in derived.jacobian_places]
+        meaning = "derivatives of forces, kinematics, rows and states by x, where they do not vanish"
+        made["jacobian"] = derived.jacobian, entries, meaning
+    units = _units(d)
+    return _program(title, made, {str(s): units.get(t, "") for t, s in symbols}, d.law, values)
 
 
 def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, Mapping[str, Any]]:
@@ -97,20 +108,6 @@ def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...
     own = [NodeKind.ROTATION if name in units and units[name].unit == "rotation" else NodeKind.COORDINATE
            for name in law_.own_coordinates]
     return tuple((kind, Axes.NORMAL if kind.flat else Axes.GENERAL) for kind in kinds) + tuple((k, Axes.GENERAL) for k in own)
-
-
-def _of_frames(title: str, d: Derived, values: Mapping[str, Any]) -> Program:
-    found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
-    made: MadeFunctions = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
-                  if any(e != 0 for e in p.expressions)}
-    derived, symbols = linearised_plan(d, _equations, Open.ALL), of.input_symbols(d)
-    if derived.jacobian_places:
-        stated, by = _named(d, derived.targets), dict(symbols)
-        entries = [Entry(f"d {stated[row].name} / d {by[t]}", "") for row, t in derived.jacobian_places]
-        meaning = "derivatives of forces, kinematics, rows and states by x, where they do not vanish"
-        made["jacobian"] = derived.jacobian, entries, meaning
-    units = _units(d)
-    return _program(title, made, {str(s): units.get(t, "") for t, s in symbols}, d.law, values)
 
 
 def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:

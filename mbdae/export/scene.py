@@ -50,7 +50,11 @@ def scene_program(scene: Any, form: Form | None) -> Program:
     made = _Made(assembly, system.n, assembly.moved.written(assembly.model))
     program = made.program(f"{scene.name}, form {system.label}", system)
     if full is system.assembly:
-        made.as_integrated(program, system.equations)
+        e, rows = made.e, list(map(Entry, system.equations, row_units(made.assembly)))
+        program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(made.n), made.part(e.residual_part))
+        made._jacobian(program, made.rows, made.columns, e.fy + np.arange(2 * e.nnz), made.part(e.jacobian_part))
+        if e.rates_part.steps:
+            made._rates(program, e.rates, made.part(e.rates_part))
     else:
         made.eliminated(program)
     _joint_forces(made, program, prepared, full is not system.assembly)
@@ -88,14 +92,6 @@ class _Made:
         vectors = {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)}
         vectors |= {"signals": tuple(self.signals)} if self.signals else {}
         return Program(title, self.operations, vectors, slots, self.numbers)
-
-    def as_integrated(self, program: Program, names: Sequence[str]) -> None:
-        """Add F, its Jacobian, and the right-hand side where there is one."""
-        e, rows = self.e, list(map(Entry, names, row_units(self.assembly)))
-        program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(self.n), self.part(e.residual_part))
-        self._jacobian(program, self.rows, self.columns, e.fy + np.arange(2 * e.nnz), self.part(e.jacobian_part))
-        if e.rates_part.steps:
-            self._rates(program, e.rates, self.part(e.rates_part))
 
     def _jacobian(self, program: Program, rows: Any, columns: Any, at: Any, part: Operations) -> None:
         entries = [Entry(f"d F[{r}] / d {of}[{c}]", "") for of in ("y", "y'") for r, c in zip(rows, columns, strict=True)]

@@ -186,13 +186,10 @@ def _power(node: Node, args: list[Bounds]) -> Bounds:
     exponent = node.expression.args[1]
     if not exponent.is_number:
         low, high = args[0]
-        return _exponential(_product((np.log(np.maximum(low, 0.0)), np.log(np.maximum(high, 0.0))), (a, b)))
+        u = _product((np.log(np.maximum(low, 0.0)), np.log(np.maximum(high, 0.0))), (a, b))
+        return np.exp(u[0]), np.exp(u[1])
     n, (low, high) = float(exponent), args[0]
     return _inverse(_positive_power(low, high, -n)) if n < 0 else _positive_power(low, high, n)
-
-
-def _exponential(u: Bounds) -> Bounds:
-    return np.exp(u[0]), np.exp(u[1])
 
 
 def _positive_power(low: Any, high: Any, n: float) -> Bounds:

@@ -260,24 +260,20 @@ def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     sign = next((s for s in (";", ",", "\t") if s in kept[0][1]), None)
     split = [row if sign else " ".join(row).split() for row in csv.reader((line for _, line in kept), delimiter=sign or " ")]
     if not sign:
-        split[0] = _with_units(split[0])
+        # names of columns from words, where a word in brackets is the unit of the name before it
+        found: list[str] = []
+        for word in split[0]:
+            if found and word.startswith(("[", "(")):
+                found[-1] += f" {word}"
+            else:
+                found.append(word)
+        split[0] = found
     return [_plain(h.strip()) for h in split[0]], [(i, row) for (i, _), row in zip(kept[1:], split[1:], strict=True)]
 
 
 def _plain(head: str) -> str:
     """A name without the apostrophe by which it is no formula to spreadsheets (`Result.to_csv` writes it)."""
     return head[1:] if head[:1] == "'" and head[1:2] in FORMULAS else head
-
-
-def _with_units(words: list[str]) -> list[str]:
-    """Names of columns from words, where a word in brackets is the unit of the name before it."""
-    found: list[str] = []
-    for word in words:
-        if found and word.startswith(("[", "(")):
-            found[-1] += f" {word}"
-        else:
-            found.append(word)
-    return found
 
 
 def _column(place: Path, head: Sequence[str], name: str) -> int:

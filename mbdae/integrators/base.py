@@ -179,7 +179,12 @@ class Solver(ABC):
     def run(self, system: System, asked: Asked) -> Solution:
         """`solve` with options that have been read."""
         with system.owner.running():
-            check_start(system)
+            start = np.empty(system.n)
+            system.residual(system.t0, system.y0, system.yp0, start)
+            if not np.isfinite(start).all():
+                row = int(np.flatnonzero(~np.isfinite(start))[0])
+                raise OptionError(f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0:g} s: check its "
+                                  "parameters and the start values it uses")
             solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
             solver.check(system)
             what = f"{solver!r} of {system.label} to {asked.t_end!r} s"
@@ -286,16 +291,6 @@ class Asked:
             optional("begin", begin, number, "give a value of time.perf_counter(), or None"),
             optional("share", share, number, "give a part of the width of an input, or None", above=0, most=1),
         )
-
-
-def check_start(system: System) -> None:
-    """Raise OptionError for a system whose residual is not finite at its start."""
-    start = np.empty(system.n)
-    system.residual(system.t0, system.y0, system.yp0, start)
-    if not np.isfinite(start).all():
-        row = int(np.flatnonzero(~np.isfinite(start))[0])
-        raise OptionError(f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0:g} s: check its "
-                          "parameters and the start values it uses")
 
 
 def end_after(t0: float, t_end: Any) -> float:

@@ -75,7 +75,12 @@ class Functions:
         self._files = files
         for name in ("core", "ida", "cvode"):
             self._open(name)
-        self._check_version()
+        major, minor, patch = c_int(), c_int(), c_int()
+        label = ctypes.create_string_buffer(64)
+        self.SUNDIALSGetVersionNumber(*map(ctypes.byref, (major, minor, patch)), label, len(label))
+        if major.value != MAJOR:
+            raise unavailable(f"scikit-sundae brings SUNDIALS {major.value}.{minor.value}.{patch.value}, mbdae needs "
+                              f"{MAJOR}.x: install a scikit-sundae that brings it")
         self.index = self._index()
 
     def __getattr__(self, name: str) -> Any:
@@ -98,14 +103,6 @@ class Functions:
         except (OSError, AttributeError) as error:
             raise unavailable(f"the file {self._files[name].name} of scikit-sundae cannot be used: {error}; install "
                               "scikit-sundae again") from error
-
-    def _check_version(self) -> None:
-        major, minor, patch = c_int(), c_int(), c_int()
-        label = ctypes.create_string_buffer(64)
-        self.SUNDIALSGetVersionNumber(*map(ctypes.byref, (major, minor, patch)), label, len(label))
-        if major.value != MAJOR:
-            raise unavailable(f"scikit-sundae brings SUNDIALS {major.value}.{minor.value}.{patch.value}, mbdae needs "
-                              f"{MAJOR}.x: install a scikit-sundae that brings it")
 
     def _index(self) -> type[np.signedinteger[Any]]:
         """Integer type of matrix indices in this build of SUNDIALS. It is found from the column pointers 0, 1, 2 of a sparse

@@ -65,7 +65,10 @@ class JointReport(LawPage):
         _ = statement.gradients
         self.kernel = self.compiled(report_outputs)
         self._want_rows()
-        self._want_forces()
+        for letter, side, i in self.letters():
+            self.want(letter, self.covector(self.state, side)[i], DERIVED)
+            self.want(rf"\delta{letter}", np.imag(self.covector(self.varied, side)[i]) / STEP, MOVED)
+        want_efforts(self)
 
     # -- required values of the equations
 
@@ -85,12 +88,6 @@ class JointReport(LawPage):
         stated = self.d.law.positives(*self.d.sides)
         for i, (name, e) in enumerate(self.s.branches.items()):
             self.want(f"b_{{{i + 1}}}", self.state.scalar(self.d.variation.name(stated[name])), DERIVED, self.unit(e))
-
-    def _want_forces(self) -> None:
-        for letter, side, i in self.letters():
-            self.want(letter, self.covector(self.state, side)[i], DERIVED)
-            self.want(rf"\delta{letter}", np.imag(self.covector(self.varied, side)[i]) / STEP, MOVED)
-        want_efforts(self)
 
     # -- sections of the report
 

@@ -39,7 +39,11 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
             out = out * factor
         return out
     if isinstance(e, se.Pow):
-        return _raised(a[0], a[1])
+        base = a[0]
+        exponent = a[1]
+        if isinstance(exponent, float) and exponent == int(exponent):
+            return base ** int(exponent) if exponent > 0 else 1.0 / base ** int(-exponent)
+        return base**exponent
     name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
     if name in ("let", "UnevaluatedExpr"):
         return a[0]
@@ -50,12 +54,6 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
     if name == "atan2":
         return complex_atan2(a[0], a[1])
     return getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))(*a)
-
-
-def _raised(base: Any, exponent: Any) -> Any:
-    if isinstance(exponent, float) and exponent == int(exponent):
-        return base ** int(exponent) if exponent > 0 else 1.0 / base ** int(-exponent)
-    return base**exponent
 
 
 def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:

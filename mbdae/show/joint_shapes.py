@@ -259,7 +259,8 @@ class JointShapes(Collected):
         elif turns and len(slides) < 3:
             self._marked(item, "ball", item.l if slides else item.k)
         if (len(slides) in (1, 2) and not turns) or _along(turns, slides):
-            self._slider(item, slides[0])
+            box = symbols.slider(item.joint.at, slides[0], 3 * self.mark, 1.8 * self.mark, self.planar)
+            self._add(item.name, "box", box, item.l)
         for c, (v, w) in free.rates.items():
             self._on_coordinate(item, c, v, w)
 
@@ -302,10 +303,6 @@ class JointShapes(Collected):
         (a, b), (c, d) = (self._reach(item, e) for e in along)
         corners = [x * along[0] + y * along[1] for x, y in ((a, c), (b, c), (b, d), (a, d), (a, c))]
         self._add(item.name, "guide", item.joint.at + np.array(corners), item.k)
-
-    def _slider(self, item: Connection, along: Array) -> None:
-        box = symbols.slider(item.joint.at, along, 3 * self.mark, 1.8 * self.mark, self.planar)
-        self._add(item.name, "box", box, item.l)
 
     def _aside(self, axis: Array) -> Array:
         side = symbols.across(axis)

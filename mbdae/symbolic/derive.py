@@ -123,7 +123,13 @@ class _Derivation(Statement):
         self.refuse_clashes()
         self.refuse_undefined()
         self._refuse_others()
-        self._define_feeds()
+        # define the names of the sensors that the law reads
+        for name, statement in self.feeds.stated(self.read_frames):
+            e = without_overflow(one_sided(statement))
+            for frame, quantity in self.undefined(e):
+                raise LawError(f"an expression given to a {type(self.law).__name__} reads a sensor that a {frame.kind.value} "
+                               f"body does not have ({quantity} of its frame); use s.rigid_body for that body")
+            self.variation.define(se.Symbol(name), e)
         if isinstance(self.law, Joint):
             refuse_amounts(self.law)
         rows, vanished, undefined, g, G = self._constraints()
@@ -151,15 +157,6 @@ class _Derivation(Statement):
     def read_frames(self) -> tuple[Frame, ...]:
         """The frames that are added for the sensors that the law reads."""
         return self.frames[len(self.frames) - len(self.feeds.sides) :]
-
-    def _define_feeds(self) -> None:
-        """Define the names of the sensors that the law reads."""
-        for name, statement in self.feeds.stated(self.read_frames):
-            e = without_overflow(one_sided(statement))
-            for frame, quantity in self.undefined(e):
-                raise LawError(f"an expression given to a {type(self.law).__name__} reads a sensor that a {frame.kind.value} "
-                               f"body does not have ({quantity} of its frame); use s.rigid_body for that body")
-            self.variation.define(se.Symbol(name), e)
 
     def _coordinates(self) -> dict[str, Expr]:
         stated = {name: e for name, e in self.law.read(*self.sides).items() if not self.undefined(e)}

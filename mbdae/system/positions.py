@@ -118,7 +118,9 @@ class ConsistentPositions:
     def close(self, q: Array) -> Array:
         """As `closed`; a sentence on the body that moves most is appended to `changes`."""
         found = self.closed(q)
-        self._report_positions(q, found)
+        most, moved = self._most_moved(q, found)
+        if moved > 1e-9 * self.model.length:
+            self.changes.append(f"to close the loops body '{most}' moved by {moved:.3g} m")
         return found
 
     def closed(self, q: Array) -> Array:
@@ -273,11 +275,6 @@ class ConsistentPositions:
         moved = {b.name: float(np.linalg.norm(n.position(after) - n.position(before))) for n, b in self.model.bodies}
         most = max(moved, key=moved.__getitem__)
         return most, moved[most]
-
-    def _report_positions(self, before: Array, after: Array) -> None:
-        most, moved = self._most_moved(before, after)
-        if moved > 1e-9 * self.model.length:
-            self.changes.append(f"to close the loops body '{most}' moved by {moved:.3g} m")
 
     def check_branches(self, q: Array) -> None:
         """Raise StartError where a joint is on another branch of its constraints than stated: its axes are reversed, or a

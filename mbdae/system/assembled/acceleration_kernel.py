@@ -109,7 +109,10 @@ class AccelerationKernel(Workspace):
     def _by_cholesky(self, part: Operations, mass: Array) -> None:
         """Append the solution of S lambda = G M^-1 f + c by Cholesky, then u' = M^-1 (f - G^T lambda)."""
         m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
-        inverse = _inverse(mass)
+        # m^-1, inverted block by block so that its entries outside of the diagonal blocks of M are exactly 0
+        inverse = np.zeros_like(mass)
+        for at in _blocks(mass):
+            inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
         h = part.zeros(nu)  # first slot of M^-1 f
         i, j = np.nonzero(inverse)
         part.add(h + i, self._F + self.nq + j, -inverse[i, j])
@@ -181,14 +184,6 @@ class AccelerationKernel(Workspace):
         if dependent >= 0:  # the factorisation stopped at this row
             share[dependent] = 0.0
         return share
-
-
-def _inverse(mass: Array) -> Array:
-    """M^-1, inverted block by block so that its entries outside of the diagonal blocks of M are exactly 0."""
-    inverse = np.zeros_like(mass)
-    for at in _blocks(mass):
-        inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
-    return inverse
 
 
 def _blocks(matrix: Array) -> list[Index]:
