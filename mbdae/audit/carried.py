@@ -90,24 +90,20 @@ def formula(node: Node, letters: Letters = _NONE, level: int = 0) -> str:
         rows = r" \\ ".join(" & ".join(formula(p, letters) for p in row.parts) for row in parts)
         return rf"\begin{{bmatrix}} {rows} \end{{bmatrix}}"
     if kind in ("cross", "transposed"):
-        return _marked(node, letters)
+        transposed = node.kind == "transposed"
+        inner = node.parts[0] if transposed else node
+        tilde = inner.kind == "cross"
+        base = inner.parts[0] if tilde else inner
+        if base.kind == "symbol":
+            return name(base.value, letters, transposed, tilde)
+        text = rf"\widetilde{{{formula(base, letters, 2)}}}" if tilde else formula(base, letters, 2)
+        return f"{{{text}}}^{{T}}" if transposed else text
     if kind == "power":
         return f"{{{formula(parts[0], letters, 2)}}}^{{{formula(parts[1], letters)}}}"
     if kind == "inverse":
         return rf"\frac{{1}}{{{formula(parts[0], letters)}}}"
     text = _sum(node, letters) if kind in ("sum", "neg") else _product(node, letters)
     return rf"\left({text}\right)" if level > (0 if kind in ("sum", "neg") else 1) else text
-
-
-def _marked(node: Node, letters: Letters) -> str:
-    transposed = node.kind == "transposed"
-    inner = node.parts[0] if transposed else node
-    tilde = inner.kind == "cross"
-    base = inner.parts[0] if tilde else inner
-    if base.kind == "symbol":
-        return name(base.value, letters, transposed, tilde)
-    text = rf"\widetilde{{{formula(base, letters, 2)}}}" if tilde else formula(base, letters, 2)
-    return f"{{{text}}}^{{T}}" if transposed else text
 
 
 def _sum(node: Node, letters: Letters) -> str:

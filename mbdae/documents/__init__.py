@@ -179,18 +179,14 @@ def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:
         note = f"\n\n{_plain(block.note)}" if block.note else ""
         return f"$$\n{body}{tag}\n$$" + note
     if isinstance(block, Table):
-        return _markdown_table(block)
+        head = "| " + " | ".join(map(_cell, block.head)) + " |\n|" + "---|" * len(block.head)
+        rows = "\n".join("| " + " | ".join(map(_cell, row)) + " |" for row in block.rows)
+        caption = f"{_plain(block.caption)}\n\n" if block.caption else ""
+        return f"{caption}{head}\n{rows}"
     if isinstance(block, Code):
         return f"```text\n{block.text}\n```"
     name, caption = files.get(id(block)), _plain(block.caption)
     return f"![{caption}]({name})" if name else f"*Picture: {caption}*"
-
-
-def _markdown_table(table: Table) -> str:
-    head = "| " + " | ".join(map(_cell, table.head)) + " |\n|" + "---|" * len(table.head)
-    rows = "\n".join("| " + " | ".join(map(_cell, row)) + " |" for row in table.rows)
-    caption = f"{_plain(table.caption)}\n\n" if table.caption else ""
-    return f"{caption}{head}\n{rows}"
 
 
 def _cell(text: str) -> str:

@@ -126,12 +126,17 @@ def collocation_table(nodes: Any, order: int) -> CollocationTable:
 @cache
 def radau_table(s: int) -> CollocationTable:
     """Radau IIA with s stages: right Radau points, roots of the (s-1)-th derivative of x^(s-1) (x-1)^s; order 2 s - 1."""
-    p = (Polynomial([0, 1]) ** (s - 1) * Polynomial([-1, 1]) ** s).deriv(s - 1)
+    x = _roots((Polynomial([0, 1]) ** (s - 1) * Polynomial([-1, 1]) ** s).deriv(s - 1))
+    x[-1] = 1.0
+    return collocation_table(x, 2 * s - 1)
+
+
+def _roots(p: Polynomial) -> Array:
+    """Real roots of a polynomial, in rising order."""
     x = np.sort(np.asarray(p.roots()).real)
     for _ in range(3):  # Newton's method reduces the round-off of the roots, which NumPy finds as eigenvalues of a matrix
         x = x - p(x) / p.deriv()(x)
-    x[-1] = 1.0
-    return collocation_table(x, 2 * s - 1)
+    return x
 
 
 def _real_transformation(

@@ -92,7 +92,7 @@ class Adaptive:
                 f"that is not met: loosen rtol to {10 * noise * self.rtol:.0e}, or, in a scene, draw the bodies nearer to "
                 "the origin of coordinates",
                 AccuracyWarning,
-                stacklevel=6,
+                stacklevel=5,
             )
         count = len(made.t)
         kept = self._kept(watch, made, before) if watch is not None and before is not None and count else count

@@ -137,16 +137,12 @@ class TreePasses:
         kinds: dict[int, list[tuple[int, tuple[int, ...]]]] = {}
         kernels: dict[int, ProgramKernel] = {}
         for m, nodes in self._between:
-            kernel = self._kernel_between(m, nodes)
+            member: Member = links.between(self.structure.members[m], {n: i for i, n in enumerate(nodes)}, self._open)
+            kernel = links.member_kernel(tuple(self._kind(j) for j in nodes), member)
             kinds.setdefault(id(kernel), []).append((m, nodes))
             kernels[id(kernel)] = kernel
         for key, places in kinds.items():
             self._laws(part, kernels[key], places)
-
-    def _kernel_between(self, m: int, nodes: tuple[int, ...]) -> ProgramKernel:
-        kinds = tuple(self._kind(j) for j in nodes)
-        member: Member = links.between(self.structure.members[m], {n: i for i, n in enumerate(nodes)}, self._open)
-        return links.member_kernel(kinds, member)
 
     def _kind(self, j: int) -> NodeKind:
         return self.bodies[j].kernels.kind

@@ -68,7 +68,15 @@ class Method:
             self.run.memory = self.memory
             free = Pointer(self.memory)
             self._free.callback(lambda: self._call("Free", ctypes.byref(free), checked=False))
-            self._set_up(t, matrix, solver)
+            settings, user = self.settings, ctypes.addressof(self.run)
+            self._initialise(t)
+            self._set_tolerances()
+            self._call("SetUserData", user)
+            self._call("SetLinearSolver", solver, matrix)
+            self._call("SetJacFn", getattr(self.C, self.jacobian))
+            self._call("SetMaxOrd", settings.order)
+            self._call("SetInitStep", settings.first_step)
+            self._call("SetMaxNumSteps", -1)  # a negative number: steps are not limited
             failed.pop_all()
 
     def __enter__(self) -> Self:
@@ -222,17 +230,6 @@ class Method:
         run.atol, run.rtol = at(self._atol), self.settings.rtol
         run.y, run.yp, run.values, run.jacobian_y = map(at, (self.y, self.yp, self.values, self._jacobian_y))
         run.t, run.cj, run.most = -np.inf, 1.0, np.inf
-
-    def _set_up(self, t: float, matrix: int, solver: int) -> None:
-        settings, user = self.settings, ctypes.addressof(self.run)
-        self._initialise(t)
-        self._set_tolerances()
-        self._call("SetUserData", user)
-        self._call("SetLinearSolver", solver, matrix)
-        self._call("SetJacFn", getattr(self.C, self.jacobian))
-        self._call("SetMaxOrd", settings.order)
-        self._call("SetInitStep", settings.first_step)
-        self._call("SetMaxNumSteps", -1)  # a negative number: steps are not limited
 
     def _set_tolerances(self) -> None:
         self._call("SVtolerances", self.settings.rtol, self._tolerances)

@@ -15,7 +15,7 @@ import symengine as se
 from mbdae.inputs import sensed as symbols
 from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, beyond, jumps, unresolved
-from mbdae.inputs.resolution import Stretches, resolved
+from mbdae.inputs.resolution import resolved
 from mbdae.inputs.sensed import paths
 from mbdae.inputs.tables import lookup_of, readable
 from mbdae.laws.control import HeldOutput, InternalState

@@ -79,9 +79,7 @@ def encode(value: Any, own: Own | None = None) -> Any:
     if isinstance(value, type | FunctionType):
         return {"class": stored_name(value, own)}
     if isinstance(value, AsGiven):
-        # keep the object itself in `own`, and encode its value as plain data for files
-        number = 0 if own is None else next(n for n in count() if own.setdefault(f"kept {n}", value) is value)
-        return {"kept": f"kept {number}", "plain": encode(value.value)}
+        return _encode_as_given(value, own)
     if isinstance(value, Mapping):
         return {"by": {str(key): encode(v, own) for key, v in value.items()}}
     if isinstance(value, list | tuple):
@@ -95,13 +93,14 @@ def encode(value: Any, own: Own | None = None) -> Any:
     elif is_dataclass(value):
         given = {f.name: getattr(value, f.name) for f in fields(value)}
     else:
-        try:
-            if not getattr(value, "free_symbols", None):
-                return number(value)
-            return stored(timed.expression(value, sensors=True))
-        except Exception:  # the statement that is recorded reports the mistake when it runs
-            return {"unreadable": shown(value)}
+        return _encode_expression(value)
     return {"object": stored_name(type(value), own), "fields": {key: encode(v, own) for key, v in given.items()}}
+
+
+def _encode_as_given(value: AsGiven, own: Own | None) -> dict[str, Any]:
+    """Keep the object itself in `own`, and encode its value as plain data for files."""
+    number = 0 if own is None else next(n for n in count() if own.setdefault(f"kept {n}", value) is value)
+    return {"kept": f"kept {number}", "plain": encode(value.value)}
 
 
 def stored(e: Any) -> dict[str, Any]:
@@ -124,6 +123,15 @@ def read(stored_: Any) -> Any:
     for name, data in stored_.get("tables", {}).items():
         from_data(name, data)
     return text.read(stored_["expression"])
+
+
+def _encode_expression(value: Any) -> Any:
+    try:
+        if not getattr(value, "free_symbols", None):
+            return number(value)
+        return stored(timed.expression(value, sensors=True))
+    except Exception:  # the statement that is recorded reports the mistake when it runs
+        return {"unreadable": shown(value)}
 
 
 def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:

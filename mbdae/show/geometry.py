@@ -102,7 +102,10 @@ class Collected:
     """Data of one result: poses, deformed axes of beams, sizes, and the shapes and names made so far."""
 
     def __init__(self, result: Result, hide: Sequence[str] = ()) -> None:
-        self.hidden = _hidden(result, hide)
+        # names of items to leave out; SceneError where there is no such item
+        for name in hide:
+            _ = result.prepared.model.scene[name]
+        self.hidden = set(hide)
         self.result, self.scene, self.planar = result, result.prepared.model.scene, result.prepared.model.planar
         self.poses = {name: Pose(result.read(f"{name}.position"), result.read(f"{name}.rotation"))
                       for name in (body.name for body in self.scene.bodies)}
@@ -232,13 +235,6 @@ def looks_of(scene: Any, lines: Container[Body]) -> dict[str, list[Any]]:
         if not drawn_otherwise and not any(symbols.same(one, other) for other in found[body.name]):
             found[body.name].append(one)
     return found
-
-
-def _hidden(result: Result, hide: Sequence[str]) -> set[str]:
-    """Names of items to leave out; SceneError where there is no such item."""
-    for name in hide:
-        _ = result.prepared.model.scene[name]
-    return set(hide)
 
 
 def ends(item: Connection) -> tuple[Array, Array]:

@@ -218,7 +218,15 @@ class JointShapes(Collected):
     def _joint(self, item: Connection) -> None:
         free = freedom(item)
         if free is None:
-            self._by_rows(item, item.joint)
+            if isinstance(item.joint, Distance):
+                self._marked(item, "dot", item.k)
+                self._marked(item, "dot", item.l)
+                ways = [self._over_time(body, at) for body, at in zip((item.k, item.l), ends(item), strict=True)]
+                self._add(item.name, "dashed", np.stack(ways, 1))
+            else:
+                self._marked(item, "pin", item.k)
+                if not self.planar:
+                    self._add(item.name, "guide", item.joint.at + np.outer([-5, 5], self.mark * item.joint.axis), item.k)
         else:
             self._by_motion(item, free)
         at, at_l = ends(item)
@@ -228,17 +236,6 @@ class JointShapes(Collected):
             self._ground(item.name, at_l)
 
     # -- joints that state no motion, drawn by the rows they hold
-
-    def _by_rows(self, item: Connection, law: Any) -> None:
-        if isinstance(law, Distance):
-            self._marked(item, "dot", item.k)
-            self._marked(item, "dot", item.l)
-            ways = [self._over_time(body, at) for body, at in zip((item.k, item.l), ends(item), strict=True)]
-            self._add(item.name, "dashed", np.stack(ways, 1))
-        else:
-            self._marked(item, "pin", item.k)
-            if not self.planar:
-                self._add(item.name, "guide", law.at + np.outer([-5, 5], self.mark * law.axis), item.k)
 
     # -- joints drawn by their motion
 

@@ -286,17 +286,20 @@ class Numbering:
         chosen = tuple(active) if active is not None else tuple(range(len(self.model.groups[g].instances)))
         key = (g, inputs.symbols, chosen)
         if key not in self._gathers:
-            at = np.array(chosen, dtype=np.intp)
-            columns = [self.places(target, g, chosen) % self.width for target in inputs.unknowns]  # -1: the last slot, which is 0
-            for name in inputs.parameters:
-                if name in self.form_numbers:
-                    columns.append(np.full(len(at), self._slots[-2, 0, name]))
-                elif name in self.model.groups[g].names_of_numbers:
-                    columns.append(self.slot(g, 0, name) + at * len(self.model.groups[g].names_of_numbers))
-                else:
-                    columns.append(np.array([self._slots[g, i, name] for i in chosen], dtype=np.intp))
-            self._gathers[key] = np.stack(columns, axis=1) if columns else np.empty((len(at), 0), dtype=np.intp)
+            self._gathers[key] = self._gathered(g, inputs, chosen)
         return self._gathers[key]
+
+    def _gathered(self, g: int, inputs: Inputs, chosen: tuple[int, ...]) -> NDArray[np.intp]:
+        at = np.array(chosen, dtype=np.intp)
+        columns = [self.places(target, g, chosen) % self.width for target in inputs.unknowns]  # -1: the last slot, which is 0
+        for name in inputs.parameters:
+            if name in self.form_numbers:
+                columns.append(np.full(len(at), self._slots[-2, 0, name]))
+            elif name in self.model.groups[g].names_of_numbers:
+                columns.append(self.slot(g, 0, name) + at * len(self.model.groups[g].names_of_numbers))
+            else:
+                columns.append(np.array([self._slots[g, i, name] for i in chosen], dtype=np.intp))
+        return np.stack(columns, axis=1) if columns else np.empty((len(at), 0), dtype=np.intp)
 
     def numbers(self, g: int, inputs: Inputs) -> Array:
         """(instances, parameters) values of the parameters among `inputs`, which have to be constant."""

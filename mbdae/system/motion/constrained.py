@@ -165,9 +165,7 @@ class FixedPattern:
             if x is not None:
                 return x
             if not begun[1]:
-                self._near.values[:] = values
-                self._near.values[self._own] -= GIVE * give
-                self._near.factor()
+                self._factor_near(values, give)
                 begun[:] = False, True
             return self._nearest(values, right)
 
@@ -190,6 +188,11 @@ class FixedPattern:
         x = self._exact.solve(right)
         left = np.linalg.norm(self._product(values, x) - right)
         return x if left <= CLOSE * (np.linalg.norm(right) + 1e-300) else None
+
+    def _factor_near(self, values: Array, give: Array) -> None:
+        self._near.values[:] = values
+        self._near.values[self._own] -= GIVE * give
+        self._near.factor()
 
     def _nearest(self, values: Array, right: Array) -> Array:
         """The solution with multipliers of least norm, by the LU factors of K with compliant constraints. Corrections with the
