@@ -320,7 +320,8 @@ class _Path:
         found = s.stiffness(T)
         pull = float(np.max(acceleration_scale(s.mechanics, s.rest.t, s.q(point), s.u(point), s.s(point))))
         if isinstance(found, DenseStiffness):
-            values = _eigenvalues((found.reduced + found.reduced.T) / 2, T.N.T @ W @ T.N)
+            K = (found.reduced + found.reduced.T) / 2
+            values = np.asarray(scipy.linalg.eigh(K, T.N.T @ W @ T.N, eigvals_only=True)) if len(K) else np.zeros(1)
             shift = max(0.0, -1.5 * values[0]) if values[0] < -1e-9 * abs(values[-1]) else 0.0
             unit = max(abs(values[0]), abs(values[-1]), pull)
         else:
@@ -342,7 +343,3 @@ class _Path:
         soft = s.soft_motions(T)
         return f"nothing resists {soft[0]}" if soft else (
             f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
-
-
-def _eigenvalues(K: Array, metric: Array) -> Array:
-    return np.asarray(scipy.linalg.eigh(K, metric, eigvals_only=True)) if len(K) else np.zeros(1)
