@@ -151,7 +151,13 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     unresisted = statics.soft_motions(statics.tangent(point))
     if unresisted:
         raise EquilibriumError(f"the state at rest is not the only one: nothing resists {unresisted[0]}; {STOP_IT}", result)
-    _refuse_other_branch(result)
+    # raises where a redundant row is not satisfied: the rows that are used allow motions that all rows together do not
+    m, q, t = result.prepared.with_all_rows, result.prepared.start.q[None], np.array([result.prepared.start.t])
+    off = np.abs(m.position_residual(t, q)[0])
+    if m.redundant and np.max(off) > OFF * max(1.0, result.prepared.length):
+        row = m.rows[int(np.argmax(off))].name
+        raise EquilibriumError(f"the search for a state at rest ended where the redundant constraint {row} is violated by "
+                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", result)
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
@@ -160,16 +166,6 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
         raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {motion}; loads or joints change with "
                                f"time as seen in that frame; give another frame=", result)
     return result
-
-
-def _refuse_other_branch(found: Equilibrium) -> None:
-    """Raises where a redundant row is not satisfied: the rows that are used allow motions that all rows together do not."""
-    m, q, t = found.prepared.with_all_rows, found.prepared.start.q[None], np.array([found.prepared.start.t])
-    off = np.abs(m.position_residual(t, q)[0])
-    if m.redundant and np.max(off) > OFF * max(1.0, found.prepared.length):
-        row = m.rows[int(np.argmax(off))].name
-        raise EquilibriumError(f"the search for a state at rest ended where the redundant constraint {row} is violated by "
-                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)
 
 
 def as_result(statics: Statics, point: Point) -> Equilibrium:

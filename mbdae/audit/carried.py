@@ -259,18 +259,15 @@ class Carried:
     def _input(self, place: tuple[Any, ...], k: dict[str, Value], state: Any) -> Value:
         head, j, i = place
         if head == "number":
-            return _number(i, state)
+            # value of a parameter of the joint; parameters of its points and axes make them coincide with those
+            # of the bodies
+            side, _, what = i.partition("_")
+            if side not in ("k", "l") or not what:
+                return float(state.positive(f"parameter {i}"))
+            return float(what in ("Qx1", "Qy2", "Qz3", "P0"))
         if j < 0:
             return state.coordinates[self.coordinates[-j - 1]][("q", "u", "up").index(head)]
         if head in ("wu", "wq"):
             return 0.0
         moves, turns = {"q": ("x", k["P"]), "u": ("v", k["Q"].T @ k["w"]), "up": ("a", k["Q"].T @ k["alpha"])}[head]
         return k[moves][i, 0] if i < 3 else turns[i - 3, 0]
-
-
-def _number(name: str, state: Any) -> float:
-    """Value of a parameter of the joint; parameters of its points and axes make them coincide with those of the bodies."""
-    side, _, what = name.partition("_")
-    if side not in ("k", "l") or not what:
-        return float(state.positive(f"parameter {name}"))
-    return float(what in ("Qx1", "Qy2", "Qz3", "P0"))

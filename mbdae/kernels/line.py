@@ -183,10 +183,7 @@ class LineKernel(ElementKernel):
 
     def full_jacobian(self, x: Array) -> Array:
         q, u, X = self._gather(x)
-        return self._assembled(_evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1), q, u)
-
-    def _assembled(self, values: Array, q: Array, u: Array) -> Array:
-        """Derivatives (N, outputs, inputs) of the elements, from the values (N, points, width) of `point_jacobian`."""
+        values = _evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1)
         N, n, D = len(values), self.nodes, len(self.derived.duals)
         covector = self._covector(values[:, :, :D].reshape(N, -1))
         K = self._spread.of(values[:, :, D:].reshape(N, -1).T)

@@ -59,7 +59,15 @@ class Method:
         self._free = ExitStack()
         with ExitStack() as failed:
             failed.callback(self.close)
-            self._context = self._silent_context()
+            # a SUNContext that prints neither errors nor warnings
+            S, context, logger = self.S, Pointer(), Pointer()
+            S.SUNContext_Create(0, ctypes.byref(context))
+            self._free.callback(lambda: S.SUNContext_Free(ctypes.byref(context)))
+            S.SUNContext_ClearErrHandlers(context)
+            S.SUNContext_GetLogger(context, ctypes.byref(logger))
+            for name in ("Error", "Warning"):
+                getattr(S, f"SUNLogger_Set{name}Filename")(logger, os.devnull.encode())
+            self._context = context.value or 0
             self._y, self._yp, self._own = self._vector(y), self._vector(yp), self._vector(y)
             self._tolerances = self._vector(self._atol)
             self._fill(equations)
@@ -197,17 +205,6 @@ class Method:
             raise MemoryError(f"no memory is left for {self.prefix} of SUNDIALS: end other programs, or take fewer unknowns")
         self._free.callback(free, made)
         return made
-
-    def _silent_context(self) -> int:
-        """A SUNContext that prints neither errors nor warnings."""
-        S, context, logger = self.S, Pointer(), Pointer()
-        S.SUNContext_Create(0, ctypes.byref(context))
-        self._free.callback(lambda: S.SUNContext_Free(ctypes.byref(context)))
-        S.SUNContext_ClearErrHandlers(context)
-        S.SUNContext_GetLogger(context, ctypes.byref(logger))
-        for name in ("Error", "Warning"):
-            getattr(S, f"SUNLogger_Set{name}Filename")(logger, os.devnull.encode())
-        return context.value or 0
 
     def _vector(self, values: Array) -> int:
         made = self._owned(self.S.N_VNew_Serial(self.n, self._context), self.S.N_VDestroy)

@@ -107,7 +107,19 @@ def _reason(error: Exception) -> str:
 
 
 def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> Result:
-    _check_times(header, arrays)
+    # badValueError unless the times of the steps rise and the times of the outputs lie between the first and the last
+    t, steps = arrays["t"], arrays["steps"]
+    parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
+    if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
+        raise BadValueError("the times of the steps in the file do not increase: it was changed or damaged")
+    if not len(t):
+        raise BadValueError("the file has no output times")
+    slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))
+    outside = (t < steps[0] - slack) | (t > steps[-1] + slack)
+    if np.any(outside):
+        raise BadValueError(f"the file's output time {t[outside][0]:g} s is outside of its run, {steps[0]:g} to {steps[-1]:g} s")
+    if abs(header["start"]["t"] - steps[0]) > slack:
+        raise BadValueError(f"the start in the file is at {header['start']['t']:g} s, but its run begins at {steps[0]:g} s")
     # refuse a beam with more elements than the run has unknowns before its mesh is made: it could take all memory
     unknowns = len(header["run"]["names"])
     for method, args, kwargs in header["scene"]["statements"]:
@@ -291,19 +303,3 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
         if not fits:
             wanted = str(meant[name]).replace("None", "any")
             raise BadValueError(f"the file's array {name} has shape {shape}, not {wanted}; steps: {steps}, unknowns: {n}")
-
-
-def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
-    """BadValueError unless the times of the steps rise and the times of the outputs lie between the first and the last."""
-    t, steps = arrays["t"], arrays["steps"]
-    parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
-    if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
-        raise BadValueError("the times of the steps in the file do not increase: it was changed or damaged")
-    if not len(t):
-        raise BadValueError("the file has no output times")
-    slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))
-    outside = (t < steps[0] - slack) | (t > steps[-1] + slack)
-    if np.any(outside):
-        raise BadValueError(f"the file's output time {t[outside][0]:g} s is outside of its run, {steps[0]:g} to {steps[-1]:g} s")
-    if abs(header["start"]["t"] - steps[0]) > slack:
-        raise BadValueError(f"the start in the file is at {header['start']['t']:g} s, but its run begins at {steps[0]:g} s")

@@ -203,7 +203,17 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
     found.name = reading.name(Argument(arg.scene, kind, "name"), law.name)
     head = Argument(arg.scene, f"{kind} '{found.name}'", "")
     if not isinstance(law, Coupling):
-        _read_places(head, law, found)
+        # write the checked bodies, points and directions of a law into its copy `found`
+        found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
+        found.at = None if law.at is None else reading.point(head.part("at"), law.at)
+        found.axis = reading.direction(head.part("axis"), law.axis)
+        if law.axis_x is not None:
+            found.axis_x = reading.direction(head.part("axis_x"), law.axis_x)
+        for side in law.frames[2:]:
+            setattr(found, side, reading.body(head.part(side), getattr(law, side)))
+        found.points = {side: reading.point(head.part(f"at_{side}"), point) for side, point in law.points.items()}
+        if law.at_l is not None:
+            found.at_l = reading.point(head.part("at_l"), law.at_l)
     for key, parameter in law.params.items():
         value = getattr(law, key)
         sensors = isinstance(law, Force)
@@ -212,20 +222,6 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
     for key in law.options:
         _refuse_unhashable(head.part(key), getattr(law, key))
     return found  # type: ignore[no-any-return]
-
-
-def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
-    """Write the checked bodies, points and directions of a law into its copy `found`."""
-    found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
-    found.at = None if law.at is None else reading.point(head.part("at"), law.at)
-    found.axis = reading.direction(head.part("axis"), law.axis)
-    if law.axis_x is not None:
-        found.axis_x = reading.direction(head.part("axis_x"), law.axis_x)
-    for side in law.frames[2:]:
-        setattr(found, side, reading.body(head.part(side), getattr(law, side)))
-    found.points = {side: reading.point(head.part(f"at_{side}"), point) for side, point in law.points.items()}
-    if law.at_l is not None:
-        found.at_l = reading.point(head.part("at_l"), law.at_l)
 
 
 def _refuse_unhashable(arg: Argument, value: Any) -> None:

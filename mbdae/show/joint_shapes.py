@@ -228,7 +228,26 @@ class JointShapes(Collected):
                 if not self.planar:
                     self._add(item.name, "guide", item.joint.at + np.outer([-5, 5], self.mark * item.joint.axis), item.k)
         else:
-            self._by_motion(item, free)
+            slides, turns = free.slides, free.turns
+            if len(slides) == 1:
+                self._guide(item, slides[0], free.thread)
+            elif len(slides) == 2:
+                self._plane(item, slides)
+            elif len(slides) == 3:
+                self._marked(item, "dot" if turns else "lock", item.k)
+            if not (slides or turns):
+                self._marked(item, "weld", item.k)
+            elif len(turns) == 1:
+                self._pin(item, turns[0], slides)
+            elif len(turns) == 2:
+                self._cross(item, turns)
+            elif turns and len(slides) < 3:
+                self._marked(item, "ball", item.l if slides else item.k)
+            if (len(slides) in (1, 2) and not turns) or _along(turns, slides):
+                box = symbols.slider(item.joint.at, slides[0], 3 * self.mark, 1.8 * self.mark, self.planar)
+                self._add(item.name, "box", box, item.l)
+            for c, (v, w) in free.rates.items():
+                self._on_coordinate(item, c, v, w)
         at, at_l = ends(item)
         if item.k.is_ground and (free is None or len(free.slides) in (0, 2)):
             self._ground(item.name, at)
@@ -238,28 +257,6 @@ class JointShapes(Collected):
     # -- joints that state no motion, drawn by the rows they hold
 
     # -- joints drawn by their motion
-
-    def _by_motion(self, item: Connection, free: Freedom) -> None:
-        slides, turns = free.slides, free.turns
-        if len(slides) == 1:
-            self._guide(item, slides[0], free.thread)
-        elif len(slides) == 2:
-            self._plane(item, slides)
-        elif len(slides) == 3:
-            self._marked(item, "dot" if turns else "lock", item.k)
-        if not (slides or turns):
-            self._marked(item, "weld", item.k)
-        elif len(turns) == 1:
-            self._pin(item, turns[0], slides)
-        elif len(turns) == 2:
-            self._cross(item, turns)
-        elif turns and len(slides) < 3:
-            self._marked(item, "ball", item.l if slides else item.k)
-        if (len(slides) in (1, 2) and not turns) or _along(turns, slides):
-            box = symbols.slider(item.joint.at, slides[0], 3 * self.mark, 1.8 * self.mark, self.planar)
-            self._add(item.name, "box", box, item.l)
-        for c, (v, w) in free.rates.items():
-            self._on_coordinate(item, c, v, w)
 
     def _pin(self, item: Connection, axis: Array, slides: list[Array]) -> None:
         """Draw a pin, in space with a ring about its axis; only a ring for a sleeve that turns about its guide."""
