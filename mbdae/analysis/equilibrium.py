@@ -305,7 +305,12 @@ class _Path:
             self.progress(point.load_factor, point.iterations)
             if size <= CONVERGED:
                 return point
-        unheld_motion = self._unheld(point)
+        s = self.statics
+        T = s.tangent(point)
+        force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
+        soft = s.soft_motions(T)
+        unheld_motion = f"nothing resists {soft[0]}" if soft else (
+            f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
         raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'iteration')}: {unheld_motion}; "
                                f"{STOP_IT}, or start the scene nearer to its state at rest")
 
@@ -331,11 +336,3 @@ class _Path:
                 return x
             shift = max(3 * shift, 1e-8 * unit)
         return np.full(T.K.shape[0], np.nan)
-
-    def _unheld(self, point: Point) -> str:
-        s = self.statics
-        T = s.tangent(point)
-        force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
-        soft = s.soft_motions(T)
-        return f"nothing resists {soft[0]}" if soft else (
-            f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")

@@ -146,27 +146,22 @@ class Adaptive:
             kept += one
         self.rows = min(max(2 * self.rows, FEW), self.most) if kept == count else 1
         if kept < count:
-            self._go_back(made, times, increments, kept, closely, before)
+            control, loop = self.control, self.loop
+            if closely:
+                control.h, control.rejected = control.tried, control.careful
+            else:
+                control.h, control.rejected = float(times[kept + 1] - times[kept]), False
+            if kept:
+                width = times[kept] - times[kept - 1]
+                before = increments[kept - 1], width, width, made.errors[kept - 1]
+            y, yp = (made.y[kept - 1], made.yp[kept - 1]) if kept else loop.state
+            self.step.run.back(y, yp, before)
+            loop.stats.rejected += closely
             self.control.landing = landing
         elif closely and watch.stiffness_changed():
             self.step.renew()
             watch.jacobian_at(float(times[-1]), states[-1])
         return kept
-
-    def _go_back(self, made: AcceptedSteps, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
-        """Return to the last stored step. times, increments: of all `made` steps, of which the first `kept` are stored; closely:
-        whether the next one was examined by itself; before: state of the step control before the block."""
-        control, loop = self.control, self.loop
-        if closely:
-            control.h, control.rejected = control.tried, control.careful
-        else:
-            control.h, control.rejected = float(times[kept + 1] - times[kept]), False
-        if kept:
-            width = times[kept] - times[kept - 1]
-            before = increments[kept - 1], width, width, made.errors[kept - 1]
-        y, yp = (made.y[kept - 1], made.yp[kept - 1]) if kept else loop.state
-        self.step.run.back(y, yp, before)
-        loop.stats.rejected += closely
 
     def first_step(self) -> float:
         """A small first step (s) from the rates at the start; the step control then enlarges the steps."""

@@ -57,7 +57,18 @@ class TreePasses:
         if len({id(own.kernels) for own in self.bodies.values()}) > MOST_KINDS:
             self._open = Open.ALL
             self.bodies = self._bodies()
-        self._runs = self._ordered()
+        # the bodies in runs, each of bodies with the same kernels; a body comes after the one that carries it
+        depth: dict[int, int] = {}
+        for j, own in self.bodies.items():  # in this dictionary a body comes after the one that carries it
+            depth[j] = depth[own.parent] + 1 if own.parent >= 0 else 0
+        number = {k: i for i, k in enumerate(dict.fromkeys(id(own.kernels) for own in self.bodies.values()))}
+        runs: list[list[int]] = []
+        for j in sorted(self.bodies, key=lambda j: (depth[j], number[id(self.bodies[j].kernels)], j)):
+            if runs and self.bodies[runs[-1][-1]].kernels is self.bodies[j].kernels:
+                runs[-1].append(j)
+            else:
+                runs.append([j])
+        self._runs = runs
 
     def copied(self, inertia: Mapping[tuple[Place, Place], int]) -> TreePasses:
         """A copy with another inertia by laws outside, to be continued on its own after what has been appended so far."""
@@ -95,20 +106,6 @@ class TreePasses:
             kernels = links.link_kernels(kinds[link.parent], links.alone(link, self._open), stated, self.quaternion)
             found[j] = Own(kernels, link.parent if link.parent in found else -1, members)
         return found
-
-    def _ordered(self) -> list[list[int]]:
-        """The bodies in runs, each of bodies with the same kernels; a body comes after the one that carries it."""
-        depth: dict[int, int] = {}
-        for j, own in self.bodies.items():  # in this dictionary a body comes after the one that carries it
-            depth[j] = depth[own.parent] + 1 if own.parent >= 0 else 0
-        number = {k: i for i, k in enumerate(dict.fromkeys(id(own.kernels) for own in self.bodies.values()))}
-        runs: list[list[int]] = []
-        for j in sorted(self.bodies, key=lambda j: (depth[j], number[id(self.bodies[j].kernels)], j)):
-            if runs and self.bodies[runs[-1][-1]].kernels is self.bodies[j].kernels:
-                runs[-1].append(j)
-            else:
-                runs.append([j])
-        return runs
 
     def at(self, j: int, place: Place) -> int:
         """Slot of a result of the outward pass for body j: its motion ("x", name), inertia ("M", i, j), forces ("p", i), or an

@@ -162,16 +162,6 @@ class CouplingStatements(SceneItems):
         self.connections.append(item)
         return item
 
-    def _add_coupling(self, law: Coupling) -> Connection:
-        """Enter a coupling that was given to `add` as an object, after its coordinates have been read."""
-        kind, before = type(law).__name__.lower(), len(self.problems)
-        arg = Argument(self, f"{kind} '{law.name}'", "of")
-        of = {c: reference(_unit(law, c))(arg.part(f"of['{c}']"), value) for c, value in law.of.items()}
-        if len(self.problems) > before:
-            return Connection(law.name, kind, self.ground, self.ground, [])
-        law.of = {c: self._at(text) for c, text in of.items()}
-        return self._coupled(kind, law)
-
 
 def _unit(law: Coupling, coordinate: str) -> str:
     """Unit of a coordinate, rad or m, where the law states one of them; else ""."""
@@ -246,7 +236,14 @@ class ConnectionStatements(CouplingStatements):
         """Add a joint, force or coupling, the package's or the user's own; `model` of a joint as in `joint`. The scene keeps a
         copy: what happens to the law afterwards does not change it."""
         if isinstance(law, Coupling):
-            return self._add_coupling(law)
+            # enter a coupling that was given to `add` as an object, after its coordinates have been read
+            kind, before = type(law).__name__.lower(), len(self.problems)
+            arg = Argument(self, f"{kind} '{law.name}'", "of")
+            of = {c: reference(_unit(law, c))(arg.part(f"of['{c}']"), value) for c, value in law.of.items()}
+            if len(self.problems) > before:
+                return Connection(law.name, kind, self.ground, self.ground, [])
+            law.of = {c: self._at(text) for c, text in of.items()}
+            return self._coupled(kind, law)
         if law.at is None:
             law.at = where(self, f"{type(law).__name__.lower()} '{law.name}'", law.l, None)
         law.axis = reading.unit(law.axis)

@@ -52,10 +52,8 @@ class BodyShapes(Collected):
             if not drawn:
                 self._add(body.name, "mass", body.drawn.position[None], body, colour)
             return self._name(body.name, body, body.drawn.position, True)
-        return self._by_mass(body, colour, bool(drawn))
-
-    def _by_mass(self, body: Body, colour: str, shaped: bool) -> None:
-        """Draw a body that has no shapes."""
+        # draw a body that has no shapes
+        shaped = bool(drawn)
         corners = [p for p in self.attached[body.name] if np.linalg.norm(p) > TINY * self.size]
         extent = [] if shaped else self._extent(body, bool(corners))
         centre = [] if shaped else [("centre", np.zeros((1, 3)))]
