@@ -173,7 +173,8 @@ class _File:
         self.parts: list[str] = []
 
     def text(self) -> str:
-        body = "\n".join([*self.parts, *[self._function(f) for f in self.program.functions.values()]])
+        bodies = [self._function(f) for f in self.program.functions.values()]  # which appends to `parts`
+        body = "\n".join([*self.parts, *bodies])
         place = Path(mbdae.native.__file__)
         known = "".join(place.with_name(f"{name}.inc").read_text(encoding="utf-8") for name in ("factors", "lookup"))
         helpers = [SIGN] * bool(re.search(r"\bsign\(", body))

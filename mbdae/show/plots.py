@@ -201,18 +201,22 @@ def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: S
             panels.setdefault(panel, []).append(sensor)
     figure, axes = new_figure(len(panels))
     for axis, ((letter, label), names) in zip(axes, panels.items(), strict=True):
-        for sensor in names:
-            for label, result in results:
-                for component, values in components(result, sensor):
-                    if not component.startswith(letter):
-                        continue
-                    name = " ".join(part for part in (sensor, component, f"({label})" if label else "") if part)
-                    axis.plot(result.t, values, label=name, **style(len(axis.lines)))
-        steady(axis)
+        _panel(axis, results, names, letter)
         axis.set_ylabel(label)
         _legend(axis)
     axes[-1].set_xlabel("time [s]")
     return written(figure, place)
+
+
+def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str], letter: str) -> None:
+    for sensor in sensors:
+        for label, result in results:
+            for component, values in components(result, sensor):
+                if not component.startswith(letter):
+                    continue
+                name = " ".join(part for part in (sensor, component, f"({label})" if label else "") if part)
+                axis.plot(result.t, values, label=name, **style(len(axis.lines)))
+    steady(axis)
 
 
 def _legend(axis: Any) -> None:
