@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import symengine as se
 
-from mbdae.deferred import Later
+from mbdae.deferred import later
 from mbdae.errors import LawError, SceneError
 from mbdae.laws.bodies import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
@@ -37,8 +37,7 @@ from mbdae.system.model.nodes import (
 if TYPE_CHECKING:
     from mbdae.system.model.beams import Line, meshed
 else:
-    Line = Later("mbdae.system.model.beams", "Line")
-    meshed = Later("mbdae.system.model.beams", "meshed")
+    Line, meshed = later("mbdae.system.model.beams", "Line", "meshed")
 
 ALL = 6  #: degrees of freedom of a rigid body in space
 FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import Later, issparse, sp, splu
+from mbdae.deferred import issparse, later, sp, splu
 from mbdae.kernels.plan import linearised_plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
@@ -25,8 +25,7 @@ from mbdae.threads import one_thread
 if TYPE_CHECKING:
     from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs
 else:
-    batches = Later("mbdae.system.model.beams", "batches")
-    nodal_inputs = Later("mbdae.system.model.beams", "nodal_inputs")
+    batches, nodal_inputs = later("mbdae.system.model.beams", "batches", "nodal_inputs")
 
 AT_ONCE = 100  #: number of rows whose `mobility` is computed together in large scenes with beams, which bounds the memory
 LARGE = 400  #: number of velocities above which mass matrix and constraint Jacobian are stored as sparse matrices
