@@ -19,7 +19,7 @@ from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["Later", "LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
            "cython_lapack", "dijkstra", "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse",
-           "maximum_flow", "median", "qr", "sp", "splu"]
+           "later", "maximum_flow", "median", "qr", "sp", "splu"]
 
 
 class Later:
@@ -47,6 +47,11 @@ class Later:
         return self._place[0] in sys.modules and isinstance(value, self._found())
 
 
+def later(module: str, *names: str) -> tuple[Later, ...]:
+    """Several functions or classes of one module, each imported at its first use."""
+    return tuple(Later(module, name) for name in names)
+
+
 if TYPE_CHECKING:
     import scipy.sparse as sp
     from scipy.linalg import cython_lapack, eigvals, qr
@@ -56,17 +61,13 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
 else:
 
-    sp = Later("scipy.sparse")
-    bmat, csc_matrix = Later("scipy.sparse", "bmat"), Later("scipy.sparse", "csc_matrix")
-    csr_matrix, identity = Later("scipy.sparse", "csr_matrix"), Later("scipy.sparse", "identity")
-    cython_lapack, qr = Later("scipy.linalg.cython_lapack"), Later("scipy.linalg", "qr")
-    eigvals = Later("scipy.linalg", "eigvals")
+    sp, cython_lapack = Later("scipy.sparse"), Later("scipy.linalg.cython_lapack")
+    bmat, csc_matrix, csr_matrix, identity = later("scipy.sparse", "bmat", "csc_matrix", "csr_matrix", "identity")
+    eigvals, qr = later("scipy.linalg", "eigvals", "qr")
     group_columns = Later("scipy.optimize._numdiff", "group_columns")
-    connected_components = Later("scipy.sparse.csgraph", "connected_components")
-    dijkstra = Later("scipy.sparse.csgraph", "dijkstra")
-    maximum_flow = Later("scipy.sparse.csgraph", "maximum_flow")
-    splu = Later("scipy.sparse.linalg", "splu")
-    eigsh, LinearOperator = Later("scipy.sparse.linalg", "eigsh"), Later("scipy.sparse.linalg", "LinearOperator")
+    connected_components, dijkstra, maximum_flow = later(
+        "scipy.sparse.csgraph", "connected_components", "dijkstra", "maximum_flow")
+    LinearOperator, eigsh, splu = later("scipy.sparse.linalg", "LinearOperator", "eigsh", "splu")
 
     def issparse(matrix: Any) -> bool:
         """Whether a matrix is sparse; False where SciPy's module of sparse matrices has not been imported yet."""

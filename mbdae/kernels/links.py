@@ -199,7 +199,7 @@ def node_load(kind: NodeKind, role: str) -> ProgramKernel:
 def _node_kernel(kind: NodeKind, entries: Callable[[NodeProgram], Sequence[tuple[Place, Expr]]], *names: str) -> ProgramKernel:
     def stated() -> Stated:
         found = NodeProgram(kind)
-        made = entries(found)
+        made = entries(found)  # which adds to the program and its inputs
         return Stated(found.program, found.inputs, made)
 
     return ProgramKernel(stated, key_of("node", kind.name, *names))

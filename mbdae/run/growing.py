@@ -76,13 +76,9 @@ def growing(system: System, run: Solution, closely: bool = False) -> list[Growth
     that is kept on disk, and what the system remembers of the run is as before."""
     memory = system.memory()
     try:
-        return kept_value(lambda: _growing(system, run, closely), _plain, _read)
+        return kept_value(lambda: _growing(system, run, closely), lambda parts: [list(part) for part in parts], _read)
     finally:
         system.remember(memory)
-
-
-def _plain(parts: list[Growth]) -> list[list[float]]:
-    return [list(part) for part in parts]
 
 
 def _read(stored: list[list[float]]) -> list[Growth]:

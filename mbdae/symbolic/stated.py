@@ -192,8 +192,7 @@ def motion_key(law: Any, structure: Any) -> object:
     """An object that stands for the motion that a joint states now: the same one for the same motion of one class."""
     try:
         steps = frozen(symbolic_steps(law.symbolic(structure)))
-        units = tuple((name, entry.unit) for name, entry in law.coordinates.items())
-        return _one(law, units, tuple(law.params), steps)
+        return _one(law, tuple((name, entry.unit) for name, entry in law.coordinates.items()), tuple(law.params), steps)
     except Exception:  # a mistake in the law, which its derivation reports
         return object()
 

@@ -137,8 +137,7 @@ class System:
     @property
     def jacobian_shape(self) -> tuple[int, ...]:
         """Shape of the `out` of `jacobian`."""
-        places = self.sparsity if self.pattern is None else self.pattern
-        return (places.nnz,) if self.sparse else (self.n, self.n)
+        return ((self.sparsity if self.pattern is None else self.pattern).nnz,) if self.sparse else (self.n, self.n)
 
     @property
     def has_pattern(self) -> bool:

@@ -45,8 +45,7 @@ class JointMotions:
         self._of = np.array([[self._number[b] for b in pair] for pair in ends.values()], dtype=np.intp).reshape(-1, 2).T
         drawn = np.array([[c.joint.point_on(side) for c in joints] for side in "kl"], dtype=float).reshape(2, -1, 3)
         points = [*drawn.reshape(-1, 3), *(b.drawn.position for _, b in model.bodies)]
-        spread = np.array(points) - np.mean(points, axis=0)
-        extent = float(np.max(np.linalg.norm(spread, axis=1), initial=0.0))
+        extent = float(np.max(np.linalg.norm(np.array(points) - np.mean(points, axis=0), axis=1), initial=0.0))
         self.extent = extent if extent > 0 else 1.0  #: size of the scene, m: largest distance of a point from the mean of all
         self._apart = drawn[1] - drawn[0]
         self._oriented = np.array([not (k.is_point or l.is_point) for k, l in ends.values()], dtype=bool)

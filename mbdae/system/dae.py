@@ -91,7 +91,7 @@ class DAE(System):
         self._check_start(self.yp0, *parts[0], "the start is not consistent", "correct y0 or yp0")
         self._rates: Any = optional("rhs", rhs, function, "give a function f(t, y, out), or None", takes="t, y, out")
         if self._rates is not None:
-            self.rhs = self._filled_rates
+            self.rhs = lambda t, y, out: _fill("rhs", self._rates(t, y, out), out, t)
             self.rhs(self.t0, self.y0.copy(), rates := np.full(self.n, np.nan))
             if not np.isfinite(rates).all():
                 row = int(np.flatnonzero(~np.isfinite(rates))[0])
@@ -150,9 +150,6 @@ class DAE(System):
         if self._jacobian is not None:
             return super().jacobian_parts(t, y, yp)
         return self._own_differences.parts(t, y, yp)
-
-    def _filled_rates(self, t: float, y: Array, out: Array) -> None:
-        _fill("rhs", self._rates(t, y, out), out, t)
 
     def probes(self) -> list[tuple[float, Array, Array]]:
         """States (t, y, y') at which the pattern of the Jacobian is found: the start, where entries may be 0 by chance, and two
@@ -225,8 +222,7 @@ class DAE(System):
     def _check_jacobian(self) -> None:
         if self._jacobian is None:
             return
-        shape = (self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,)
-        out = np.zeros(shape)
+        out = np.zeros((self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,))
         self.jacobian(self.t0, self.y0.copy(), self.yp0.copy(), 1.0, out)
         if not np.isfinite(out).all():
             raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0:g} s: check its formulas")
@@ -264,8 +260,7 @@ class DAE(System):
         self.declared = int(values)
         result = np.where(algebraic, int(values), 1)
         if values == 3:
-            forced = present_y[:, algebraic].any(axis=1)
-            result[present_yp[forced].any(axis=0)] = 2
+            result[present_yp[present_y[:, algebraic].any(axis=1)].any(axis=0)] = 2
         return result
 
 

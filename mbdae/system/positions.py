@@ -118,7 +118,9 @@ class ConsistentPositions:
     def close(self, q: Array) -> Array:
         """As `closed`; a sentence on the body that moves most is appended to `changes`."""
         found = self.closed(q)
-        self._report_positions(q, found)
+        most, moved = self._most_moved(q, found)
+        if moved > 1e-9 * self.model.length:
+            self.changes.append(f"to close the loops body '{most}' moved by {moved:.3g} m")
         return found
 
     def closed(self, q: Array) -> Array:
@@ -173,19 +175,16 @@ class ConsistentPositions:
         joint_name = name.rsplit(".", 1)[0]
         row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
         unit = "m" if np.any(row[~self.mechanics.rotational]) else "rad"
-        stated = self._stated_in_loop(joint_name)
-        values_stated = f"{stated}: the loop may not reach that, state another value; or " if stated else ""
-        return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
-                f"{unit}; {values_stated}check the points of the bodies it connects")
-
-    def _stated_in_loop(self, name: str) -> str:
-        """The values at which coordinates in the loops through a joint are held or prescribed at the start, where they are not as
-        drawn; empty where there are none."""
-        loops = [loop for loop in map(self.tree.loop, self.tree.closing) if any(joint.name == name for joint in loop)]
+        # the values at which coordinates in the loops through a joint are held or prescribed at the start, where they
+        # are not as drawn; empty where there are none
+        loops = [loop for loop in map(self.tree.loop, self.tree.closing) if any(joint.name == joint_name for joint in loop)]
         joints = dict.fromkeys(joint for loop in loops for joint in loop)
         told = [f"{c} of '{joint.name}' starts at {value:.6g} {joint.unit(c)}"
                 for joint in joints for c, value in self.held_values(joint).items() if value]
-        return " and ".join(told)
+        stated = " and ".join(told)
+        values_stated = f"{stated}: the loop may not reach that, state another value; or " if stated else ""
+        return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
+                f"{unit}; {values_stated}check the points of the bodies it connects")
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
         """Coordinates that the user holds, each with what values(joint) gives for it; none without `holding`. Prescribed ones are
@@ -273,11 +272,6 @@ class ConsistentPositions:
         moved = {b.name: float(np.linalg.norm(n.position(after) - n.position(before))) for n, b in self.model.bodies}
         most = max(moved, key=moved.__getitem__)
         return most, moved[most]
-
-    def _report_positions(self, before: Array, after: Array) -> None:
-        most, moved = self._most_moved(before, after)
-        if moved > 1e-9 * self.model.length:
-            self.changes.append(f"to close the loops body '{most}' moved by {moved:.3g} m")
 
     def check_branches(self, q: Array) -> None:
         """Raise StartError where a joint is on another branch of its constraints than stated: its axes are reversed, or a
