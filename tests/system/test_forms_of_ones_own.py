@@ -252,7 +252,7 @@ def _texts(tree, labels):
             stated = (entry for entry in made.body if isinstance(entry, ast.Assign | ast.AnnAssign))
             said |= {id(node) for entry in stated for node in ast.walk(entry)}
             said |= {id(node) for node in ast.walk(made) if getattr(node, "value", None) == made.name}
-        elif isinstance(made, ast.Call) and ast.unparse(made.func) == "Later":
+        elif isinstance(made, ast.Call) and ast.unparse(made.func) in ("Later", "later"):
             said |= {id(node) for node in made.args}
         elif isinstance(made, ast.Constant) and isinstance(made.value, str) and made.value in labels:
             found.append(made)
