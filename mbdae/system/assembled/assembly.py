@@ -332,13 +332,19 @@ class Assembly:
     def _whole(self, fy: Array, fyp: Array) -> Array:
         return np.stack([self._full(fy), self._full(fyp)])
 
+    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as full matrices (k, n, n) at k states, t (k,), y and yp (k, n)."""
+        fy, fyp = self.evaluation.jacobians(t, y, yp)
+        return self._full(fy), self._full(fyp)
+
     def _full(self, data: Array) -> Array:
-        """The full matrix (n, n) with these entries (nnz,)."""
+        """The full matrices (..., n, n) with these entries (..., nnz)."""
+        shape = *data.shape[:-1], self.n, self.n
         if not self.has_pattern:
-            return data.reshape(self.n, self.n).T
-        dense = np.zeros(self.n * self.n)
-        dense[self._dense] = data
-        return dense.reshape(self.n, self.n)
+            return data.reshape(shape).swapaxes(-1, -2)
+        dense = np.zeros((*data.shape[:-1], self.n * self.n))
+        dense[..., self._dense] = data
+        return dense.reshape(shape)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays, each (n, n) or (nnz,) as in `jacobian`."""
