@@ -1,8 +1,9 @@
 """How much small disturbances grow over a run: the linearised equations, carried along its steps.
 
-In every piece of the run E x' + A x = 0, with E = dF/dy' and A = dF/dy, is solved by one step of Radau IIA(3) for some disturbances
-at once; with many unknowns E and A are those in the middle of the piece. Pieces are some steps together, as far as that changes
-nothing, or parts of steps in which positions change much. `growing` sees to it that the steps of a run follow what grows.
+In every piece of the run E x' + A x = 0, with E = dF/dy' and A = dF/dy, is solved by one step of Radau IIA(3) for some
+disturbances at once; with many unknowns E and A are those in the middle of the piece. Pieces are some steps together, as far as
+that changes nothing, or parts of steps in which positions change much. `growing` sees to it that the steps of a run follow what
+grows.
 """
 
 from __future__ import annotations
@@ -32,14 +33,14 @@ SMALL = 60  #: largest number of unknowns for which all stages of a step are sol
 COPIES = 2  #: number of disturbances, drawn at random, that are carried along
 MOST = 50_000  #: largest number of pieces of a run along which disturbances are carried
 #: largest numbers of steps of the run in one piece that are tried one after the other, each where the pieces are FEWER times more
-#: than before and less than the finest, until the largest rise (natural logarithm) changes by less than SURE, or by less than CLEAR of what is left to
-#: the value on which a decision depends
+#: than before and less than the finest, until the largest rise (natural logarithm) changes by less than SURE, or by less than
+#: CLEAR of its distance from the value on which a decision depends
 TOGETHER, FEWER, SURE, CLEAR = (32, 16, 8, 4, 2, 1), 1.5, 0.5, 0.3
 BLOCK = 2**13  #: number of pieces whose matrices are computed together, times the square of the number of unknowns
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
 TINY = 1e-300
 VANISHED = 1e-150  #: size of a disturbance, after a step from size 1, below which nothing is left of it: no motion is free
-#: largest change of a position in a piece, of pieces of several steps up to WIDER times as large, and largest number of parts of a
+#: largest change of a position in a piece, in pieces of several steps up to WIDER times as large; largest number of parts of a
 #: step
 TURNED, WIDER, PARTS = 0.1, 8, 16
 PLACES = 50  #: number of times at which the largest coordinate is sought
@@ -66,9 +67,8 @@ class Disturbances:
     def course(self, enough: float = math.inf, least: float = 0.0) -> tuple[Array, Array] | None:
         """Times (k,), s, at the ends of pieces of the run, and there the natural logarithm of the size (k,) of the disturbances
         that grow most. Velocities are measured in units in which they are as large as the positions in the median, so that a
-        vibration rises by nothing. The pieces are halved until the largest rise stays, or is
-        for sure below `least`, or is known to be above or below `enough`. None where an impact leaves it unknown, equations
-        are singular, or there are more than MOST pieces."""
+        vibration rises by nothing. The pieces are halved until the largest rise stays, is surely below `least`, or above or below
+        `enough`. None where an impact leaves it unknown, equations are singular, or there are more than MOST pieces."""
         if self._run.stats.contacts or len(self._run.t) < 2:
             return None
         finest, found, fewest = self._pieces(1), None, 0.0
