@@ -19,7 +19,7 @@ from mbdae.integrators.record import Record
 from mbdae.integrators.solution import Interpolant, Solution, Stats, said
 from mbdae.integrators.stored_runs import active
 from mbdae.system.base import Array, System
-from mbdae.threads import came
+from mbdae.threads import came, limited
 from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
 DEFAULT_ACCURACY = 1e-6
@@ -174,7 +174,8 @@ class Solver(ABC):
                          begin=begin, share=share)
         if doubt := system.doubt(asked.t_end - float(system.t0)):
             warn(doubt)
-        return said(self.run(system, asked))
+        with limited(asked.max_wall if begin is None else None):
+            return said(self.run(system, asked))
 
     def run(self, system: System, asked: Asked) -> Solution:
         """`solve` with options that have been read."""

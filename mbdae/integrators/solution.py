@@ -17,6 +17,7 @@ from mbdae.deferred import distinct
 from mbdae.errors import ListsAttributes, OptionError, warn
 from mbdae.process import unchanging
 from mbdae.system.base import Array, System
+from mbdae.threads import check
 from mbdae.values import array, option, shown
 
 
@@ -140,6 +141,7 @@ class Solution(ListsAttributes):
         return times
 
     def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:
+        check("a run was evaluated at its outputs")
         times, first, last = self.times(t), self.t[0], self.t[-1]
         flat = function(np.clip(times.ravel(), first, last))
         return flat.reshape(*times.shape, flat.shape[-1])
