@@ -142,8 +142,8 @@ def measured(scene: Any, sensor: str) -> tuple[str, str]:
 
 
 def of_motion(scene: Any, sensor: str) -> bool:
-    """Whether a sensor shows the motion: positions, axes and velocities of bodies and places, coordinates of joints and lengths of
-    forces, with their rates. What contacts measure between surfaces is small beside it."""
+    """Whether a sensor shows the motion: positions, axes and velocities of bodies and places, coordinates of joints and lengths
+    of forces, with their rates. What contacts measure between surfaces is small beside it."""
     if isinstance(scene._by_name.get(sensor), Signal):
         return False
     name, quantity, _ = parsed(sensor)
