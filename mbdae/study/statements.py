@@ -163,7 +163,7 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
         pulse.set(call, value)
     else:
         factor = _set(call, statements[index][0], keys, value, name)
-    statements[index] = _statement(scene, statements[index][0], call)
+    statements[index] = restated(scene, statements[index][0], call)
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
         return replay(data, type(scene), Known(scene.own)), factor
@@ -182,7 +182,7 @@ def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, di
     return names.index(item), call | further
 
 
-def _statement(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
+def restated(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
     """The statement `method(...)` with the arguments `call`, as plain data."""
     signature = inspect.signature(getattr(type(scene), method))
     bound = signature.bind_partial(None)
