@@ -193,11 +193,11 @@ class Solver(ABC):
             with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
                           asked.begin, asked.stop, record, asked.impacts) as loop, (
                               nullcontext() if record is None else record.guarding(loop)):
-                solver._between_breaks(loop, asked)
+                solver.between_breaks(loop, asked)
                 came(solution := loop.solution())
             return solution
 
-    def _between_breaks(self, loop: StepLoop, asked: Asked) -> None:
+    def between_breaks(self, loop: StepLoop, asked: Asked) -> None:
         """Integrate from one break of the inputs of time to the next, with consistent values at the beginning of each part."""
         system, h0, share, further = loop.system, asked.h0, asked.share, asked.edges
         line = None
@@ -226,7 +226,7 @@ class Solver(ABC):
                     if loop.stopped:
                         return
                     self._begin(loop, end, longest, sampler, begin == a != system.t0)
-                    self._part(loop, h0 if begin == system.t0 else None if begin == a else loop.longest)
+                    self._part(loop, h0 if begin == system.t0 else None)
         finally:
             system.read_at(None)
 

@@ -79,12 +79,6 @@ class StepLoop:
         return self._t[-1] - self._t[-2] if len(self._t) > 1 else 0.0
 
     @property
-    def longest(self) -> float | None:
-        """Longest step since the last restart, s; None where no step was made since."""
-        steps = np.diff(self._t[self._restarted :])
-        return float(steps.max()) if len(steps) else None
-
-    @property
     def state(self) -> tuple[Array, Array]:
         """y and yp (n,) of the last accepted step."""
         return self._y.tail[-1], self._yp.tail[-1]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.kernels.plan import plan
-from mbdae.laws.control import Observed, observed_value
+from mbdae.laws.bodies import Observed, observed_value
 from mbdae.native.collocation import SPEEDS, Contacts
 from mbdae.native.program import Operations
 from mbdae.symbolic.switches import switch_kinds, switch_outputs
