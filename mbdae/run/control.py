@@ -39,7 +39,7 @@ from mbdae.run.estimate import (
     windows,
     with_rtol,
 )
-from mbdae.run.growing import Growth, at_least, growing, slowest, unfollowed, unseen
+from mbdae.run.growing import Growth, at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import distance
@@ -227,8 +227,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        least, floor = (at_least(solver), slowest(solver, told, coarse, fine)) if grown else (0.0, 0.0)
-        told.append((tight.tolerance, max(estimated(system, solver, made, measure, outputs, least), floor)))
+        estimate = partial(estimated, system, solver, made, measure, outputs)
+        told.append((tight.tolerance, bounded(tight, told, estimate, coarse, fine) if grown else estimate()))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
@@ -238,7 +238,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
             return _judged_again(system, best, accuracy, asked, made, partial(
-                estimated, system, solver, made, measure, outputs, max(least, AT_ROUND_OFF)))
+                estimate, max(at_least(solver) if grown else 0.0, AT_ROUND_OFF)))
         if too_coarse:
             tight = with_rtol(tight, ceiling)
             continue
@@ -254,7 +254,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
 def _judged_again(system: System, best: Controlled, accuracy: float, asked: Asked, made: list[RunAt],
                   estimate: Callable[[], float]) -> Controlled:
     """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""
-    count, cpu = (0, 0.0) if best.estimate <= accuracy else usual_companion(system, best.solver, replace(asked, share=CLOSER), made)
+    closer_runs = replace(asked, share=CLOSER)
+    count, cpu = (0, 0.0) if best.estimate <= accuracy else usual_companion(system, best.solver, closer_runs, made)
     return replace(best, estimate=min(best.estimate, estimate() if count else math.inf)).after(count, cpu)
 
 

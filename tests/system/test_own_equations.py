@@ -72,7 +72,7 @@ def test_an_index_above_three_is_named():
         out[:] = yp[0] - v1, yp[1] - v2, yp[2] + x1 - x2, yp[3] + x2 - x1 - force, x1 - np.sin(2 * t)
 
     system = mb.DAE(led, [0, 0, 2, -6, 0], [2, -6, 0, 0, 16], index=3, names=["x1", "x2", "v1", "v2", "force"])
-    with pytest.raises(mb.OptionError, match="force has index 5, declared 3; no method here solves equations of an index above 3"):
+    with pytest.raises(mb.OptionError, match="force has index 5, declared 3; no method here solves"):
         system.simulate(3.0, 1e-3)
 
 
