@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.measures import (
+from mbdae.compare.rows import (
     Energies,
     JointForces,
     Measure,
