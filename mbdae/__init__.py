@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.inputs.measured import curve, read_table, table
-    from mbdae.integrators.constant import OneStep
     from mbdae.integrators.dop853 import DOP853
     from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.named import measure_order
+    from mbdae.integrators.one_step import OneStep
     from mbdae.integrators.radau import RadauIIA
     from mbdae.integrators.sundials import CVODE, IDA
     from mbdae.laws.contact import Hertz, Normal
@@ -69,7 +69,7 @@ _HOME = {
     "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials", "Index1": "mbdae.formulations",
     "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.joint", "Kinematic": "mbdae.scene.components",
     "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",
-    "OneStep": "mbdae.integrators.constant", "Planar": "mbdae.laws.joints", "Plane": "mbdae.scene.shapes",
+    "OneStep": "mbdae.integrators.one_step", "Planar": "mbdae.laws.joints", "Plane": "mbdae.scene.shapes",
     "Point": "mbdae.scene.shapes", "PointOnLine": "mbdae.laws.joints", "PointOnPlane": "mbdae.laws.joints",
     "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Screw": "mbdae.laws.joints",
