@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbdae import process
 from mbdae.compare.decision import quartiles
 from mbdae.compare.problem import Problem, with_models
 from mbdae.compare.run import CHOICE, MOST, REPEATED, Equations, Run, warm
@@ -23,6 +22,7 @@ from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Solution, Stats, scaled_distance
 from mbdae.process import cold
+from mbdae.process import measured as counted
 from mbdae.run.control import Controlled, companions_of
 from mbdae.run.job import Job
 from mbdae.scene.sensed import measured
@@ -59,7 +59,7 @@ class Split:
 
     def _made(self, run: Run, form: Form, solver: Solver) -> dict[str, float]:
         """CPU time from the scene to finished equations with empty caches, s."""
-        with cold(), process.measured() as spent:
+        with cold(), counted() as spent:
             warm(system_for(prepare(run.scene or with_models(self.problem.scene, run), t_end=self.problem.t_end), form))
         return {"derive_s": spent.get("derive", 0.0), "compile_s": spent.get("compile", 0.0), "start_s": spent["other"]}
 
