@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.decision import quartiles, rivals
+from mbdae.compare.measures import Reference
 from mbdae.compare.page import Comparison
 from mbdae.compare.problem import (
     Problem,
@@ -21,7 +22,7 @@ from mbdae.compare.problem import (
     new_problem,
     refuse_no_reference,
 )
-from mbdae.compare.rows import Known, Reference, Split, as_asked, executed
+from mbdae.compare.rows import Known, Split, as_asked, executed
 from mbdae.compare.run import CHOICE, Run, checked_runs, default_runs, is_all, progress_of_runs, shipped_runs
 from mbdae.compare.table import Row, TightestRun, asked_for, pairwise, tightest, with_front
 from mbdae.errors import MbdaeError, OptionError, naming_arguments

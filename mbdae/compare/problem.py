@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.rows import (
+from mbdae.compare.measures import (
     Energies,
     JointForces,
     Measure,

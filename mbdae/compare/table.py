@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.decision import decision, reaches, seconds
-from mbdae.compare.rows import Reference
+from mbdae.compare.measures import Reference
 from mbdae.study import Study, grid
 from mbdae.system.base import Array
 from mbdae.values import flag, number, option

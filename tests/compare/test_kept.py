@@ -13,7 +13,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.compare import Checkpoint
-from mbdae.compare.rows import Reference
+from mbdae.compare.measures import Reference
 from mbdae.compare.table import Row, TightestRun
 
 HOSTILE = ["os:system", "__import__('os').system('touch X')", "", "x" * 100_000, -1, 10**400, 1e308, float("nan"), True, None,

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 import mbdae as mb
+from mbdae.compare.measures import Reference
 from mbdae.compare.page import own_look
 from mbdae.compare.problem import _of_the_nearest
-from mbdae.compare.rows import Reference
 from mbdae.compare.table import Row, with_front
 from mbdae.process import cold, made_once, measured, spends
 
