@@ -30,7 +30,6 @@ from mbdae.inputs.timed import TIME
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.kernels.plan import plan
-from mbdae.laws.friction import Friction
 from mbdae.notation import counted
 from mbdae.results.clearance import observed_outputs
 from mbdae.results.contacts import contacts_of
@@ -44,8 +43,9 @@ from mbdae.system.scene_system import SceneSystem
 
 if TYPE_CHECKING:
     from mbdae.integrators import contact_steps
+    from mbdae.laws.friction import Friction
 else:
-    contact_steps = Later("mbdae.integrators.contact_steps")
+    contact_steps, Friction = Later("mbdae.integrators.contact_steps"), Later("mbdae.laws.friction", "Friction")
 
 #: outputs of laws whose expressions are searched for steep functions: forces, constraint rows, rates of internal states
 STATED = (loads, position, state_rate_outputs)
