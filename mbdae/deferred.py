@@ -5,11 +5,13 @@ imported whole where their names are asked for."""
 
 from __future__ import annotations
 
+import re
 import sys
 from functools import cache
 from importlib import import_module
 from inspect import isabstract
-from pkgutil import walk_packages
+from pathlib import Path
+from pkgutil import ModuleInfo, walk_packages
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -78,14 +80,23 @@ T = TypeVar("T")
 
 
 @cache
-def classes_in(folder: str, base: type[T]) -> tuple[type[T], ...]:
+def classes_in(folder: str, base: type[T], called: str = "") -> tuple[type[T], ...]:
     """The classes of a folder ("mbdae.integrators") that derive from `base` and leave nothing abstract, by name, without those
-    whose name begins with an underscore. A new one needs no more than its file there."""
+    whose name begins with an underscore. A new one needs no more than its file there. called: a word; files that have not been
+    imported are where their text has a class, or its `word`, with which the word begins, in small letters and digits."""
     top = import_module(folder)
-    modules = [import_module(found.name) for found in walk_packages(getattr(top, "__path__", ()), f"{folder}.")]
+    modules = [import_module(found.name) for found in walk_packages(getattr(top, "__path__", ()), f"{folder}.")
+               if not called or found.name in sys.modules or called.startswith(tuple(_words_of(found)))]
     found = {made.__name__: made for module in (top, *modules) for name, made in vars(module).items()
              if name[0] != "_" and isinstance(made, type) and issubclass(made, base) and not isabstract(made)}
     return tuple(made for _, made in sorted(found.items()))
+
+
+def _words_of(module: ModuleInfo) -> list[str]:
+    """Names and words of the classes that the file of a module states, in small letters."""
+    found = module.module_finder.find_spec(module.name, None)
+    text = Path(found.origin).read_text(encoding="utf-8") if found is not None and found.origin else ""
+    return [word.lower() for word in re.findall(r'^(?:class |    word: ClassVar\[str\] = ")([A-Za-z]\w*)', text, re.M)]
 
 
 def as_full(matrix: Any) -> Any:

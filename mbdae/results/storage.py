@@ -37,7 +37,7 @@ from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.redundancy import RankReport
 from mbdae.system.start import Start
 from mbdae.system.start_with_contacts import expected_contacts
-from mbdae.values import BadValueError, shown
+from mbdae.values import BadValueError, plain, shown
 
 _START = ("q", "u", "s", "acceleration", "multipliers")
 _RANK = ("kept", "dropped", "singular_here", "not_unique")
@@ -223,7 +223,7 @@ def _info_of(solver: Any) -> dict[str, Any]:
 def _solver(stored: dict[str, Any], known: Known) -> Any:
     """The solver made from its options, which it checks itself."""
     name = without_module(stored["class"])
-    cls = {stored_name(own): own for own in solvers()}.get(name) or known.find(name, Solver)
+    cls = {stored_name(own): own for own in solvers(plain(name.rpartition(":")[2]))}.get(name) or known.find(name, Solver)
     given = [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []
     unknown = sorted(set(stored["options"]) - set(given))
     if unknown:

@@ -4,11 +4,11 @@ then the loops are closed."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import sp
+from mbdae.deferred import later, sp
 from mbdae.errors import StartError
 from mbdae.inputs import timed
 from mbdae.scene.components import Body, Connection
@@ -19,10 +19,14 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.changes import largest_violation, least_change, sparse_least_change, violations
+from mbdae.system.changes import RigidMotions, largest_violation, least_change, sparse_least_change, violations
 from mbdae.system.model.nodes import JointMotion, drawn_quaternion, quaternion_product, rotation_matrices
 from mbdae.system.motion.mechanics import Mechanics, in_units
-from mbdae.system.start_of_beams import RigidMotions, can_bend, closed_by_bending
+
+if TYPE_CHECKING:
+    from mbdae.system.start_of_beams import can_bend, closed_by_bending
+else:
+    can_bend, closed_by_bending = later("mbdae.system.start_of_beams", "can_bend", "closed_by_bending")
 
 Held = tuple[Connection, str, float]  #: a joint, one of its coordinates, and the value at which it is held
 CLOSED = 1e-12  #: largest violation (over the scene's length, or rad) at which the iteration that closes loops stops
@@ -157,7 +161,7 @@ class ConsistentPositions:
         try:
             return self.close(q)
         except StartError:
-            can = can_bend(self.mechanics)
+            can = bool(self.model.lines) and can_bend(self.mechanics)
             found = closed_by_bending(self.mechanics, q, self._closure, self._closure_jacobian, CLOSED) if can else None
             if found is None:
                 raise

@@ -8,11 +8,11 @@ that is not held.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import as_full, sp
+from mbdae.deferred import as_full, later, sp
 from mbdae.errors import StartError
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -24,7 +24,11 @@ from mbdae.system.base import Array
 from mbdae.system.changes import JointMotions, least_change, sparse_least_change
 from mbdae.system.model.nodes import rotation_of
 from mbdae.system.positions import ConsistentPositions
-from mbdae.system.start_of_beams import Bending, can_bend
+
+if TYPE_CHECKING:
+    from mbdae.system.start_of_beams import Bending, can_bend
+else:
+    Bending, can_bend = later("mbdae.system.start_of_beams", "Bending", "can_bend")
 
 ROUNDING = 1e-11  #: error of velocities computed along a tree, over the largest speed, up to which it counts as round-off
 
@@ -201,7 +205,7 @@ class Starter(ConsistentPositions):
         left = off(projected)
         if not self._far(left, projected):
             return projected, change
-        if can_bend(self.mechanics):
+        if self.model.lines and can_bend(self.mechanics):
             bending = Bending(self.mechanics, q)
             slow = bending.least(A, -off(np.zeros_like(u)), bending.inertia @ u)
             if not self._far(off(slow), slow):

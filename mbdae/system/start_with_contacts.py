@@ -18,6 +18,7 @@ from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.law import Impact
 from mbdae.system.base import Array
+from mbdae.system.changes import RigidMotions
 from mbdae.system.model.model import FLAT, build, scene_length
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.constrained import largest_entries, row_lengths
@@ -25,7 +26,6 @@ from mbdae.system.motion.mechanics import InstanceNumber, Mechanics, approaches,
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.nearest import start_positions
 from mbdae.system.start import Start, Starter
-from mbdae.system.start_of_beams import RigidMotions
 
 #: factor by which the scale of mu (stabilising multipliers of GGL) exceeds that of the positions. mu accumulates local errors of
 #: the positions and is not smooth: with the scale of the positions BDF rejects every second step (Andrews' squeezer, rtol 1e-9:

@@ -2,6 +2,7 @@
 this file states them."""
 
 import ast
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -213,7 +214,7 @@ def test_comparisons_and_maps_run_them():
 
 def test_a_class_in_a_folder_of_the_package_is_known_by_its_names(monkeypatch):
     """Words, stored files and the runs of maps read the same list."""
-    monkeypatch.setattr("mbdae.integrators.named.classes_in", lambda folder, base: (mb.IDA, Late))
+    monkeypatch.setattr("mbdae.integrators.named.classes_in", lambda folder, base, called: (mb.IDA, Late))
     monkeypatch.setattr("mbdae.formulations.classes_in", lambda folder, base: (mb.GGL, Stabilised))
     named = [module.__dict__[name] for module in (mbdae.integrators.named, mbdae.formulations)
              for name in ("solver_words", "_full_names", "form_words") if name in vars(module)]
@@ -226,6 +227,18 @@ def test_a_class_in_a_folder_of_the_package_is_known_by_its_names(monkeypatch):
     finally:
         for one in named:
             one.cache_clear()
+
+
+def test_a_word_finds_its_file_in_the_folder(tmp_path, monkeypatch):
+    """No other file of the folder is imported for it."""
+    (tmp_path / "on_time.py").write_text("from mbdae.integrators.one_step import OneStep\n\n\nclass Punctual(OneStep):\n"
+                                         "    order = 1\n\n    def advance(self, f, t, y, h):\n        return y + h * f(t, y)\n")
+    (tmp_path / "other.py").write_text("raise AssertionError\n")
+    monkeypatch.setattr(mbdae.integrators, "__path__", [str(tmp_path)])
+    try:
+        assert solver_of("punctual").label == "Punctual"
+    finally:
+        sys.modules.pop("mbdae.integrators.on_time")
 
 
 #: texts that are no labels: prefixes of names in C, headings of reports
