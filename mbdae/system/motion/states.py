@@ -41,13 +41,13 @@ class States:
 
     def __init__(self, model: Model, rows: list[Row], redundant: int = 0) -> None:
         self.model, self.rows, self.redundant = model, rows, redundant
-        self.numbering = Numbering(model, rows, ("lambda", "z"))
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
-        self._plans: dict[Any, list[tuple[int, Plan]]] = {}
-
-    @cached_property
-    def _evaluator(self) -> Evaluator:
-        return Evaluator(self.numbering)
+        key = tuple(rows)
+        if key not in model.kept:
+            model.kept[key] = Evaluator(Numbering(model, rows, ("lambda", "z"))), {}
+        kept: tuple[Evaluator, dict[Any, list[tuple[int, Plan]]]] = model.kept[key]
+        self._evaluator, self._plans = kept
+        self.numbering = self._evaluator.numbering
 
     @cached_property
     def reactive(self) -> list[int]:
@@ -199,6 +199,8 @@ class States:
     def of_states(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
         """Values (nt, ns) of outputs that belong to the internal states, such as their start values or rates."""
         size = len(self.numbering.states)
+        if not size:
+            return np.zeros((len(t), 0))
         return self.at_states((outputs, "states"), lambda part: self.added(part, outputs, size, self._in_states), t, q, u, s)
 
     def forces(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
