@@ -312,12 +312,17 @@ def computed_reference(problem: Problem, smallest: float, equations: Equations |
             return replace(found, confirmed_by=name, difference=gap, differences=gaps), values
     if len(made) == 1:
         return replace(found, note="not confirmed by a second method: " + "; ".join(reasons)), values
-    # the reference where no second run confirms the first: of the two runs with the smallest difference the one that was
-    # made earlier, with that difference as its uncertainty. made: (name, number of steps, CPU time in s, values) of every
-    # run
-    gap, i, j = min([(problem.error(made[j][-1][0], made[i][-1][0]), i, j) for j in range(len(made)) for i in range(j)])
+    return _of_the_nearest(problem, found, made)
+
+
+def _of_the_nearest(problem: Problem, first: Reference, made: Sequence[tuple[str, int | None, float | None, Any]]
+                    ) -> tuple[Reference, list[Any]]:
+    """The reference where no second run confirms the first: of the two runs with the smallest difference the one that was made
+    earlier, with that difference as its uncertainty. made: (name, number of steps, CPU time in s, values) of every run."""
+    pairs = [(problem.error(made[j][-1][0], made[i][-1][0]), i, j) for j in range(len(made)) for i in range(j)]
+    gap, i, j = min(pairs)
     name, steps, cpu, values = made[i]
-    own = found if i == 0 else Reference(name, None, None, None, steps, cpu)
+    own = first if i == 0 else Reference(name, None, None, None, steps, cpu)
     note, gaps = f"errors below {gap:.0e} are not known", problem.errors(made[j][-1], values)
     return replace(own, confirmed_by=made[j][0], difference=gap, note=note, differences=gaps), values
 

@@ -203,7 +203,7 @@ def test_a_run_that_was_killed_goes_on(solver, form, tmp_path, monkeypatch):
 
 
 def test_comparisons_and_maps_run_them():
-    runs = [mb.Run(solver, form) for solver, form in OWN]
+    runs = [mb.Run(solver, form) for solver, form in OWN] + [mb.Run(Bogacki(rtol=1e-6), Accelerations())]
     found = mb.compare(four_bar(), 0.1, accuracies=(1e-3,), runs=[*runs, mb.Run(mb.RadauIIA(3), Stabilised())])
     assert len(found.runs) == len(runs) + 1
     assert all(run.error < 1e-3 for run in found.runs)
