@@ -107,15 +107,10 @@ class Linearization(OnMesh, Modes[Mode]):
         """Damping ratios (modes,)."""
         return np.array([mode.damping for mode in self.modes])
 
-    @cached_property
-    def _metric(self) -> Any:
-        """(nu, nu) mass matrix in the frame's components, from M of the nodes."""
-        return self.pencil.C.T @ (self.pencil.C.T @ self.prepared.mechanics.mass.T).T
-
     def shares(self, vector: Array) -> dict[str, float]:
         """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
         m = self.prepared.mechanics
-        return shares(m, self._metric, motion(m, vector))
+        return shares(m, self.pencil.C.T @ (self.pencil.C.T @ self.prepared.mechanics.mass.T).T, motion(m, vector))
 
     def __str__(self) -> str:
         name = f"'{self.prepared.model.scene.name}'{self._plane}"

@@ -25,7 +25,6 @@ from mbdae.deferred import Later, distinct, median
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.laws.friction import Friction
 from mbdae.notation import counted
 from mbdae.results.clearance import observed_outputs
 from mbdae.results.contacts import contacts_of
@@ -35,8 +34,9 @@ from mbdae.system.prepare import Prepared
 
 if TYPE_CHECKING:
     from mbdae.integrators import contact_steps
+    from mbdae.laws.friction import Friction
 else:
-    contact_steps = Later("mbdae.integrators.contact_steps")
+    contact_steps, Friction = Later("mbdae.integrators.contact_steps"), Later("mbdae.laws.friction", "Friction")
 
 #: sticking is resolved where the tolerance of velocities (rtol times the typical speed) is at most this fraction of the velocity
 #: over which friction changes

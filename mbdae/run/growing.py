@@ -24,7 +24,7 @@ from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.run.amplification import SMALL, Disturbances, full_jacobians
+from mbdae.run.amplification import SMALL, Disturbances
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth_roots import GrowthFound, Look, Spectra, positions, roots_at
 from mbdae.system.base import Array, System
@@ -77,13 +77,9 @@ def growing(system: System, run: Solution, closely: bool = False) -> list[Growth
     that is kept on disk, and what the system remembers of the run is as before."""
     memory = system.memory()
     try:
-        return kept_value(lambda: _growing(system, run, closely), _plain, _read)
+        return kept_value(lambda: _growing(system, run, closely), lambda parts: [list(part) for part in parts], _read)
     finally:
         system.remember(memory)
-
-
-def _plain(parts: list[Growth]) -> list[list[float]]:
-    return [list(part) for part in parts]
 
 
 def _read(stored: list[list[float]]) -> list[Growth]:
@@ -181,7 +177,7 @@ def _varies(system: System, run: Solution) -> bool:
     if system.timeline is not None:
         return system.timeline(t0, t1) is not None
     y, yp = run.y[0], run.yp[0]
-    there = [np.hstack(full_jacobians(system, t0 + part * (t1 - t0), y, yp)) for part in (0.0, *BETWEEN)]
+    there = [np.hstack(system.dense_parts(t0 + part * (t1 - t0), y, yp)) for part in (0.0, *BETWEEN)]
     return bool(np.max(np.ptp(there, axis=0)) > CHANGED * np.max(np.abs(there)))
 
 
@@ -192,7 +188,7 @@ def _by_varying(system: System, run: Solution, spectra: Spectra,
     looks, idle = spectra.looks, spectra.idle(FAINT)
     hidden = [i for i, one in enumerate(idle) if one.size > 0]
     coarse = any(one.unseen * look.h > FOLLOWED / 4 for one, look in zip(idle, looks, strict=True))
-    course = Disturbances(system, run).course() if len(hidden) > 1 and coarse else None
+    course = Disturbances(system, run).course(least=VARYING) if len(hidden) > 1 and coarse else None
     if course is None or np.max(course[1]) - np.min(course[1]) < VARYING:
         return found, [0.0] * len(looks)
     first, last = hidden[0], hidden[-1]
