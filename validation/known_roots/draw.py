@@ -177,7 +177,8 @@ def points(d: Draw) -> Known:
     for i, m in enumerate(masses):
         k, c = d.sometimes(d.wide(1e-2), 0.5), d.sometimes(d.wide(1e-2), 0.7) if damped else 0.0
         body = s.rigid_body(f"b{i}", m, 0.0, at=(0, up * (i + 1)))
-        s.revolute(f"R{i}", before, body, at=(0, up * i), model=model, **({"spring": k} if k else {}), **({"damper": c} if c else {}))
+        values = ({"spring": k} if k else {}) | ({"damper": c} if c else {})
+        s.revolute(f"R{i}", before, body, at=(0, up * i), model=model, **values)
         before = body
         between(K, i, i - 1 if i else None, k)
         between(C, i, i - 1 if i else None, c)
