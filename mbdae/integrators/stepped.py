@@ -316,5 +316,4 @@ class Stepped(Solver):
         def measure(t: Array, a: Array, b: Array) -> Array:
             return scaled_distance(system, a, b, ALGEBRAIC)
 
-        second = second_method(self, system, asked, goal, measure)
-        return halved(self, system, asked, goal, measure, second).solution
+        return halved(self, system, asked, goal, measure, second_method(self, system, asked, goal, measure)).solution

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mbdae.errors import NamesArguments
 from mbdae.inputs import timed
 from mbdae.integrators.solution import Solution
 from mbdae.kernels.plan import Outputs, plan
+from mbdae.process import unchanging
 from mbdae.scene.components import Connection
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
@@ -54,6 +55,7 @@ class Instant:
     label: str
     y: Array = field(repr=False)
     yp: Array = field(repr=False)
+    fixed: ClassVar[bool] = True
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Instant:
         """The same for other unknowns y (1, n) and yp (1, n); t and pieces, which interpolants of runs need, are not used."""
@@ -86,7 +88,7 @@ class RunStates(NamesArguments):
     """A run of a prepared scene, read at times t (nt,)."""
 
     def __init__(self, prepared: Prepared, solution: Solution, t: Array) -> None:
-        self.prepared, self.solution, self.t = prepared, solution, np.asarray(t, dtype=float)
+        self.prepared, self.solution, self.t = prepared, solution, unchanging(np.array(t, dtype=float))
         self._silent = False  # while an expression is read, its sensors tell nothing: it does
 
     def _judge(self, quantity: Any) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.kernels.plan import plan
-from mbdae.laws.control import Observed, observed_value
+from mbdae.laws.bodies import Observed, observed_value
 from mbdae.native.collocation import SPEEDS, Contacts
 from mbdae.native.program import Operations
 from mbdae.symbolic.switches import switch_kinds, switch_outputs
@@ -226,7 +226,7 @@ def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, 
 
 def emitted(kernels: Sequence[tuple[Any, Any]], part: Operations) -> Any:
     """Append kernels with the slots that they read; returns the slots of all values."""
-    return np.concatenate([kernel.emit(part, gather).ravel() for kernel, gather in kernels])
+    return np.concatenate([kernel.emit(part, gather).ravel() for kernel, gather in kernels] or [np.empty(0, dtype=np.intp)])
 
 
 class Observer:

@@ -17,6 +17,7 @@ from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.motion.constrained import Evaluator
+from mbdae.threads import check
 
 #: index and sign table by which the quaternion product is a matrix product: P o r = (P[FACTORS] * SIGNS) r
 FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
@@ -94,6 +95,7 @@ class AllBodies:
 
     def _of_all(self, t: Array, q: Array, u: Array, up: Array | None = None) -> tuple[Array, Array, Array]:
         """q, u and u' (nt, ...) of all nodes from those of the unknowns; up: None for 0."""
+        check("the motion of all bodies was evaluated")
         y = np.zeros((2, len(t), self.numbering.n))
         y[0, :, : self.nq], y[0, :, self.nq : self.nq + self.nu] = q, u
         y[1, :, self.nq : self.nq + self.nu] = 0.0 if up is None else up

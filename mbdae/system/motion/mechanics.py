@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import Later, issparse, sp, splu
+from mbdae.deferred import issparse, later, sp, splu
 from mbdae.kernels.plan import linearised_plan
 from mbdae.native.program import Operations
 from mbdae.symbolic.derive import Derived
@@ -27,7 +27,7 @@ from mbdae.threads import one_thread
 if TYPE_CHECKING:
     from mbdae.system.model.beams import ElementBatch, batches
 else:
-    batches = Later("mbdae.system.model.beams", "batches")
+    (batches,) = later("mbdae.system.model.beams", "batches")
 
 AT_ONCE = 100  #: number of rows whose `mobility` is computed together in large scenes with beams, which bounds the memory
 LARGE = 400  #: number of velocities above which mass matrix and constraint Jacobian are stored as sparse matrices
@@ -143,8 +143,7 @@ class Mechanics(States):
 
     def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
         """The result of `mobility_with_joints`, by one factorisation of sparse matrices."""
-        at = np.array([t])
-        G, places, give = self._entries_and_give(at, q[None])
+        G, places, give = self._entries_and_give(np.array([t]), q[None])
         found = FixedPattern(self.mass, self.m, *places, None)
         solve = found.at(found.values(G, None)[0], give[0], self.redundant > 0)
         return np.array([row @ solve(np.r_[row, np.zeros(self.m)])[: self.nu] for row in rows])
