@@ -252,7 +252,7 @@ class Assembly:
         terms = None
         if self.has_pattern:
             terms = JacobianTerms(self._jacobian, self._trees, self._pattern, self._place, self._c)
-        elif self._inert:
+        elif self._inert and not self.numbering.m:
             raise internal("a law outside of a tree that is evaluated joint by joint adds inertia to its bodies")
         made = EquationsOfScene(self.numbering, self.moved, self._residual, self._offset, self._inertia, terms)
         if not self.numbering.m and terms is not None:
