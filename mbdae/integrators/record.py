@@ -24,10 +24,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, SolverError, Stopping, WallClockError
 from mbdae.integrators.matrices import keep_order, kept_order
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.stored_runs import DamagedError, Keeper, NotPlainError, Stopping, Tree, packed
+from mbdae.integrators.stored_runs import DamagedError, Keeper, NotPlainError, Tree, packed
 from mbdae.native import Entries, Order
 from mbdae.native.collocation import Contacts
 from mbdae.native.equations import Equations, Number, Whole

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import as_full
 from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.native.program import Operations
 from mbdae.symbolic.law import Element
@@ -164,7 +165,7 @@ class TreeMechanics(Mechanics):
             return self._by_passes(t, q, qr, ur)
         T = e.velocity_map(t, qr)
         bias = e.accelerations(t, qr, ur, np.zeros_like(ur))
-        G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), self.mass, self.closing
+        G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), as_full(self.mass), self.closing
         Tt, units = T.transpose(0, 2, 1), 1 / self.velocity_units[e.numbering.of_velocities]
         mass, rows = Tt @ (M @ T), G[:, closing] @ T
         right = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias)
