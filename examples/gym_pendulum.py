@@ -1,8 +1,8 @@
 """A pendulum to be swung up, as an environment of gymnasium, stepped by `s.stepper`.
 
 The torque is at most a third of the weight's moment, so that the rod has to be swung. The action is the torque over its limit;
-the observation cos, sin of the angle from upright, and the rate; the reward 0 at rest upright, negative elsewhere. An episode begins
-hanging, turned by up to 0.1 rad, and ends after 200 steps of 50 ms.
+the observation cos, sin of the angle from upright, and the rate; the reward 0 at rest upright, negative elsewhere. An episode
+begins hanging, turned by up to 0.1 rad, and ends after 200 steps of 50 ms.
 
 `swing_up` needs no learning: energy that is pumped in until it is that of the upright rod, E = m g a. It drives along the rate,
 while E is too small, so that the rod comes to within 0.2 rad of upright.

@@ -1,7 +1,7 @@
 """A loop in real time: an inverted pendulum on a cart, held upright by a controller outside of the scene, every 2 ms.
 
-Every step has to be computed before the next one is due. The loop measures its longest step and the margin: the part of the period
-that it leaves. `run(paced=True)` waits for the clock, as with hardware in the loop; without, it goes as fast as it can.
+Every step has to be computed before the next one is due. The loop measures its longest step and the margin: the part of the
+period that it leaves. `run(paced=True)` waits for the clock, as with hardware in the loop; without, it goes as fast as it can.
 
 The gains place all four poles of the linearised pendulum, for the force u = k . (x, v, angle, rate), so that a small angle is
 forgotten.
