@@ -1,8 +1,7 @@
 """A crane lifts a load on four falls: a rope from a drum over the boom's pulleys and a hook block of two.
 
-The rope carries a quarter of the load, and the load rises by a quarter of what the drum winds. The drum, of radius R, is driven at
-w = 2 rad/s after a smooth start; the hook then rises with R w / 4. The tension in the steady lift is m g / 4; the rope, EA = 4 MN,
-is longer by T L / EA.
+The rope carries a quarter of the load, and the load rises by a quarter of what the drum winds. The drum, of radius R, is driven
+at w = 2 rad/s after a smooth start; the hook then rises with R w / 4, and the tension is m g / 4.
 
 Run it:  mbdae run examples/hook_block.py --out out
 """

@@ -184,7 +184,8 @@ class Rope(Force):
     goes along the common tangents of circles about points of the bodies: exact where their axes are parallel."""
 
     params = params(
-        stiffness=("N", "tension over strain, EA"), damping=("N s", "tension over rate of strain"), length=("m", "natural length"),
+        stiffness=("N", "tension over strain, EA"), damping=("N s", "tension over rate of strain"),
+        length=("m", "natural length"),
         radius_k=("m", "radius of the drum on k"), radius_l=("m", "radius of the drum on l"),
         angle_k=("rad", "direction of the rope about k.z as drawn"), angle_l=("rad", "direction of the rope about l.z as drawn"),
     )
@@ -192,8 +193,8 @@ class Rope(Force):
               "turned_l": Parameter("rad", "angle of the rope about the drum on l, turn after turn")}
     dissipative = True
     sticks = False
-    ends = MappingProxyType({"on_pulleys": "the rope has left a pulley, on which the equations keep it as if it were glued there: "
-                             "end the run before, or leave that pulley out"})
+    must_stay = MappingProxyType({"on_pulleys": "the rope has left a pulley, on which the equations keep it as if it were glued "
+                                                "there: end the run before, or leave that pulley out"})
     pulleys: ClassVar[int] = 0  #: number of frames between k and l on the way of the rope, p1, p2, ...
 
     def undefined_at(self) -> tuple[str, ...]:
@@ -269,7 +270,8 @@ def _between(a: Vec, b: Vec, frames: list[Frame]) -> Vec:
     if not (first and second) or any(f.kind.flat for f in frames):
         return a if first else b
     both = (a + b).named()
-    return both / let(both.norm())
+    halfway: Vec = both / let(both.norm())
+    return halfway
 
 
 def _tangent(d: Vec, first: Expr | None, second: Expr | None, axis: Vec) -> tuple[Expr, Vec]:
@@ -331,8 +333,8 @@ def tangents(points: Array, radii: Array, axis: Array) -> tuple[Array, Array]:
 
 
 def wraps_of(ways: Array, radii: Array, axis: Array) -> Array:
-    """Angles (..., s - 2), rad, by which directions (..., s - 1, 3) turn about the axis at the circles between, with the sign of the
-    radii (s,), less than a turn."""
+    """Angles (..., s - 2), rad, by which directions (..., s - 1, 3) turn about the axis at the circles between, with the sign of
+    the radii (s,), less than a turn."""
     before, after, sense = ways[..., :-1, :], ways[..., 1:, :], np.sign(radii[1:-1])
     turn = np.arctan2(np.cross(before, after) @ axis, np.sum(before * after, axis=-1))
     return np.asarray(sense * np.mod(sense * turn, 2 * np.pi))

@@ -312,5 +312,5 @@ def _sensor(run: RunStates, item: Body | Connection) -> Any:
     if isinstance(item, Connection):
         if item.loose or any(isinstance(law, Contact) for law in item.laws):
             return (ClearanceSensor if item.loose else ContactSensor)(run, item)
-        return (RopeSensor if any(getattr(law, "ends", None) for law in item.laws) else ConnectionSensor)(run, item)
+        return (RopeSensor if any(getattr(law, "must_stay", None) for law in item.laws) else ConnectionSensor)(run, item)
     return BeamSensor(run, item) if isinstance(item, Beam) else BodySensor(run, item)

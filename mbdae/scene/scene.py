@@ -187,9 +187,9 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @statement
     def rope(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: Any, damping: Any = 0.0, length: Any = None,
              over: Any = (), radius_k: Any = None, radius_l: Any = None, axis: Any = (0, 0, 1)) -> Connection:
-        """A rope that pulls only, from a point of k over pulleys to one of l (m, as drawn): `stiffness` EA, N, tension over strain;
-        `damping` N s, tension over rate of strain; natural `length` m (default: of its path as drawn). Each is a number or an
-        expression of mb.t and sensors, such as the length of a winch.
+        """A rope that pulls only, from a point of k over pulleys to one of l (m, as drawn): `stiffness` EA, N, tension over
+        strain; `damping` N s, tension over rate of strain; natural `length` m (default: of its path as drawn). Each is a number
+        or an expression of mb.t and sensors, such as the length of a winch.
 
         `over`: pulleys without friction in the order of the rope, (body, radius) or (body, radius, centre), m; the radius is
         positive where the rope goes about `axis` with the right hand. `radius_k`, `radius_l`: the end is wound on a drum about
@@ -216,8 +216,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
 
     def _check_rope(self, item: str, bodies: list[Body], natural: float, wraps: Any) -> None:
         if not np.isfinite(natural) or natural == 0:
-            self.problems.append(f"{item}: circles overlap, or points meet, as drawn: there is no tangent between them; draw them "
-                                 f"apart")
+            self.problems.append(f"{item}: circles overlap, or points meet, as drawn: there is no tangent between them; draw "
+                                 f"them apart")
         for body, wrap in zip(bodies, wraps, strict=True):
             if isinstance(body, Beam):
                 self.problems.append(f"{item}: a pulley cannot be on the beam '{body.name}'; put a body on it by s.weld")

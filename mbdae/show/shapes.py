@@ -75,8 +75,8 @@ class _Builder(JointShapes, BodyShapes):
         at, at_l = ends(item)
         if item.kind not in UNMARKED:
             self._marked(item, "dot" if item.kind == "bushing" else "pin", item.k)
-        draw = {"rope": self._rope, "spring": self._spring, "pointspring": self._spring, "bushing": self._bushing, "force": self._load,
-                "torque": self._load}
+        draw = {"rope": self._rope, "spring": self._spring, "pointspring": self._spring, "bushing": self._bushing,
+                "force": self._load, "torque": self._load}
         if item.kind in draw:
             draw[item.kind](item, law)
         if item.k.is_ground and item.kind not in ("force", "torque", "bushing"):

@@ -271,7 +271,7 @@ class Force(TwoBodyLaw):
         """Quantities that sensors show in addition to force, torque and power, by name."""
         return {}
 
-    ends: ClassVar[Mapping[str, str]] = MappingProxyType({})  #: observed quantities -> warning where one is negative
+    must_stay: ClassVar[Mapping[str, str]] = MappingProxyType({})  #: observed quantities -> warning where one is negative
 
     def losses(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Its dissipated power by cause ("impact", "friction"), W; the rest counts as "other"."""
