@@ -41,6 +41,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "shape": (Shape, list), "color": (str, list), "normal": (Normal,),
     "curve": (str, FunctionType), "f": (AsGiven,), "memory": (AsGiven,), "reads": (list, str), "sets": (list, str),
     **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
+    "over": (list,),
 }
 
 
