@@ -89,7 +89,7 @@ class Symbols:
 _KINDS = ("a number", "a number", "a vector", "a matrix")
 
 
-class Reader:
+class LatexReader:
     """Evaluates one formula."""
 
     def __init__(self, line: Sequence[str], symbols: Symbols, points: int) -> None:

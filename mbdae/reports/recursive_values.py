@@ -13,7 +13,7 @@ from mbdae.kernels.tree_plan import Piece, tree_plan
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import INERTIA, Letter, second_rate_of
 from mbdae.reports.page import Check
-from mbdae.reports.statement import Statement
+from mbdae.reports.statement import ReportedLaw
 from mbdae.reports.states import POINTS, STEP, SymbolValues, random_state, residual
 from mbdae.reports.tree_vectors import VectorTree, link_of, tree_of
 from mbdae.reports.vectors import Base
@@ -32,7 +32,7 @@ class RecursiveValues(LawPage):
     def __init__(self, law: type[Joint], structure: Structure, others: frozenset[str] = frozenset()) -> None:
         plain = {"kept": True, "friction": None, "rubs": None}
         options = tuple((name, plain.get(name, value)) for name, value in structure.options)
-        s = Statement(law, replace(structure, options=options, timed=frozenset()))
+        s = ReportedLaw(law, replace(structure, options=options, timed=frozenset()))
         super().__init__(s, rows=False, others=others, state=random_state(s.derived, seed=4))
         link = link_of(law, s.structure, s.law.derived())
         self.tree, self.plan = VectorTree(s, link), tree_plan(tree_of(link))
@@ -204,6 +204,6 @@ class RecursiveValues(LawPage):
         return np.einsum("pij,pj->pi", self.Rl, np.stack([found["u", 1, i] for i in (3, 4, 5)], -1))
 
 
-def _name(s: Statement, side: str) -> str:
+def _name(s: ReportedLaw, side: str) -> str:
     found: str = next(name for name, place in s.places.items() if place == side)
     return found
