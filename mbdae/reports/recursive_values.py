@@ -197,8 +197,7 @@ class RecursiveValues(LawPage):
         st, s = self.state, self.s
         given = dict(st.given) | {f"k_v{i + 1}": np.zeros(POINTS) for i in range(3)}
         spin = np.einsum("pji,pj->pi", self.Rk, turn_k)
-        given |= {f"k_W{i + 1}": spin[:, i] for i in range(3)}
-        given |= {str(s.clock[c]): symbols[str(c)] for c in s.virtual}
+        given |= {f"k_W{i + 1}": spin[:, i] for i in range(3)} | {str(s.clock[c]): symbols[str(c)] for c in s.virtual}
         given |= {f"{side}_W{i + 1}": symbols[f"d{side}_W{i + 1}"] for side in s.turning.values() for i in range(3)}
         found = self.run(self.plan.forward, state=SymbolValues(st.d, given))
         return np.einsum("pij,pj->pi", self.Rl, np.stack([found["u", 1, i] for i in (3, 4, 5)], -1))
