@@ -84,7 +84,7 @@ class ContactSensor(ConnectionSensor):
     @quantity("m")
     def penetration(self) -> Array:
         """Depth by which the surfaces overlap, m; 0 where they are apart."""
-        return np.maximum(0.0, -self.gap)
+        return np.asarray(np.maximum(0.0, -self.gap))
 
     @judged
     @quantity("N", loop=True)
