@@ -82,8 +82,7 @@ COARSE = 3.0
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
-#: smallest ratio of the error to the difference from a companion where round-off bounds the tolerance, and errors fall no more:
-#: measured with a multiplier of a pendulum, RadauIIA(5) at 1e-11
+#: smallest ratio of the error to the difference from a companion at the smallest tolerance, where errors need not fall any more
 AT_ROUND_OFF = 1.0
 SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 #: length, in longest steps, of short runs that show vibrations shorter than a step, and number of times of the comparison
@@ -162,8 +161,8 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     """A run in which no contact closes and opens inside a step, and whose steps follow every disturbance that grows unseen: where
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
-    depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
-    given = len(asked.bounds)
+    depth, given = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), len(asked.bounds)
+    runs, cpu = 0, 0.0
     for repeats in range(REPEATS + 1):
         made, grown = list[RunAt](), len(asked.bounds) > given
         try:
@@ -255,13 +254,14 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
 def _judged_again(system: System, best: Controlled, accuracy: float, asked: Asked, made: list[RunAt],
                   estimate: Callable[[], float]) -> Controlled:
     """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""
-    closer_runs = replace(asked, share=CLOSER)
-    count, cpu = (0, 0.0) if best.estimate <= accuracy else usual_companion(system, best.solver, closer_runs, made)
+    if best.estimate <= accuracy:
+        return best
+    count, cpu = usual_companion(system, best.solver, replace(asked, share=CLOSER), made)
     return replace(best, estimate=min(best.estimate, estimate() if count else math.inf)).after(count, cpu)
 
 
 def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
-    """`asked` for a run after `count` others, with shorter longest steps; kept: how many of these were the first companions."""
+    """`asked` for a run after `count` others, with shorter longest steps; kept: how many of them were the first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
 
 
@@ -346,5 +346,4 @@ def _by_speeds(run: Solution, measure: Measure) -> Measure:
 
 def plausible(accuracy: Any, name: str = "accuracy") -> float:
     """An accuracy as a float; OptionError outside 1e-12 to 0.1."""
-    found: float = option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=1e-12, most=1e-1)
-    return found
+    return float(option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=1e-12, most=1e-1))
