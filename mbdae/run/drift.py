@@ -328,7 +328,7 @@ def held_by_stability(run: Controlled) -> str:
                                 strict=True):
         if system.n > LARGE_MATRIX or system.guards is not None or system.sampled is not None:
             return ""
-        (A,), (E,) = system.dense_stages(t[None], y[None], yp[None])
+        A, E = system.dense_parts(float(t), y, yp)
         rates = np.linalg.eigvals(-np.linalg.solve(E, A))
         decays.append(float(np.max(-rates.real, where=np.abs(rates.real) > np.abs(rates.imag), initial=0.0)))
     if not median(h * decays) > HELD:
