@@ -114,8 +114,7 @@ def usable_streams() -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:
-                nothing = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
-                stack.enter_context(_instead(name, nothing))
+                stack.enter_context(_instead(name, stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
             elif isinstance(getattr(sys, name), io.TextIOWrapper):
                 getattr(sys, name).reconfigure(errors="backslashreplace")
         stack.enter_context(_instead("stdout", _Checked(sys.stdout)))
@@ -125,16 +124,12 @@ def usable_streams() -> Iterator[None]:
             finally:
                 sys.stdout.flush()
         except OutputLostError:
-            _drop_output()
+            # discard buffered output, so that Python does not try to write it at exit
+            with contextlib.suppress(OSError, ValueError, AttributeError):
+                nothing = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nothing, sys.stdout.fileno())
+                os.close(nothing)
             raise
-
-
-def _drop_output() -> None:
-    """Discard buffered output, so that Python does not try to write it at exit."""
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nothing, sys.stdout.fileno())
-        os.close(nothing)
 
 
 @contextlib.contextmanager

@@ -79,12 +79,6 @@ class StepLoop:
         return self._t[-1] - self._t[-2] if len(self._t) > 1 else 0.0
 
     @property
-    def longest(self) -> float | None:
-        """Longest step since the last restart, s; None where no step was made since."""
-        steps = np.diff(self._t[self._restarted :])
-        return float(steps.max()) if len(steps) else None
-
-    @property
     def state(self) -> tuple[Array, Array]:
         """y and yp (n,) of the last accepted step."""
         return self._y.tail[-1], self._yp.tail[-1]
@@ -101,18 +95,16 @@ class StepLoop:
         if isinstance(error, MemoryError):
             raise self.failure("the memory is used up: loosen the accuracy, or make the run shorter", "") from error
         if isinstance(error, ENDS):
-            self._interrupted(error)
+            # attach the solution so far to an exception that ends the call (Ctrl-C, one raised by a user's
+            # handler, a full disk)
+            with keeping(None, "a second time, while what was computed was put together: it is lost"):
+                solution = self.solution()
+            where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
+            interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", solution)
         elif isinstance(error, SolverError):
             error.solution = self.solution() if error.solution is None else error.solution
         elif error is not None:
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g} s (steps made: {self.stats.steps})")
-
-    def _interrupted(self, error: BaseException) -> None:
-        """Attach the solution so far to an exception that ends the call (Ctrl-C, one raised by a user's handler, a full disk)."""
-        with keeping(None, "a second time, while what was computed was put together: it is lost"):
-            solution = self.solution()
-        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
-        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", solution)
 
     def _clock(self) -> None:
         self.stats.wall_s = time.perf_counter() - self._wall + self._before[1]

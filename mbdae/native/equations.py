@@ -237,8 +237,7 @@ class _RateJacobian(_Call):
         self.function = function
 
     def __call__(self, t: float, y: int, yp: int, out: int) -> None:
-        full = self.function(self.system, t, self.at(y).copy(), self.at(yp).copy())
-        self.at(out, self.n**2)[:] = full.ravel(order="F")
+        self.at(out, self.n**2)[:] = self.function(self.system, t, self.at(y).copy(), self.at(yp).copy()).ravel(order="F")
 
 
 def seen(address: int, size: int) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -319,8 +319,7 @@ class Tangent:
         elif kind in (SET, ADD, MULTIPLY):
             self._map(part, step)
         elif kind in (CHOLESKY, SOLVE):
-            right = fields["outputs"] + by
-            part.solve(fields["count"], fields["inputs"], fields["first"], right, fields["times"])
+            part.solve(fields["count"], fields["inputs"], fields["first"], fields["outputs"] + by, fields["times"])
         elif kind != POSITIVE:
             raise internal(f"the derivative of the compiled equations is not known for their operation number {kind}")
 

@@ -99,17 +99,10 @@ def simulate(dae: DAE, t_end: float, accuracy: float, solver: Any, outputs: Any,
     times = output_times(dae.t0, end, outputs)
     wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
     with limited(wall):
-        _refuse(dae, end - dae.t0)
+        if wrong := dae.doubt(end - dae.t0) or inconsistency(dae, end - dae.t0):
+            raise OptionError(wrong)
         run = OwnRun(dae, accuracy, Asked(end, max_wall=wall, progress=progress_of(progress)), times)
         return run.result(*(run.chosen() if method is None else (run.by(method), "")))
-
-
-def _refuse(dae: DAE, span: float) -> None:
-    """Raise OptionError for a declared index that the equations contradict, and for a start that they leave at once."""
-    if wrong := dae.doubt(span):
-        raise OptionError(wrong)
-    if wrong := inconsistency(dae, span):
-        raise OptionError(wrong)
 
 
 class OwnRun:

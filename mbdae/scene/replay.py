@@ -18,7 +18,6 @@ import numpy as np
 from mbdae.deferred import Later
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.laws import exported
-from mbdae.laws.friction import Friction
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, stored_name, without_module
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphere
@@ -30,8 +29,9 @@ from mbdae.values import array, shown
 
 if TYPE_CHECKING:
     from mbdae.laws.contact import Normal
+    from mbdae.laws.friction import Friction
 else:
-    Normal = Later("mbdae.laws.contact", "Normal")
+    Normal, Friction = Later("mbdae.laws.contact", "Normal"), Later("mbdae.laws.friction", "Friction")
 
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {

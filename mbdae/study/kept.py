@@ -96,8 +96,7 @@ def key_of(identity: Any) -> str:
 
 def digest(key: str, row: Any) -> str:
     """A digest of plain data of the call with this key, the same before and after they are written and read."""
-    text = json.dumps([key, json.loads(json.dumps(row))], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps([key, json.loads(json.dumps(row))], sort_keys=True).encode()).hexdigest()[:16]
 
 
 def is_sound(key: str, row: Any) -> bool:

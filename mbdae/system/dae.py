@@ -231,8 +231,7 @@ class DAE(System):
     def _check_jacobian(self) -> None:
         if self._jacobian is None:
             return
-        shape = (self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,)
-        out = np.zeros(shape)
+        out = np.zeros((self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,))
         self.jacobian(self.t0, self.y0.copy(), self.yp0.copy(), 1.0, out)
         if not np.isfinite(out).all():
             raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0:g} s: check its formulas")
@@ -270,8 +269,7 @@ class DAE(System):
         self.declared = int(values)
         result = np.where(algebraic, int(values), 1)
         if values == 3:
-            forced = present_y[:, algebraic].any(axis=1)
-            result[present_yp[forced].any(axis=0)] = 2
+            result[present_yp[present_y[:, algebraic].any(axis=1)].any(axis=0)] = 2
         return result
 
 

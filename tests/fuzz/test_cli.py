@@ -135,7 +135,8 @@ def test_a_signal_in_code_given_as_text_is_the_exit_code(number: int, tmp_path) 
 
 #: contents of FILE that are wrong or odd; what a line of words may be made of
 ODD_FILES = {"empty.py": "", "syntax.py": "def scene(:", "raises.py": "1/0", "quits.py": "import sys; sys.exit(7)",
-             "swing.py": FILE, "none.py": "def scene(): pass", "number.py": "scene = 3", "list.py": "import mbdae as mb\nscene = [mb.Scene()]",
+             "swing.py": FILE, "none.py": "def scene(): pass", "number.py": "scene = 3",
+             "list.py": "import mbdae as mb\nscene = [mb.Scene()]",
              "nul.py": "x = 0\0", "latin.py": "# \udce9", "late.py": FILE.replace("0.01", "'soon'"), "law.txt": "a = b",
              "asks.py": FILE + "\nmeasure = 'hinge.nothing'\n", "needs.py": "def scene(a, b): return a", "dict.py": "scene = {}",
              "runs.py": FILE + "\nruns = 3\n", "vary.py": FILE + "\nvary = {'hinge.nothing': [1]}\n",

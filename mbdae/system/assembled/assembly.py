@@ -28,7 +28,7 @@ from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import Columns, Emitted
-from mbdae.system.motion.mechanics import LARGE
+from mbdae.system.motion.mechanics import LARGE, inputs_of
 from mbdae.threads import check
 
 if TYPE_CHECKING:
@@ -173,16 +173,14 @@ class Assembly:
     def _add_elements(self, batch: ElementBatch, entries: Entries) -> None:
         """Add a kernel over the elements of beams."""
         kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
-        timed = iter([self.numbering.slot(-1, *place) for place in batch.timed])
-        slots = {t: z[:, t[1]] if t[0] == "z" else np.full(len(nodes), next(timed)) if t[0] == "p" else self._nodal(nodes, t)
-                 for t in kernel.inputs}
+        gather = inputs_of(batch, self.numbering)
         rows = np.stack([z[:, t[1]] if t[0] == "z" else self._row_on(nodes, t) for t in kernel.targets], axis=1)
-        gather = np.stack([slots[t] for t in kernel.inputs], axis=1)
         self._residual.kernel(gather, rows, kernel)
         if kernel.jacobian_places:
             at = rows[:, [o for o, _ in kernel.jacobian_places]]
             self._jacobian.kernel(gather, at, ElementJacobian(kernel))
-            entries.varying(at, np.stack([slots[t] for _, t in kernel.jacobian_places], axis=1))
+            number = {t: i for i, t in enumerate(kernel.inputs)}
+            entries.varying(at, gather[:, [number[t] for _, t in kernel.jacobian_places]])
 
     def _add_inertia(self, line: Line, entries: Entries) -> None:
         """Add the consistent mass and the dead loads of a beam."""
@@ -252,7 +250,7 @@ class Assembly:
         terms = None
         if self.has_pattern:
             terms = JacobianTerms(self._jacobian, self._trees, self._pattern, self._place, self._c)
-        elif self._inert and not self.numbering.m:
+        elif self._inert and self.explicit:  # no law of the library does, and inertia belongs to single bodies
             raise internal("a law outside of a tree that is evaluated joint by joint adds inertia to its bodies")
         made = EquationsOfScene(self.numbering, self.moved, self._residual, self._offset, self._inertia, terms)
         if not self.numbering.m and terms is not None:
