@@ -114,8 +114,8 @@ class WallClockError(SolverError):
 
 
 class DiskError(OptionError):
-    """A run or study cannot be kept in the folder or file named for it (`checkpoint`, `resume`): the disk is full or the folder
-    gone. It holds an earlier state, from which the same call goes on; solution: what was computed until now, or None."""
+    """A run or study cannot be kept where it was asked for (`checkpoint`, `resume`): the disk is full or the folder is gone. What
+    is there is an earlier state, from which the same call goes on; solution: what was computed until now, or None."""
 
     solution: Any = None
 
