@@ -13,9 +13,10 @@ import scipy.sparse as sp
 
 from mbdae.analysis.frame import body_of, motion_in_words
 from mbdae.analysis.plane import LOOK, DenseStiffness, Tangent, looked_at
+from mbdae.analysis.state import at_kinks, kinks
 from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
-from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments
+from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments, warn
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy, RunInfo
@@ -125,8 +126,8 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     way. Where the scene has no stiffness without its loads, or they lead to a state whose stiffness is negative, a stable
     state is searched under the full loads.
     progress(load_factor, iterations) is called after every step. out_of_plane: whether the stability of a planar scene with beams
-    or free bodies against motions out of its plane is looked at; an AccuracyWarning tells where these grow. Raises
-    EquilibriumError where there is no such state.
+    or free bodies against motions out of its plane is looked at; an AccuracyWarning tells where these grow, and where a law has a
+    kink exactly there. Raises EquilibriumError where there is no such state.
     """
     refuse_sampled(scene, "equilibrium")
     body = body_of(scene, frame if frame is not None else scene.ground)
@@ -135,8 +136,9 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     look = option("out_of_plane", out_of_plane, flag, LOOK)
     statics = Statics(Rest(prepare(scene), body))
     statics.check_steady(statics.begin)
-    path = _Path(statics, told or (lambda factor, iterations: None))
-    found = path.run()
+    found = _Path(statics, told or (lambda factor, iterations: None)).run()
+    if kinked := kinks(statics.mechanics, (found.prepared.start.t, *(part[0] for part in found._states)), resting=True):
+        warn(at_kinks(kinked, "the stiffness and the number of unstable directions"))
     if look:
         found.out_of_plane = looked_at(found.prepared, found.frame)
     return found

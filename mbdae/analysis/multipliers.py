@@ -18,8 +18,9 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
-from mbdae.analysis.orbit import Departures, check_return, departures, followed, propagated
+from mbdae.analysis.orbit import Departures, Return, check_return, departures, followed, propagated
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
+from mbdae.analysis.state import at_kinks
 from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
 from mbdae.formulations import system_for
 from mbdae.notation import counted
@@ -71,8 +72,8 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     axes = np.eye(3)
     prepared: Prepared
 
-    def __init__(self, prepared: Prepared, period: float, found: Monodromy, basis: Array, departure: float) -> None:
-        self.prepared, self.period, self.departure = prepared, period, departure
+    def __init__(self, prepared: Prepared, period: float, found: Monodromy, basis: Array, returned: Return) -> None:
+        self.prepared, self.period, self.departure, self._smooth = prepared, period, returned.off, not returned.kinks
         self.t, self.steps, self.monodromy, self.unresolved = prepared.start.t, found.steps, found.matrix, found.unresolved
         self.multipliers, self.errors = found.values, found.errors / period
         self.exponents = exponents(found.values, period)
@@ -89,7 +90,9 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     def stable(self) -> bool | None:
         """False where a multiplier found is larger than 1 by more than its error; True where none is: by the numbers, or
         because multipliers lie in pairs mu, 1 / mu, and one alone on the unit circle cannot leave it, nor 1 that of a motion
-        shifted along itself; None where the errors leave it open."""
+        shifted along itself; None where the errors leave it open, and where the motion stays at a kink of a law."""
+        if not self._smooth:
+            return None
         growth, off = self.exponents.real, self.errors
         if np.any(growth > off):
             return False
@@ -190,7 +193,9 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     directions = departures(prepared, system, returned, period)
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
-    made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
+    made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned)
+    if returned.kinks:
+        warn(at_kinks(returned.kinks, "the multipliers"))
     made._finer = finer(partial(floquet, period=period, count=count, accuracy=accuracy), scene, at)
     return made
 

@@ -115,12 +115,8 @@ class Statics:
     def _inertia(self, point: Point) -> Array:
         """(nu,) inertial and gyroscopic forces of rest in the frame, as on the left-hand side of the equations."""
         m = self.mechanics
-        out = np.asarray(m.mass @ point.yp[m.nq : m.nq + m.nu])
-        for g, p, values in m.evaluate(gyroscopic, self.rest.t, self.q(point)[None], self.u(point)[None]):
-            for o, target in enumerate(p.targets):
-                for i in range(values.shape[1]):
-                    out[m.numbering.velocity(target, g, i)] += values[0, i, o]
-        return out
+        gyrating = m.forces(gyroscopic, self.rest.t, self.q(point)[None], self.u(point)[None])[0]
+        return np.asarray(m.mass @ point.yp[m.nq : m.nq + m.nu] + gyrating)
 
     def with_reactions(self, point: Point) -> Point:
         """The point with the multipliers that balance all forces, as far as constraints can; below load factor 1 they balance

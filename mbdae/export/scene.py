@@ -73,7 +73,7 @@ class _Made:
         self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)
         self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
         self.signals, self.signal_pairs = signal_entries(self.numbering)
-        self.numbers, pattern = self.numbering.workspace(1)[0], assembly.pattern
+        self.numbers, pattern = self.numbering.workspace(), assembly.pattern
         assert pattern is not None  # trees that are evaluated joint by joint were replaced above
         self.rows, self.columns = pattern.indices, np.repeat(np.arange(assembly.n), np.diff(pattern.indptr))
 

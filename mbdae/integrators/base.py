@@ -19,7 +19,7 @@ from mbdae.integrators.record import RunRecord
 from mbdae.integrators.solution import Interpolant, Solution, Stats, said
 from mbdae.integrators.stored_runs import active
 from mbdae.system.base import Array, System
-from mbdae.threads import came
+from mbdae.threads import came, limited
 from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
 DEFAULT_ACCURACY = 1e-6
@@ -174,7 +174,8 @@ class Solver(ABC):
                          begin=begin, share=share)
         if doubt := system.doubt(asked.t_end - float(system.t0)):
             warn(doubt)
-        return said(self.run(system, asked))
+        with limited(asked.max_wall if begin is None else None):
+            return said(self.run(system, asked))
 
     def run(self, system: System, asked: Asked) -> Solution:
         """`solve` with options that have been read."""
@@ -192,11 +193,11 @@ class Solver(ABC):
             with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
                           asked.begin, asked.stop, record, asked.impacts) as loop, (
                               nullcontext() if record is None else record.guarding(loop)):
-                solver._between_breaks(loop, asked)
+                solver.between_breaks(loop, asked)
                 came(solution := loop.solution())
             return solution
 
-    def _between_breaks(self, loop: StepLoop, asked: Asked) -> None:
+    def between_breaks(self, loop: StepLoop, asked: Asked) -> None:
         """Integrate from one break of the inputs of time to the next, with consistent values at the beginning of each part."""
         system, h0, share, further = loop.system, asked.h0, asked.share, asked.edges
         line = None
@@ -225,7 +226,7 @@ class Solver(ABC):
                     if loop.stopped:
                         return
                     self._begin(loop, end, longest, sampler, begin == a != system.t0)
-                    self._part(loop, h0 if begin == system.t0 else None if begin == a else loop.longest)
+                    self._part(loop, h0 if begin == system.t0 else None)
         finally:
             system.read_at(None)
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import SolverError
+from mbdae.errors import SolverError, WallClockError
 from mbdae.process import Signals
 
 Pointer, Number, Whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
@@ -192,8 +192,11 @@ class _Call:
                 if caught.signals is not None and caught.signals.waiting:
                     caught.signals.deliver()
                 self(*args)
-            except SolverError:  # there is no value at this state: the integrator may try a shorter step
-                return SINGULAR
+            except SolverError as error:  # there is no value at this state: the integrator may try a shorter step
+                if not isinstance(error, WallClockError):
+                    return SINGULAR
+                caught.error = caught.error or error
+                return RAISED
             except BaseException as error:  # cannot pass through C: `raise_error` raises it afterwards
                 caught.error = caught.error or error
                 return RAISED

@@ -47,12 +47,17 @@ class Batch:
                            f"{end} s")
         self.y, self.last = np.full((k, len(times), n), np.nan), np.full((k, n), np.nan)
         self.code, self.counts = np.zeros(k, dtype=np.int64), np.zeros((3, k), dtype=np.int64)
-        arrays = {"starts": np.array(starts, dtype=float, order="C"), "numbers": np.array(numbers, dtype=float, order="C"),
+        self.starts = np.array(starts, dtype=float, order="C")
+        arrays = {"starts": self.starts, "numbers": np.array(numbers, dtype=float, order="C"),
                   "times": np.append(times, np.inf), "slots": np.array(slots, dtype=np.int64), "out": self.y, "last": self.last,
                   "code": self.code, **dict(zip(("steps", "rejected", "evaluations"), self.counts, strict=True))}
         self._kept, self.n = (arrays, W), n
         self.table = Runs(points=k, width=len(slots), outputs=len(times), from_=begin, end=end, W=W.ctypes.data,
                           **{name: a.ctypes.data for name, a in arrays.items()})
+
+    def again(self, begin: float, end: float) -> None:
+        """Let the same runs begin once more, from `starts` to another end (s)."""
+        self.table.from_, self.table.end, self.table.point, self.table.begun = begin, end, 0, 0
 
     @property
     def done(self) -> int:

@@ -282,6 +282,7 @@ core = declared(
     ("scene_part", ctypes.c_int, (Pointer, Pointer, Number, Pointer, Pointer)),
     ("scene_values", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Whole, Whole, Pointer)),
     ("scene_residuals", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
+    ("scene_jacobians", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Pointer, Pointer)),
 )
 
 

@@ -18,7 +18,7 @@ from mbdae.inputs.breaks import TooManyError, beyond, jumps, unresolved
 from mbdae.inputs.resolution import resolved
 from mbdae.inputs.sensed import paths
 from mbdae.inputs.tables import lookup_of, readable
-from mbdae.laws.control import HeldOutput, InternalState
+from mbdae.laws.bodies import HeldOutput, InternalState
 from mbdae.scene import reading
 from mbdae.scene.components import AsGiven, BeamLoad, Connection, Controller, Signal
 from mbdae.scene.connections import ConnectionStatements

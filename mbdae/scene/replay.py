@@ -24,6 +24,7 @@ from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphe
 from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
+from mbdae.threads import check
 from mbdae.values import array, shown
 
 if TYPE_CHECKING:
@@ -284,6 +285,7 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
     scene = scene_class(data["name"], gravity=data["gravity"], space=data["space"])
     known = known if known is not None else Known()
     for i, entry in enumerate(data["statements"]):
+        check("a scene was made from its statements")
         try:
             _repeat(scene, entry, known)
         except SceneError as error:

@@ -141,6 +141,18 @@ def measured(scene: Any, sensor: str) -> tuple[str, str]:
     return quantity.replace("_", " "), UNITS.get(quantity, "")
 
 
+def of_motion(scene: Any, sensor: str) -> bool:
+    """Whether a sensor shows the motion: positions, axes and velocities of bodies and places, coordinates of joints and lengths
+    of forces, with their rates. What contacts measure between surfaces is small beside it."""
+    if isinstance(scene._by_name.get(sensor), Signal):
+        return False
+    name, quantity, _ = parsed(sensor)
+    item = placed(scene, name)[0]
+    if isinstance(item, Connection):
+        return quantity in item.scalars or quantity in rates_of(item) or (quantity in ("length", "rate") and has_length(item))
+    return quantity in MOTION or quantity == "on_axis"
+
+
 MOTION = {"position": (3,), "velocity": (3,), "angular_velocity": (3,), "rotation": (3, 3)}  #: of bodies: quantity -> shape
 
 

@@ -163,13 +163,7 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
         pulse.set(call, value)
     else:
         factor = _set(call, statements[index][0], keys, value, name)
-    method = statements[index][0]
-    signature = inspect.signature(getattr(type(scene), method))
-    bound = signature.bind_partial(None)
-    further = {key: value for key, value in call.items() if key not in signature.parameters}
-    bound.arguments |= {key: value for key, value in call.items() if key not in further}
-    bound.arguments |= {"further": further} if further else {}
-    statements[index] = [method, list(bound.args[1:]), dict(bound.kwargs)]
+    statements[index] = restated(scene, statements[index][0], call)
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
         return replay(data, type(scene), Known(scene.own)), factor
@@ -185,6 +179,16 @@ def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, di
     method, args, kwargs = statements[names.index(item)]
     call = dict(list(inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs).arguments.items())[1:])
     return names.index(item), call | call.pop("further", {})
+
+
+def restated(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
+    """The statement `method(...)` with the arguments `call`, as plain data."""
+    signature = inspect.signature(getattr(type(scene), method))
+    bound = signature.bind_partial(None)
+    further = {key: value for key, value in call.items() if key not in signature.parameters}
+    bound.arguments |= {key: value for key, value in call.items() if key not in further}
+    bound.arguments |= {"further": further} if further else {}
+    return [method, list(bound.args[1:]), dict(bound.kwargs)]
 
 
 def items_of(scene: SceneData) -> str:

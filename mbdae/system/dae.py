@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdae.deferred import csc_matrix, issparse
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, WallClockError
 from mbdae.notation import counted
 from mbdae.system.base import Array, Switches, System
 from mbdae.system.shown_index import Differences, checked_partition, contradiction
+from mbdae.threads import check
 from mbdae.values import array, function, largest, number, of_class, option, optional, sequence, shown, text
 
 #: largest residual of an equation at the start that is accepted, over the magnitude of its terms as estimated from its
@@ -91,7 +92,7 @@ class DAE(System):
         self._check_start(self.yp0, *parts[0], "the start is not consistent", "correct y0 or yp0")
         self._rates: Any = optional("rhs", rhs, function, "give a function f(t, y, out), or None", takes="t, y, out")
         if self._rates is not None:
-            self.rhs = lambda t, y, out: _fill("rhs", self._rates(t, y, out), out, t)
+            self.rhs = self._filled_rates
             self.rhs(self.t0, self.y0.copy(), rates := np.full(self.n, np.nan))
             if not np.isfinite(rates).all():
                 row = int(np.flatnonzero(~np.isfinite(rates))[0])
@@ -113,6 +114,8 @@ class DAE(System):
         if self._doubt is None:
             try:
                 self._doubt = contradiction(self, span)
+            except WallClockError:
+                raise
             except Exception:  # a function that fails here fails in the run too, which says after which time
                 self._doubt = ""
         return self._doubt
@@ -135,6 +138,7 @@ class DAE(System):
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
+        check("the residual was evaluated")
         _fill("residual", self._function(t, y, yp, out), out, t)
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
@@ -143,6 +147,7 @@ class DAE(System):
             fy, fyp = self.jacobian_parts(t, y, yp)
             out[...] = fy + cj * fyp
             return
+        check("the Jacobian was evaluated")
         _fill("jacobian", self._jacobian(t, y, yp, cj, out), out, t)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
@@ -150,6 +155,10 @@ class DAE(System):
         if self._jacobian is not None:
             return super().jacobian_parts(t, y, yp)
         return self._own_differences.parts(t, y, yp)
+
+    def _filled_rates(self, t: float, y: Array, out: Array) -> None:
+        check("the right-hand side was evaluated")
+        _fill("rhs", self._rates(t, y, out), out, t)
 
     def probes(self) -> list[tuple[float, Array, Array]]:
         """States (t, y, y') at which the pattern of the Jacobian is found: the start, where entries may be 0 by chance, and two

@@ -21,6 +21,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
+from mbdae.system.base import Kept
 from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into
 from mbdae.system.model.nodes import (
     Group,
@@ -61,6 +62,7 @@ class Model:
     undefined: list[str] = field(default_factory=list)  #: vanished rows that are undefined: a point mass has no axes
     scenery: Any = None  #: nodes by which sensors are found, see `Scenery`
     conditions: ConditionTime = field(default_factory=ConditionTime)
+    kept: Kept = field(default_factory=Kept, init=False, repr=False, compare=False)  #: what is made once of rows in force
 
     @cached_property
     def nq(self) -> int:
