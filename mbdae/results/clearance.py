@@ -84,7 +84,8 @@ class ContactSensor(ConnectionSensor):
     @quantity("m")
     def penetration(self) -> Array:
         """Depth by which the surfaces overlap, m; 0 where they are apart."""
-        return np.asarray(np.maximum(0.0, -self.gap))
+        depth: Array = np.maximum(0.0, -self.gap)
+        return depth
 
     @judged
     @quantity("N", loop=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -25,16 +25,27 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Measure, Solution, check_times, scaled_distance
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun, some_of
-from mbdae.run.contacts import Hidden, hidden_contacts, largest_tolerance, resolving
-from mbdae.run.estimate import RunAt, beginning_at, companions, estimated, fall_shown, share_of, usual_companion, windows
-from mbdae.run.growing import Growth, at_least, growing, slowest, unfollowed, unseen
+from mbdae.run.contacts import Hidden, hidden_contacts, resolving
+from mbdae.run.estimate import (
+    LOOSEST,
+    RunAt,
+    beginning_at,
+    companions,
+    estimated,
+    fall_shown,
+    first_tolerance,
+    share_of,
+    usual_companion,
+    windows,
+    with_rtol,
+)
+from mbdae.run.growing import Growth, at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import distance
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option
 
-LOOSEST = 1e-2  #: largest rtol of a companion; the other runs have at most half of it
 #: largest number of runs from the last of the first companions on, failed ones included; for batches largest number of estimates
 ATTEMPTS = 5
 FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
@@ -140,13 +151,8 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
             distance = second.distance(run.solution, run.estimate)
             second.tell(run.estimate, distance, accuracy)
             run = replace(run, estimate=distance).after(second.runs, second.cpu_s)
-    return replace(run, notes=_last_of_each_kind([*run.notes, *(str(w.message) for w in caught)]))
-
-
-def _last_of_each_kind(notes: Sequence[str]) -> tuple[str, ...]:
-    """Of notes that differ from the time they name onwards ("at t = ...") the last: every run of a search may say the same of
-    another time."""
-    return tuple({note.split(" at t = ")[0]: note for note in notes}.values())
+    notes = [*run.notes, *(str(w.message) for w in caught)]  # of those that differ in the time they name ("at t = ...") the last
+    return replace(run, notes=tuple({note.split(" at t = ")[0]: note for note in notes}.values()))
 
 
 def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -195,10 +201,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s, told=found.told)
         others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
         return with_short_vibrations(replace(run, others=others), system, prepared, accuracy, measure)
-    ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
-    limit = solver.tightest.get(system.label, solver.tightest[""])
-    tight = solver.at_accuracy(accuracy, system.label)
-    tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
+    tight, ceiling, limit = first_tolerance(system, prepared, solver, accuracy)
     best, made[:] = companions_of(system, tight, asked)
     most = best.runs + ATTEMPTS - 1 + (0 if system.guards is None else FURTHER)
     count, kept = len(made), len(companions(system, solver))
@@ -217,14 +220,14 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             raise
         except SolverError as error:
             best = replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
-            tight = _with_rtol(tight, (tight.tolerance * loose) ** 0.5)
+            tight = with_rtol(tight, (tight.tolerance * loose) ** 0.5)
             if tight.tolerance > 0.5 * loose:
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        least, floor = (at_least(solver), slowest(solver, told, coarse, fine)) if grown else (0.0, 0.0)
-        told.append((tight.tolerance, max(estimated(system, solver, made, measure, outputs, least), floor)))
+        estimate = partial(estimated, system, solver, made, measure, outputs)
+        told.append((tight.tolerance, bounded(tight, told, estimate, coarse, fine) if grown else estimate()))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
@@ -234,16 +237,16 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
             return _judged_again(system, best, accuracy, asked, made, partial(
-                estimated, system, solver, made, measure, outputs, max(least, AT_ROUND_OFF)))
+                estimate, max(at_least(solver) if grown else 0.0, AT_ROUND_OFF)))
         if too_coarse:
-            tight = _with_rtol(tight, ceiling)
+            tight = with_rtol(tight, ceiling)
             continue
         stuck = len(estimates) > 2 and best.estimate > max(LARGE, max(estimates[:-1]) / CHAOTIC)
         if system.guards is not None and stuck:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
         falls = (0.5 * accuracy / best.estimate) ** (1 / fall_shown(told))
         falls = float(np.clip(falls, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
-        tight = _with_rtol(tight, max(tight.tolerance * falls, limit))
+        tight = with_rtol(tight, max(tight.tolerance * falls, limit))
     return best
 
 
@@ -276,7 +279,7 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
     made: list[RunAt] = []
     for rtol in dict.fromkeys(rtols):
-        solver = _with_rtol(tight, rtol)
+        solver = with_rtol(tight, rtol)
         try:
             run = solver.run(system, closer(asked, tight, len(made), len(rtols)))
         except SolverError as error:
@@ -339,10 +342,6 @@ def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> fl
     steps = run.t[:: len(run.t) // SAMPLES + 1]
     both = np.concatenate([times, steps])
     return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))
-
-
-def _with_rtol(solver: Solver, rtol: float) -> Solver:
-    return replace(solver, rtol=rtol)  # type: ignore[type-var]
 
 
 def plausible(accuracy: Any, name: str = "accuracy") -> float:

@@ -25,7 +25,6 @@ from mbdae.results.clearance import ClearanceSensor
 from mbdae.results.contacts import contacts_at
 from mbdae.results.result import Result
 from mbdae.results.states import Energy, has_power
-from mbdae.run.amplification import full_jacobians
 from mbdae.run.contacts import RESOLVED, reversing, slowest_velocities, stepped_over, typical_speed
 from mbdae.run.control import Controlled
 from mbdae.system.motion.mechanics import row_sizes
@@ -329,7 +328,7 @@ def held_by_stability(run: Controlled) -> str:
                                 strict=True):
         if system.n > LARGE_MATRIX or system.guards is not None or system.sampled is not None:
             return ""
-        A, E = full_jacobians(system, float(t), y, yp)
+        A, E = system.dense_parts(float(t), y, yp)
         rates = np.linalg.eigvals(-np.linalg.solve(E, A))
         decays.append(float(np.max(-rates.real, where=np.abs(rates.real) > np.abs(rates.imag), initial=0.0)))
     if not median(h * decays) > HELD:

@@ -179,29 +179,22 @@ def found(scene: Any, path: str) -> Sensed:
     except SceneError:
         raise BadValueError(_unknown(scene, path)) from None
     if isinstance(item, Connection):
-        return _of_connection(scene, path, item, quantity)
-    if isinstance(item, Body):
-        return _of_body(scene, path, Sensed(item, quantity, entry, point=None if where is None else item.at(where).point))
-    raise BadValueError(_unknown(scene, path))
-
-
-def _of_connection(scene: Any, path: str, item: Connection, quantity: str) -> Sensed:
-    rates = rates_of(item) if isinstance(item.joint, Joint) else {}
-    if quantity in item.scalars or quantity in rates:
-        return Sensed(item, rates.get(quantity, quantity), rated=quantity in rates)
-    _refuse_loop(path, quantity)
-    raise BadValueError(_unknown(scene, path))
-
-
-def _of_body(scene: Any, path: str, sensed: Sensed) -> Sensed:
-    shape = MOTION.get(sensed.quantity)
-    if shape is None:
-        _refuse_loop(path, sensed.quantity)
+        rates = rates_of(item) if isinstance(item.joint, Joint) else {}
+        if quantity in item.scalars or quantity in rates:
+            return Sensed(item, rates.get(quantity, quantity), rated=quantity in rates)
+        _refuse_loop(path, quantity)
         raise BadValueError(_unknown(scene, path))
-    if len(sensed.entry) != len(shape) or max(sensed.entry) > 2:
-        example = f"{sensed.item.name}.{sensed.quantity}[{', '.join('1' for _ in shape)}]"
-        raise BadValueError(f"'{path}' names no component; write it as '{example}', with indices from 0 to 2")
-    return sensed
+    if isinstance(item, Body):
+        sensed = Sensed(item, quantity, entry, point=None if where is None else item.at(where).point)
+        shape = MOTION.get(sensed.quantity)
+        if shape is None:
+            _refuse_loop(path, sensed.quantity)
+            raise BadValueError(_unknown(scene, path))
+        if len(sensed.entry) != len(shape) or max(sensed.entry) > 2:
+            example = f"{sensed.item.name}.{sensed.quantity}[{', '.join('1' for _ in shape)}]"
+            raise BadValueError(f"'{path}' names no component; write it as '{example}', with indices from 0 to 2")
+        return sensed
+    raise BadValueError(_unknown(scene, path))
 
 
 def _refuse_loop(path: str, quantity: str) -> None:
@@ -214,16 +207,12 @@ def _refuse_loop(path: str, quantity: str) -> None:
 
 
 def _unknown(scene: Any, path: str) -> str:
-    known = known_paths(scene)
-    few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
-    return f"there is no sensor '{path}': {meant(path, known)}known sensors: {few or 'none'}"
-
-
-def known_paths(scene: Any) -> list[str]:
-    """The sensors that may be read, by path."""
+    # the sensors that may be read, by path
     joints = [f"{c.name}.{q}" for c in scene.joints for q in (*c.scalars, *rates_of(c))]
     bodies = [f"{b.name}.{q}[{', '.join('0' for _ in shape)}]" for b in scene.bodies for q, shape in MOTION.items()]
-    return [*(one.name for one in scene.signals), *joints, *bodies]
+    known = [*(one.name for one in scene.signals), *joints, *bodies]
+    few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
+    return f"there is no sensor '{path}': {meant(path, known)}known sensors: {few or 'none'}"
 
 
 def refuse_sampled(scene: Any, analysis: str) -> None:
