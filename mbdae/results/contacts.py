@@ -25,7 +25,6 @@ INSIDE = 6
 #: largest number of times, of those at which the quantity was evaluated, around which its largest value is sought more closely
 BEST = 5
 FINER, ROUNDS = 9, 12  #: number of times per round of a closer search, and of its rounds
-SETTLED = 1e-13  #: it ends where a round, of times a quarter as far apart, adds no more than this part of the value
 #: distance from the end of a step, over its length, of the last time read inside it: accelerations may jump at its end
 JUST = 1e-9
 #: with more than MANY steps those alone are looked into in which a larger value can be. A parabola rises above the ends of a step
@@ -113,9 +112,7 @@ def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple
         seen = np.nan_to_num(sizes(result, quantity, grid.ravel()).reshape(grid.shape), nan=-np.inf)
         k, column = np.argmax(seen, axis=0), np.arange(len(near))
         i = int(np.argmax(seen[k, column]))
-        before, best = best[0], max(best, (float(seen[k[i], i]), float(grid[k[i], i])))
-        if best[0] - before <= SETTLED * best[0]:
-            break
+        best = max(best, (float(seen[k[i], i]), float(grid[k[i], i])))
         low, high = grid[np.maximum(k - 1, 0), column], grid[np.minimum(k + 1, FINER - 1), column]
     return best
 
