@@ -23,9 +23,9 @@ from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.amplification import decided_by_round_off
 from mbdae.run.checks import doubts
-from mbdae.run.control import LARGE, Controlled
+from mbdae.run.control import LARGE
 from mbdae.run.drift import Assessment, doubts_of_steps, energy_drift, joint_drift, reliability
-from mbdae.run.estimate import SLOW
+from mbdae.run.estimate import SLOW, Controlled
 from mbdae.run.growing import left_behind, total
 from mbdae.scene.models import spanning_tree
 from mbdae.symbolic.frames import NodeKind

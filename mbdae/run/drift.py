@@ -26,7 +26,7 @@ from mbdae.results.contacts import contacts_at
 from mbdae.results.result import Result
 from mbdae.results.states import Energy, has_power
 from mbdae.run.contacts import RESOLVED, reversing, slowest_velocities, stepped_over, typical_speed
-from mbdae.run.control import Controlled
+from mbdae.run.estimate import Controlled
 from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.system.start_with_contacts import ExpectedContact

@@ -23,7 +23,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Event
 from mbdae.results.result import Result
 from mbdae.run.conditions import Condition
-from mbdae.run.control import Controlled
+from mbdae.run.estimate import Controlled
 from mbdae.run.event_roots import SAME, Course, Root
 from mbdae.run.job import Job
 from mbdae.run.pieces import Signals, may_be_observed, probe

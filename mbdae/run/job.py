@@ -48,8 +48,9 @@ from mbdae.run.assessment import assessed, singular_stop
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contacts import hidden_contacts, refuse_unresolved
-from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
+from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, run_controlled
 from mbdae.run.drift import Assessment, joint_drift
+from mbdae.run.estimate import UNTESTED, Controlled, cpu_of
 from mbdae.run.growing import growing, unfollowed
 from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified, with_forces, with_lost_vibrations

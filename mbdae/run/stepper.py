@@ -27,8 +27,8 @@ from mbdae.results.states import Instant
 from mbdae.run.batch import State, States, Window
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.contacts import refuse_unresolved
-from mbdae.run.control import CLOSER, measure_of
-from mbdae.run.estimate import LOOSEST, companions, first_tolerance, share_of, with_rtol
+from mbdae.run.control import CLOSER
+from mbdae.run.estimate import LOOSEST, companions, first_tolerance, measure_of, share_of, with_rtol
 from mbdae.scene.record import item_name
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData

@@ -36,7 +36,8 @@ from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
 from mbdae.run.amplification import Amplified
-from mbdae.run.control import Controlled, Probe, closer, cpu_of, measure_of, other_run, run_controlled, with_left_out
+from mbdae.run.control import closer, run_controlled
+from mbdae.run.estimate import Controlled, Probe, cpu_of, measure_of, other_run, with_left_out
 from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array

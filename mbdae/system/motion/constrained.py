@@ -315,7 +315,7 @@ class Evaluator(Workspace):
     def at_states(self, name: Any, emitted: Callable[[Operations], Any], t: Array, y: Array, yp: Array | None = None) -> Array:
         """The results (k, width) of a list at times (k,), unknowns y (k, n or more) and their rates, of the same shape, which are
         0 unless given. Other threads wait."""
-        return self._owner.alone(self._evaluated, name, emitted, t, y, yp)
+        return self._owner.waiting(self._evaluated, name, emitted, t, y, yp)
 
     def _evaluated(self, name: Any, emitted: Callable[[Operations], Any], t: Array, y: Array, yp: Array | None) -> Array:
         t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)

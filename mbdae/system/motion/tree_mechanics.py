@@ -65,7 +65,7 @@ class _Accelerations(Evaluator):
 
     def of_forces(self, t: Array, q: Array, u: Array, f: Array) -> Array:
         """u' (nt, nu) of all nodes at q, u of the unknowns (nt, ...), for forces f (nt, nu) on all nodes."""
-        return self._owner.alone(self._of_forces, t, q, u, f)
+        return self._owner.waiting(self._of_forces, t, q, u, f)
 
     def _of_forces(self, t: Array, q: Array, u: Array, f: Array) -> Array:
         y, out = np.zeros((1, self.n)), np.empty_like(f)
