@@ -205,6 +205,16 @@ class Beside:
         return self.margin * self.distance(other)
 
 
+SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
+
+
+def by_speeds(run: Solution, measure: Measure) -> Measure:
+    """The measure with differences of velocities relative to the speeds of the whole `run`."""
+    steps = run.t[:: len(run.t) // SAMPLES + 1]
+    whole = run(steps)
+    return lambda t, a, b: measure(np.r_[t, steps], np.concatenate([a, whole]), np.concatenate([b, whole]))
+
+
 #: a run is said to reject too many steps where these are at least MANY times those accepted, and where FEW steps or more were
 #: accepted. Measured: at most 0.51 times in the examples, with each of the default solver, IDA and Radau IIA, contacts included;
 #: 0.87 times, at 20 times the cost, where IDA stays at short steps (transistor amplifier)

@@ -36,7 +36,7 @@ import numpy as np
 from mbdae.errors import FINAL, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.solution import Beside, Measure, Solution, check_times, scaled_distance
+from mbdae.integrators.solution import Beside, Measure, Solution, by_speeds, check_times, scaled_distance
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.run.contacts import Hidden, largest_tolerance
 from mbdae.run.growing import Growth
@@ -208,7 +208,6 @@ def fall_shown(told: list[tuple[float, float]]) -> float:
 
 #: said where short runs beside a complete one could not be made
 UNTESTED = "the run attached (attribute `solution`) is complete; whether its steps leave out fast vibrations was not tested"
-SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 #: length, in longest steps, of short runs that show vibrations shorter than a step, and number of times of the comparison
 FIRST_STEPS, PROBES = 5.0, 200
 
@@ -302,15 +301,8 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
             close = error.solution
         times = np.linspace(begin, float(close.t[-1]), probe.samples)
-        window = Beside(close, times, _by_speeds(solution, measure), probe.margin, better=True)
+        window = Beside(close, times, by_speeds(solution, measure), probe.margin, better=True)
         estimate = max(estimate, window.error(solution) + (run.estimate if begin == solution.t[0] else 0.0))
         beside = other_run(probe.system, probe.prepared, window, "window") if run.others else ()
         run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
     return replace(run, estimate=estimate)
-
-
-def _by_speeds(run: Solution, measure: Measure) -> Measure:
-    """The measure with differences of velocities relative to the speeds of the whole `run`."""
-    steps = run.t[:: len(run.t) // SAMPLES + 1]
-    whole = run(steps)
-    return lambda t, a, b: measure(np.r_[t, steps], np.concatenate([a, whole]), np.concatenate([b, whole]))
