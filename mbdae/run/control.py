@@ -22,7 +22,7 @@ from mbdae.deferred import distinct
 from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.solution import Measure, Solution, check_times, scaled_distance
+from mbdae.integrators.solution import Beside, Measure, Solution, check_times, scaled_distance
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.run.contacts import Hidden, hidden_contacts, resolving
@@ -128,14 +128,15 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
-def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float, kind: str = "companion",
+def other_run(system: System, prepared: Prepared | None, one: Beside, kind: str = "companion",
               ratio: float = 0.0) -> tuple[OtherRun, ...]:
-    """A companion run with some of the `times` of its comparison with the run that is returned, to estimate errors of all that is
-    read. share: assumed ratio of the error to the difference of both; 1 with contacts; ratio: its tolerance over the run's."""
+    """A run beside the run that is returned, with some of the times of their comparison, to estimate errors of all that is read.
+    ratio: its tolerance over the run's."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
-    share = 1.0 if prepared.contacts else share  # errors of forces were measured to fall more slowly than those of the motion
-    return (OtherRun.beside(run, some_of(times, run.y.shape[1], bool(prepared.contacts)), share, kind=kind, ratio=ratio),)
+    share = 1.0 if prepared.contacts else one.margin  # errors of forces were measured to fall more slowly than those of motions
+    times = some_of(one.times, one.run.y.shape[1], bool(prepared.contacts))
+    return (OtherRun.beside(one.run, times, share, kind=kind, ratio=ratio),)
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -199,7 +200,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     if solver.by_steps:
         found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s, told=found.told)
-        others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
+        others = other_run(system, prepared, found.coarser) if found.coarser is not None else ()
         return with_short_vibrations(replace(run, others=others), system, prepared, accuracy, measure)
     tight, ceiling, limit = first_tolerance(system, prepared, solver, accuracy)
     best, made[:] = companions_of(system, tight, asked)
@@ -230,7 +231,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         told.append((tight.tolerance, bounded(tight, told, estimate, coarse, fine) if grown else estimate()))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
-            system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
+            system, prepared, Beside(run, check_times(run, outputs), measure, share_of(system, solver, tight.tolerance / before)),
             ratio=before / tight.tolerance))
         best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others, told=tuple(told), limit=limit)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
@@ -329,19 +330,18 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
             close = error.solution
         times = np.linspace(begin, float(close.t[-1]), probe.samples)
-        left = probe.margin * _apart(solution, close, times, measure)
-        estimate = max(estimate, left + (run.estimate if begin == solution.t[0] else 0.0))
-        beside = other_run(probe.system, probe.prepared, close, times, probe.margin, "window") if run.others else ()
+        window = Beside(close, times, _by_speeds(solution, measure), probe.margin, better=True)
+        estimate = max(estimate, window.error(solution) + (run.estimate if begin == solution.t[0] else 0.0))
+        beside = other_run(probe.system, probe.prepared, window, "window") if run.others else ()
         run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
     return replace(run, estimate=estimate)
 
 
-def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> float:
-    """Largest distance of the run `close` from `run` at some times; differences of velocities are relative to the speeds of the
-    whole `run`."""
+def _by_speeds(run: Solution, measure: Measure) -> Measure:
+    """The measure with differences of velocities relative to the speeds of the whole `run`."""
     steps = run.t[:: len(run.t) // SAMPLES + 1]
-    both = np.concatenate([times, steps])
-    return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))
+    whole = run(steps)
+    return lambda t, a, b: measure(np.r_[t, steps], np.concatenate([a, whole]), np.concatenate([b, whole]))
 
 
 def plausible(accuracy: Any, name: str = "accuracy") -> float:

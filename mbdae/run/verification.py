@@ -29,13 +29,12 @@ from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.solution import Solution, check_times
+from mbdae.integrators.solution import Beside, Solution, check_times
 from mbdae.integrators.stored_runs import keeping_runs
 from mbdae.laws.bodies import ORDERS
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
-from mbdae.results.states import states_of
 from mbdae.run.amplification import Amplified
 from mbdae.run.control import Controlled, Probe, closer, cpu_of, measure_of, other_run, run_controlled, with_left_out
 from mbdae.scene.components import Beam, Station
@@ -85,8 +84,11 @@ def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, as
     finer = prepare(with_finer_beams(prepared.model.scene), t0=prepared.start.t, t_end=end)
     again = solver.run(system_for(finer, form, solver.highest_index), replace(asked, t_end=end))
     times = np.linspace(float(run.t[0]), end, TIMES)
-    at = states_of(finer, again, times)
-    apart = distance_of_meshes((prepared, prepared.states(times, run(times))[0]), (finer, at.q))
+
+    def measure(t: Array, a: Array, b: Array) -> Array:
+        return np.array([distance_of_meshes((prepared, prepared.states(t, a)[0]), (finer, finer.states(t, b)[0]))])
+
+    apart = Beside(again, times, measure, better=True).distance(run)
     return apart, OtherRun.beside(again, times, 1.0, finer, "mesh")
 
 
@@ -219,10 +221,9 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, ask
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
     controlled = run_controlled(system, prepared, other, max(accuracy / 10, 1e-10), asked, np.array([asked.t_end]))
-    again = controlled.solution
-    times = np.linspace(again.t[0], again.t[-1], 2001)
-    motion = float(np.max(measure_of(system, prepared)(times, run.solution(times), again(times))))
-    return Verified(motion, other_run(system, prepared, again, times, 1.0), runs=controlled.runs)
+    times = np.linspace(controlled.solution.t[0], controlled.solution.t[-1], 2001)
+    again = Beside(controlled.solution, times, measure_of(system, prepared), better=True)
+    return Verified(again.error(run.solution), other_run(system, prepared, again), runs=controlled.runs)
 
 
 def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Verified | None) -> Accuracy:
