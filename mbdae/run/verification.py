@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbdae.deferred import Later, later
-from mbdae.errors import FINAL, AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
@@ -167,8 +167,6 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
         deeper = max(DEEPER * accuracy, SMALLEST)
         again = run_controlled(resolving, prepared, RadauIIA(5), deeper, replace(asked, max_residuals=most), times)
     except SolverError as error:
-        if isinstance(error, FINAL) and not isinstance(error, WallClockError):
-            raise
         return run.after(1, cpu_of(error))
     better = again.others and again.estimate <= accuracy and Errors(prepared, again.solution, again.others)() < off
     return replace(again, waves=True).after(run.runs, run.cpu_s) if better else run.after(again.runs, again.cpu_s)
