@@ -87,8 +87,7 @@ class Method:
         if not (i.min() >= 0 and i.max() < rows and j.min() >= 0 and j.max() < columns and (np.diff(i) >= 0).all()):
             raise internal(f"the coefficients of a Runge-Kutta method lie outside of their table of {rows} rows and {columns} "
                            "columns, or are not sorted by rows")
-        starts = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64)
-        arrays = starts, j, np.array([v for *_, v in entries])
+        arrays = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64), j, np.array([v for *_, v in entries])
         self._kept.append(arrays)
         return _Coefficients(*(array.ctypes.data for array in arrays))
 

@@ -39,7 +39,7 @@ from mbdae.run.estimate import (
     windows,
     with_rtol,
 )
-from mbdae.run.growing import Growth, at_least, growing, slowest, unfollowed, unseen
+from mbdae.run.growing import Growth, at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import distance
@@ -82,6 +82,9 @@ COARSE = 3.0
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
+#: smallest ratio of the error to the difference from a companion where round-off bounds the tolerance, and errors fall no more:
+#: measured with a multiplier of a pendulum, RadauIIA(5) at 1e-11
+AT_ROUND_OFF = 1.0
 SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 #: length, in longest steps, of short runs that show vibrations shorter than a step, and number of times of the comparison
 FIRST_STEPS, PROBES = 5.0, 200
@@ -118,7 +121,7 @@ def cpu_of(error: SolverError) -> float:
 
 
 def measure_of(system: System, prepared: Prepared | None) -> Measure:
-    """The function that measures the distance between two trajectories of a system: of motions for a scene, else of unknowns."""
+    """The distance between two trajectories of a system: of motions for a scene, else of unknowns."""
     if prepared is not None and isinstance(system, SceneSystem):
         return partial(distance, prepared)
     if system.measure is not None:
@@ -159,21 +162,22 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
+    given = len(asked.bounds)
     for repeats in range(REPEATS + 1):
-        made: list[RunAt] = []
+        made, grown = list[RunAt](), len(asked.bounds) > given
         try:
-            run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+            run = _controlled(system, prepared, solver, accuracy, asked, outputs, made, grown).after(runs, cpu)
         except SolverError as error:
-            if not repeats or not asked.bounds or isinstance(error, FINAL):
+            if not grown or isinstance(error, FINAL):
                 raise
             run = run.after(1 + len(made), cpu_of(error) + sum(other.stats.cpu_s for _, other in made))
             return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]
-        growth = growing(system, run.solution, bool(asked.bounds))
+        growth = growing(system, run.solution, grown)
         bounds = unfollowed(growth) if repeats < FOLLOWING else ()
-        if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
+        if not bounds and not grown and made and unseen(growth):  # else such an estimate was made
             measure = measure_of(system, prepared)
             run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, at_least(solver))))
             bounds = () if run.estimate <= accuracy else unseen(growth)
@@ -189,8 +193,9 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
 
 
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                outputs: Array, made: list[RunAt]) -> Controlled:
-    """`run_controlled` without the search for hidden contacts; the last runs and their tolerances are left in the list `made`."""
+                outputs: Array, made: list[RunAt], grown: bool) -> Controlled:
+    """`run_controlled` without the search for hidden contacts; the last runs and their tolerances are left in the list `made`.
+    grown: whether steps are bounded by growth."""
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
@@ -206,7 +211,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         loose, coarse = made[-1]
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
-            most_residuals *= LEAVING if asked.bounds else 1
+            most_residuals *= LEAVING if grown else 1
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), solver, count, kept))
         except WallClockError as error:
@@ -222,8 +227,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        least, floor = (at_least(solver), slowest(solver, told, coarse, fine)) if asked.bounds else (0.0, 0.0)
-        told.append((tight.tolerance, max(estimated(system, solver, made, measure, outputs, least), floor)))
+        estimate = partial(estimated, system, solver, made, measure, outputs)
+        told.append((tight.tolerance, bounded(tight, told, estimate, coarse, fine) if grown else estimate()))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
@@ -233,7 +238,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
             return _judged_again(system, best, accuracy, asked, made, partial(
-                estimated, system, solver, made, measure, outputs, least))
+                estimate, max(at_least(solver) if grown else 0.0, AT_ROUND_OFF)))
         if too_coarse:
             tight = with_rtol(tight, ceiling)
             continue
@@ -249,15 +254,13 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
 def _judged_again(system: System, best: Controlled, accuracy: float, asked: Asked, made: list[RunAt],
                   estimate: Callable[[], float]) -> Controlled:
     """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""
-    if best.estimate <= accuracy:
-        return best
-    count, cpu = usual_companion(system, best.solver, replace(asked, share=CLOSER), made)
+    closer_runs = replace(asked, share=CLOSER)
+    count, cpu = (0, 0.0) if best.estimate <= accuracy else usual_companion(system, best.solver, closer_runs, made)
     return replace(best, estimate=min(best.estimate, estimate() if count else math.inf)).after(count, cpu)
 
 
 def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
-    """`asked` for a run that follows `count` others, with shorter longest steps than theirs; kept: how many of these were the
-    first companions."""
+    """`asked` for a run after `count` others, with shorter longest steps; kept: how many of these were the first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
 
 
@@ -275,7 +278,6 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
     largest first. A companion that fails is left out; the last one must not fail."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
     made: list[RunAt] = []
-    cpu = 0.0
     for rtol in dict.fromkeys(rtols):
         solver = with_rtol(tight, rtol)
         try:
@@ -284,9 +286,8 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
             if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise
             continue
-        cpu += run.stats.cpu_s
         made.append((rtol, run))
-    return Controlled(run, solver, float("inf"), len(made), cpu), made
+    return Controlled(run, solver, float("inf"), len(made), sum(one.stats.cpu_s for _, one in made)), made
 
 
 def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,

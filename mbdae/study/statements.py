@@ -178,8 +178,7 @@ def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, di
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
     method, args, kwargs = statements[names.index(item)]
     call = dict(list(inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs).arguments.items())[1:])
-    further = call.pop("further", {})
-    return names.index(item), call | further
+    return names.index(item), call | call.pop("further", {})
 
 
 def restated(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
@@ -207,29 +206,23 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name:
         call.pop("mass_per_length", None)
         call["mass"] = value
     elif keys == ["stiffness"] and not {"stiffness", "law"} & set(call):
-        _set_stiffness(call, value, name)
+        if call.get("spring") is not None:
+            holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
+            holder[key] = value
+        elif "section" in call:
+            fields = _fields(call, "section", ("EA",), name)
+            factor = value / fields["EA"]
+            for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
+                fields[key] *= factor
+        else:
+            normal = _fields(call, "model", ("normal",), name)["normal"]
+            _fields({"normal": normal}, "normal", ("stiffness",), name)["stiffness"] = value
     elif keys == ["clearance"]:
         fields = _fields(call, "model", ("outer", "inner"), name)
         fields["outer"] = fields["inner"] + value
     else:
         _descend(call, keys, value, name)
     return 1.0
-
-
-def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
-    """Set the spring stiffness of a joint, the contact stiffness of a clearance, or EA of a beam with its other stiffnesses in
-    proportion."""
-    if call.get("spring") is not None:
-        holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
-        holder[key] = value
-    elif "section" in call:
-        fields = _fields(call, "section", ("EA",), name)
-        factor = value / fields["EA"]
-        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
-            fields[key] *= factor
-    else:
-        normal = _fields(call, "model", ("normal",), name)["normal"]
-        _fields({"normal": normal}, "normal", ("stiffness",), name)["stiffness"] = value
 
 
 def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:
