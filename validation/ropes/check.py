@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 import mbdae as mb
 
-claim = Claim("ropes", "masses and hook blocks on ropes over up to two pulleys, in the plane and one turned in space, move as the "
-              "tensions along the tangents say, within three times the accuracy asked, or the run says that not", 0.0, "runs",
+claim = Claim("ropes", "masses and hook blocks on ropes over up to two pulleys, in the plane and one turned in space, move as "
+              "the tensions along the tangents say, within three times the accuracy asked, or the run says that not", 0.0, "runs",
               "tangents of circles by hand, forces along them without any derivative, DOP853 of SciPy at rtol 1e-11")
 QUICK, WHOLE = range(4), range(60)
 FACTOR = 3.0  #: an error up to so many times the accuracy counts as right

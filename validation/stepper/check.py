@@ -11,8 +11,9 @@ from runner import Case, Claim, Found
 
 import mbdae as mb
 
-claim = Claim("stepper", "steps of s.stepper(dt) put bodies where a run whose controller sets the same values every dt puts them, "
-              "to the last bit", 0.0, "bits differ in runs", "runs of s.controller with the solver and tolerance of the stepper")
+claim = Claim("stepper", "steps of s.stepper(dt) put bodies where a run whose controller sets the same values every dt puts "
+              "them, to the last bit", 0.0, "bits differ in runs",
+              "runs of s.controller with the solver and tolerance of the stepper")
 QUICK, WHOLE = range(4), range(48)
 
 
