@@ -27,7 +27,7 @@ from mbdae.scene.record import statement
 from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
-from mbdae.values import option, several, shown, text
+from mbdae.values import BadValueError, number, option, sequence, several, shown, text
 
 SMOOTH_RAMP = "join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
 CUBIC_TABLE = "give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
@@ -174,9 +174,12 @@ def _function(arg: Argument, value: Any) -> AsGiven:
 
 
 def _numbers(arg: Argument, value: Any) -> list[float]:
-    """Reader of a list of numbers."""
-    return [reading.quantity("1")(arg.part(f"{arg.option}[{n}]"), one) for n, one in enumerate(value)] if several(value) else [
-        reading.quantity("1")(arg, value)]
+    """Reader of a number or a list of numbers."""
+    try:
+        return sequence(value, number) if several(value) else [number(value)]
+    except BadValueError as value_and_reason:
+        arg.wrong(value_and_reason, "give a list of numbers, one for each output")
+        return []
 
 
 def _memory(arg: Argument, value: Any) -> AsGiven:
@@ -245,9 +248,9 @@ class ControlStatements(ConnectionStatements):
         self.controllers.append(Controller(name, f.value, memory, every, tuple(reads), tuple(sets)))
         self._keep_read_coordinates(self.controllers[-1])
         starts = [0.0] * len(sets) if start is None else start
-        if len(starts) != len(sets):
+        if starts and len(starts) != len(sets):
             self.problems.append(f"{item}: start has {len(starts)} numbers for {len(sets)} outputs; give one for each")
-        for output, value in zip(sets, starts, strict=False):
+        for output, value in zip(sets, starts or [0.0] * len(sets), strict=False):
             self._add_signal(Signal(output, "output", HeldOutput(output, rate=0.0, start=value, size=1.0)))
 
     def _add_signal(self, signal: Signal) -> None:
