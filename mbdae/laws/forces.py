@@ -235,7 +235,7 @@ class Rope(Force):
         taut = let(se.Piecewise((over, over > 0), (0, True)))
         if self.damping is None:
             return path, taut, free, se.Integer(0)
-        total = let(self.stiffness * taut + self.damping * rate(path))
+        total = let(self.stiffness * taut + self.damping * rate(over))
         pulling = let(se.Piecewise((total, total > 0), (0, True)))
         return path, taut, free, let(se.Piecewise((pulling - self.stiffness * taut, over > 0), (0, True))) / free
 

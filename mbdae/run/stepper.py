@@ -50,6 +50,7 @@ class Stepper(NamesAttributes):
     def __init__(self, scene: SceneData, dt: float, accuracy: float, solver: Solver | None, form: Form | None,
                  inputs: Sequence[str] | None, batch: int | None, start: Result | None) -> None:
         self.dt, self.accuracy, self.batch = dt, accuracy, batch
+        self._given = scene, dt, accuracy, solver, form, inputs, batch, start
         now: list[float] = []
         held, values, mine = with_inputs(scene, dt, inputs, now)
         prepared = with_recursive_joints(held, start, None) if solver is None and form is None else None
@@ -82,6 +83,10 @@ class Stepper(NamesAttributes):
         self._grid, self._inputs = (self.t, 0), np.tile(list(values.values()), (batch or 1, 1))
         self._begin(self._states.state(self._grid, self._inputs))
         self._first = self.state
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, in this process or another, is made anew and goes on from the present state."""
+        return _again, (self._given, self.state)
 
     def _begin(self, state: State) -> None:
         """Count errors from this state on."""
@@ -257,6 +262,12 @@ class Stepper(NamesAttributes):
         return Result(self._prepared, solution, RunInfo(still, self.form, Accuracy(None, None), Stats()), t)
 
 
+def _again(given: tuple[Any, ...], state: State) -> Stepper:
+    made = Stepper(*given)
+    made.reset(state)
+    return made
+
+
 def _outputs(inputs: Mapping[str, float]) -> list[str]:
     """The names under which the scene has the inputs as outputs of a controller."""
     return [name.replace(".", " ") for name in inputs]
@@ -286,7 +297,7 @@ def with_inputs(scene: SceneData, every: float, names: Sequence[str] | None,
     taken = {item_name(one) for one in statements}
     mine = next(f"{NAME}{'_' * n}" for n in range(len(taken) + 1) if f"{NAME}{'_' * n}" not in taken)
     if values:
-        held.controller(mine, lambda _: list(now), every, sets=_outputs(values))
+        held.controller(mine, lambda _: list(now), every, sets=_outputs(values), start=list(values.values()))
     return held, values, mine
 
 

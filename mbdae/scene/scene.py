@@ -12,6 +12,7 @@ from uuid import uuid4
 import numpy as np
 
 from mbdae.errors import LawError
+from mbdae.inputs.sensed import paths
 from mbdae.inputs.tables import from_data
 from mbdae.laws.forces import (
     AppliedForce,
@@ -210,6 +211,9 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
             if radius is not None:
                 numbers |= {f"radius_{side}": radius, f"angle_{side}": float(np.arctan2(way @ np.cross(z, x), way @ x))}
         sides = {f"p{n + 1}": body for n, body in enumerate(bodies)} | {f"at_p{n + 1}": c for n, c in enumerate(centers)}
+        if damping and paths(length):
+            self.problems.append(f"rope '{name}': its damper cannot follow how fast a length changes that reads sensors; give "
+                                 f"the length as an expression of mb.t, wind the end on a drum (radius_k=), or leave damping out")
         law = rope_over(len(over))(name, k, l, at_k, z, at_l, x, stiffness=stiffness, damping=damping or None,
                                    length=natural if length is None else length, **sides, **numbers)
         return self._connect(Connection(name, "rope", k, l, [law]))
