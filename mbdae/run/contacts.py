@@ -65,8 +65,7 @@ def typical_speed(prepared: Prepared) -> float:
 
 def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
     """The largest rtol with which a solver resolves contacts and friction of a scene; inf without them."""
-    limits = [float("inf")]
-    limits += [solver.penetration_share * contact.depth / contact.size for contact in prepared.contacts]
+    limits = [float("inf")] + [solver.penetration_share * contact.depth / contact.size for contact in prepared.contacts]
     limits += [RESOLVED * velocity / typical_speed(prepared) for _, _, velocity in slowest_velocities(prepared)]
     return min(limits)
 

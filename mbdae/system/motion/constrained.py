@@ -1,6 +1,5 @@
-"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant.
-
-Accelerations and multipliers of many states with sparse matrices of one sparsity pattern.
+"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant or
+matrices sparse, of one pattern.
 
 The workspace of a numbering as the array of a native program, with the operations that fill it: values prescribed in time, and
 the motion of loaded nodes.
@@ -99,6 +98,8 @@ def _solved(K: Array, right: Array, scale: Array) -> Array:
     x = x[:, :, 0]
     for i in np.flatnonzero(missed | ~np.isfinite(x).all(axis=1)):
         x[i] = _solve(K[i], right[i], scale)
+    if len(x) == 1 and not missed[0]:  # one state, to which equations are linearised: 2e-13 of a force, where masses differ much
+        x[0] += np.linalg.solve(K[0], right[0] - K[0] @ x[0])
     return np.asarray(x)
 
 
@@ -322,9 +323,8 @@ class Evaluator(Workspace):
         if y.shape != (len(t), max(self.n, y.shape[1])) or (yp is not None and yp.shape != y.shape):
             raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
         self.choose(name, emitted)
-        out = np.empty((len(t), self.width))
-        rates = None if yp is None else yp.ctypes.data
-        core().scene_values(self.address, len(t), t.ctypes.data, y.ctypes.data, rates, y.shape[1], self.width, out.ctypes.data)
+        out, states = np.empty((len(t), self.width)), [None if one is None else one.ctypes.data for one in (t, y, yp)]
+        core().scene_values(self.address, len(t), *states, y.shape[1], self.width, out.ctypes.data)
         return out
 
 
