@@ -71,7 +71,7 @@ def test_they_are_named_at_every_accuracy_and_beside_controllers(accuracy):
         slide(FORCES["sign"], sampled=True).simulate(5.0, accuracy=accuracy, max_wall=60)
 
 
-@pytest.mark.parametrize(("solver", "form", "model"), EVERY)
+@pytest.mark.parametrize(("solver", "form", "model"), [how for how in EVERY if how[0] != "cvode"])  # CVODE takes 13 s to be told
 @pytest.mark.parametrize(("quantity", "rate0"), [("x", 0.0), ("v", 0.9)])
 def test_runs_that_begin_exactly_where_a_law_jumps(quantity, rate0, solver, form, model):
     """At rest where x = 0, and with the very rate 0.9 m/s: the values there are round-off, on whose side the law need not be."""

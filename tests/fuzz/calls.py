@@ -47,6 +47,7 @@ ELSEWHERE = {
     "read_table": "tests/inputs",
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
+    "Solver.between_breaks": "between modules",
     "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
     "Solver.between_breaks": "between modules",
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface", "Form.within": "interface",
@@ -54,6 +55,7 @@ ELSEWHERE = {
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
     "System.starting": "interface", "System.sampling": "interface", "System.renewed": "interface",
     "System.restarted": "interface", "System.numbers": "interface", "System.dense_parts": "between modules",
+    "System.dense_stages": "between modules",
     "System.doubt": "between modules",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface", "Stepped.with_step": "between modules",
     "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules",
@@ -315,6 +317,8 @@ CALLS: dict[str, Call] = {
     "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.study.write_file"),
     "Audit.save": Call(lambda: mb.Audit("none", ()).save, lambda: {"path": folder() / "a.md"},
                        "mbdae.documents.write_file"),
+    **{f"Document.{name}": Call(lambda name=name: getattr(Document("none"), name), lambda: FILE, "mbdae.documents.write_file")  # type: ignore[misc]
+       for name in ("to_html", "to_markdown", "to_latex")},
     "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
                           "mbdae.documents.write_file"),
 }
@@ -342,7 +346,8 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Block.at", "label"): (TEXT, ANY),
     ("sweep", "job"): ({"a class", "a function"}, "what can be called"),
     **{(c, "path"): (TEXT, "a file may have any ending") for c in (
-        "Result.save", "State.save", "Study.to_json", "Study.to_html", "Sweep.to_json", "Audit.to_json")},
+        "Result.save", "State.save", "Study.to_json", "Study.to_html", "Sweep.to_json", "Audit.to_json",
+        "Document.to_html", "Document.to_markdown", "Document.to_latex")},
     **{(c, "hide"): ({*TEXT, "a tuple of text"}, "names, looked for where the picture is made") for c in (
         "Scene.draw", "Result.animate")},
     ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),
