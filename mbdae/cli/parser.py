@@ -73,7 +73,7 @@ def make_parser() -> argparse.ArgumentParser:
     p = _command(commands, "run", do.run, "simulate a scene with controlled accuracy")
     p.add_argument("--solver", metavar="NAME", help="as in simulate: ida, cvode, radau3, hht, ...; default: chosen for the scene")
     p.add_argument("--form", metavar="NAME", help="as in simulate: ggl, index1, index3, ode; default: chosen for the scene")
-    p.add_argument("--accuracy", type=_positive, default=1e-6, help="bound of the error over the run (default 1e-6)")
+    p.add_argument("--accuracy", type=_positive, help="bound of the error over the run (default: that of FILE, else 1e-6)")
     _common(p, "folder for the result (.npz) and a picture of `measure`; a run that is stopped leaves what it computed there")
     p = _command(commands, "compare", do.compare, "solvers side by side against a confirmed reference")
     p.add_argument("--accuracies", type=_accuracies, help="comma separated (default 1e-3,1e-4,1e-5,1e-6)")

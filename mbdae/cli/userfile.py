@@ -93,6 +93,9 @@ def scene_of(module: ModuleType, file: str) -> Any:
 
     with _mistakes_as_usage(file, Path(str(module.__file__)), f"scene() of '{file}' fails"):
         scene = module.scene()
+    if hasattr(scene, "cr_await"):
+        scene.close()
+        raise UsageError(f"scene() of '{file}' is stated by `async def`, so that it returns no scene; state it by `def`")
     if not isinstance(scene, Scene):
         raise UsageError(f"scene() of '{file}' returns {_a(scene)}, not a mb.Scene; end it with `return s`")
     return scene

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from unicodedata import combining, normalize
 
 from mbdae.documents.blocks import Block, Code, Drawing, Equation, Paragraph, Picture, Section, Table, every
@@ -19,7 +20,7 @@ from mbdae.documents.mathml import GREEK, SIGNS
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.files import write_file
 from mbdae.notation import framed
-from mbdae.values import file_to_write, option, shown
+from mbdae.values import file_to_write, option, optional, shown
 
 # -- Text for TeX: escapes of special characters, Greek letters and signs, substitutes for characters that TeX lacks
 
@@ -209,17 +210,25 @@ class Document(NamesArguments):
         sections = ", ".join(block.title for block in self.blocks if isinstance(block, Section))
         return f"Document({self.title!r}: {sections or 'no sections'}; .save(path) writes .html, .md, .tex or .pdf)"
 
-    def to_html(self) -> str:
-        """An HTML page that loads no other file: mathematics as MathML, pictures embedded."""
-        return html(self.title, self.blocks)
+    def to_html(self, path: Any = None) -> str:
+        """An HTML page that loads no other file: mathematics as MathML, pictures embedded; also written to `path`, if given."""
+        return self._text(html, path)
 
-    def to_markdown(self) -> str:
-        """Markdown with mathematics between dollar signs; pictures are replaced by their captions."""
-        return markdown(self.title, self.blocks)
+    def to_markdown(self, path: Any = None) -> str:
+        """Markdown with mathematics between dollar signs; pictures are replaced by their captions. path: as in `to_html`."""
+        return self._text(markdown, path)
 
-    def to_latex(self) -> str:
-        """A LaTeX article that needs only packages of a basic installation; pictures are replaced by their captions."""
-        return latex(self.title, self.blocks)
+    def to_latex(self, path: Any = None) -> str:
+        """A LaTeX article that needs only packages of a basic installation; pictures are replaced by their captions. path: as in
+        `to_html`."""
+        return self._text(latex, path)
+
+    def _text(self, made: Callable[..., str], path: Any) -> str:
+        place = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
+        text = made(self.title, self.blocks)
+        if place is not None:
+            write_file(place, text)
+        return text
 
     def _repr_html_(self) -> str:
         return framed(self.to_html())

@@ -15,7 +15,7 @@ import numpy as np
 from mbdae.errors import ENDS, ChatteringError, OptionError, SolverError, WallClockError, interrupted, keeping
 from mbdae.integrators.dense import piecewise
 from mbdae.integrators.kept_rows import Rows
-from mbdae.integrators.record import Record
+from mbdae.integrators.record import RunRecord
 from mbdae.integrators.solution import Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import check, one_thread
@@ -42,7 +42,7 @@ class StepLoop:
         max_residuals: float = inf,
         begin: float | None = None,
         stop: Callable[[Solution], bool] | None = None,
-        record: Record | None = None,
+        record: RunRecord | None = None,
         impacts: float = 1.0,
     ) -> None:
         self.impacts, self.record = impacts, record  # impacts: factor on the longest step during an impact

@@ -18,7 +18,7 @@ from mbdae.reports.letters import of_name, unit_on
 from mbdae.reports.scene_solution import ZERO, Coefficients, solved
 from mbdae.reports.states import POINTS, value
 from mbdae.reports.units import Unit, dimensions, unit, unit_in
-from mbdae.reports.vectors import Record
+from mbdae.reports.vectors import NamedQuantities
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
@@ -111,7 +111,7 @@ class SceneEquations:
         self.latex: dict[str, str] = {}
         self.said: dict[str, Said] = {}  #: unit and meaning, by the LaTeX of a letter
         self.names = Names()
-        self.writer = Writer(Record(), self.latex)
+        self.writer = Writer(NamedQuantities(), self.latex)
         units = [unit_of_row(prepared.model, row, effort=True) for row in self.m.rows]
         self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{self.names.said('row', row.name)}}}", units[i],
                                      f"multiplier of the row {row.name}") for i, row in enumerate(self.m.rows)]

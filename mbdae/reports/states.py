@@ -9,7 +9,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
+from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Vector
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.rebuild import complex_atan2
@@ -66,7 +66,7 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
 class FormulaValues:
     """Values of a record's formulas at many states at once, from those of atoms (points, 3) and symbols (points,)."""
 
-    def __init__(self, record: Record, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], Any]) -> None:
+    def __init__(self, record: NamedQuantities, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], Any]) -> None:
         self.record, self.atoms, self.symbols = record, atoms, symbols
         self._known: dict[Any, Any] = {}
 

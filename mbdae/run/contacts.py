@@ -66,8 +66,7 @@ def typical_speed(prepared: Prepared) -> float:
 
 def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
     """The largest rtol with which a solver resolves contacts and friction of a scene; inf without them."""
-    limits = [float("inf")]
-    limits += [solver.penetration_share * contact.depth / contact.size for contact in prepared.contacts]
+    limits = [float("inf")] + [solver.penetration_share * contact.depth / contact.size for contact in prepared.contacts]
     limits += [RESOLVED * velocity / typical_speed(prepared) for _, _, velocity in slowest_velocities(prepared)]
     return min(limits)
 
@@ -249,7 +248,7 @@ def _that_count(system: System, run: Solution, pairs: Pairs, every: Array, found
 
 
 def _closing(pairs: Pairs, place: int, outside: float, inside: float) -> float:
-    """The time (s) at which a contact closes or opens; `outside` where it is closed there too. inside: a time when it is closed."""
+    """The time (s) at which a contact closes or opens; `outside` where it is closed too. inside: a time when it is."""
 
     def gap(part: float) -> float:
         return float(pairs(np.array([outside + part * (inside - outside)]))[0, place, 0])

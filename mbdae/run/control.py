@@ -22,7 +22,7 @@ from mbdae.deferred import distinct
 from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.solution import Measure, Solution, check_times, scaled_distance
+from mbdae.integrators.solution import Beside, Measure, Solution, check_times, scaled_distance
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.run.contacts import Hidden, hidden_contacts, resolving
@@ -82,8 +82,7 @@ COARSE = 3.0
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
-#: smallest ratio of the error to the difference from a companion where round-off bounds the tolerance, and errors fall no more:
-#: measured with a multiplier of a pendulum, RadauIIA(5) at 1e-11
+#: smallest ratio of the error to the difference from a companion at the smallest tolerance, where errors need not fall any more
 AT_ROUND_OFF = 1.0
 SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 #: length, in longest steps, of short runs that show vibrations shorter than a step, and number of times of the comparison
@@ -129,14 +128,15 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
-def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float, kind: str = "companion",
+def other_run(system: System, prepared: Prepared | None, one: Beside, kind: str = "companion",
               ratio: float = 0.0) -> tuple[OtherRun, ...]:
-    """A companion run with some of the `times` of its comparison with the run that is returned, to estimate errors of all that is
-    read. share: assumed ratio of the error to the difference of both; 1 with contacts; ratio: its tolerance over the run's."""
+    """A run beside the run that is returned, with some of the times of their comparison, to estimate errors of all that is read.
+    ratio: its tolerance over the run's."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
-    share = 1.0 if prepared.contacts else share  # errors of forces were measured to fall more slowly than those of the motion
-    return (OtherRun.beside(run, some_of(times, run.y.shape[1], bool(prepared.contacts)), share, kind=kind, ratio=ratio),)
+    share = 1.0 if prepared.contacts else one.margin  # errors of forces were measured to fall more slowly than those of motions
+    times = some_of(one.times, one.run.y.shape[1], bool(prepared.contacts))
+    return (OtherRun.beside(one.run, times, share, kind=kind, ratio=ratio),)
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -161,8 +161,8 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     """A run in which no contact closes and opens inside a step, and whose steps follow every disturbance that grows unseen: where
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
-    depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
-    given = len(asked.bounds)
+    depth, given = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), len(asked.bounds)
+    runs, cpu = 0, 0.0
     for repeats in range(REPEATS + 1):
         made, grown = list[RunAt](), len(asked.bounds) > given
         try:
@@ -200,7 +200,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     if solver.by_steps:
         found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s, told=found.told)
-        others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
+        others = other_run(system, prepared, found.coarser) if found.coarser is not None else ()
         return with_short_vibrations(replace(run, others=others), system, prepared, accuracy, measure)
     tight, ceiling, limit = first_tolerance(system, prepared, solver, accuracy)
     best, made[:] = companions_of(system, tight, asked)
@@ -231,7 +231,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         told.append((tight.tolerance, bounded(tight, told, estimate, coarse, fine) if grown else estimate()))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
-            system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
+            system, prepared, Beside(run, check_times(run, outputs), measure, share_of(system, solver, tight.tolerance / before)),
             ratio=before / tight.tolerance))
         best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others, told=tuple(told), limit=limit)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
@@ -254,13 +254,14 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
 def _judged_again(system: System, best: Controlled, accuracy: float, asked: Asked, made: list[RunAt],
                   estimate: Callable[[], float]) -> Controlled:
     """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""
-    closer_runs = replace(asked, share=CLOSER)
-    count, cpu = (0, 0.0) if best.estimate <= accuracy else usual_companion(system, best.solver, closer_runs, made)
+    if best.estimate <= accuracy:
+        return best
+    count, cpu = usual_companion(system, best.solver, replace(asked, share=CLOSER), made)
     return replace(best, estimate=min(best.estimate, estimate() if count else math.inf)).after(count, cpu)
 
 
 def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
-    """`asked` for a run after `count` others, with shorter longest steps; kept: how many of these were the first companions."""
+    """`asked` for a run after `count` others, with shorter longest steps; kept: how many of them were the first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
 
 
@@ -329,22 +330,20 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
             close = error.solution
         times = np.linspace(begin, float(close.t[-1]), probe.samples)
-        left = probe.margin * _apart(solution, close, times, measure)
-        estimate = max(estimate, left + (run.estimate if begin == solution.t[0] else 0.0))
-        beside = other_run(probe.system, probe.prepared, close, times, probe.margin, "window") if run.others else ()
+        window = Beside(close, times, _by_speeds(solution, measure), probe.margin, better=True)
+        estimate = max(estimate, window.error(solution) + (run.estimate if begin == solution.t[0] else 0.0))
+        beside = other_run(probe.system, probe.prepared, window, "window") if run.others else ()
         run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
     return replace(run, estimate=estimate)
 
 
-def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> float:
-    """Largest distance of the run `close` from `run` at some times; differences of velocities are relative to the speeds of the
-    whole `run`."""
+def _by_speeds(run: Solution, measure: Measure) -> Measure:
+    """The measure with differences of velocities relative to the speeds of the whole `run`."""
     steps = run.t[:: len(run.t) // SAMPLES + 1]
-    both = np.concatenate([times, steps])
-    return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))
+    whole = run(steps)
+    return lambda t, a, b: measure(np.r_[t, steps], np.concatenate([a, whole]), np.concatenate([b, whole]))
 
 
 def plausible(accuracy: Any, name: str = "accuracy") -> float:
     """An accuracy as a float; OptionError outside 1e-12 to 0.1."""
-    found: float = option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=1e-12, most=1e-1)
-    return found
+    return float(option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=1e-12, most=1e-1))

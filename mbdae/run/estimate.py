@@ -33,7 +33,7 @@ import numpy as np
 
 from mbdae.errors import FINAL, SolverError
 from mbdae.integrators.base import Asked, Solver
-from mbdae.integrators.solution import Measure, Solution, check_times
+from mbdae.integrators.solution import Beside, Measure, Solution, check_times
 from mbdae.run.contacts import largest_tolerance
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
@@ -181,8 +181,7 @@ def estimated(system: System, solver: Solver, runs: Sequence[RunAt], measure: Me
     tolerance, fine = runs[-1]
     gaps, ratios, found = [], [], 0.0
     for before, coarse in runs[-1 - len(companions(system, solver)) : -1]:
-        times = check_times(coarse, outputs)
-        gaps.append(float(np.max(measure(times, coarse(times), fine(times)))))
+        gaps.append(Beside(coarse, check_times(coarse, outputs), measure).distance(fine))
         ratios.append(before / tolerance)
         found = max(found, gaps[-1] * max(share_of(system, solver, tolerance / before), least))
     if len(gaps) == 2 and contradicted(gaps, ratios, fall_of(system, solver)):

@@ -277,7 +277,7 @@ class ConnectionStatements(CouplingStatements):
             self.problems.append(f"{item.kind} '{item.name}': mb.Clearance has its race on body k, and the point "
                                  f"mass '{item.k.name}' cannot carry the race: it has no orientation; give the point "
                                  f"mass as l, or use s.rigid_body")
-        if item.k is item.l:
+        if item.k is item.l and not item.others:
             self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
         self._check_point_masses(item)
         check_attachments(self, item)

@@ -40,7 +40,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,), "shape_k": (Shape,), "shape_l": (Shape,),
     "shape": (Shape, list), "color": (str, list), "normal": (Normal,),
     "curve": (str, FunctionType), "f": (AsGiven,), "memory": (AsGiven,), "reads": (list, str), "sets": (list, str),
-    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
+    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,), "over": (list,),
 }
 
 

@@ -122,7 +122,7 @@ def loads_of(item: Connection) -> list[Any]:
 
 def has_length(item: Connection) -> bool:
     """Whether it is a force between two points, one named on each body, whose distance is a length."""
-    return not item.is_joint and all(isinstance(law, Force) and not isinstance(law, Contact) and law.at_l is not None
+    return not item.is_joint and all(isinstance(law, Force) and type(law).observed is Force.observed and law.at_l is not None
                                      for law in item.laws)
 
 

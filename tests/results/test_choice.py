@@ -162,7 +162,7 @@ def test_finite_eigenvalues_are_those_of_scipys_pencil(make: Any) -> None:
     """Those that are not zero: by motions that satisfy the rows without a derivative, and by QZ."""
     prepared = make().system("ggl")._prepared
     system = choices.system_for(prepared, choices.GGL())
-    fy, fyp = system.assembly.dense_jacobian(system.t0, system.y0, system.yp0)
+    fy, fyp = system.dense_parts(system.t0, system.y0, system.yp0)
     pencil = scipy.linalg.eigvals(-fy, fyp)
     size = max(abs(pencil[np.isfinite(pencil)]))
     found, wanted = (np.sort_complex(values[np.isfinite(values) & (abs(values) > 1e-4 * size)])

@@ -1,4 +1,5 @@
-"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant.
+"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant or
+matrices sparse, of one pattern.
 
 The workspace of a numbering as the array of a native program, with the operations that fill it: values prescribed in time, and
 the motion of loaded nodes.
@@ -322,9 +323,8 @@ class Evaluator(Workspace):
         if y.shape != (len(t), max(self.n, y.shape[1])) or (yp is not None and yp.shape != y.shape):
             raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
         self.choose(name, emitted)
-        out = np.empty((len(t), self.width))
-        rates = None if yp is None else yp.ctypes.data
-        core().scene_values(self.address, len(t), t.ctypes.data, y.ctypes.data, rates, y.shape[1], self.width, out.ctypes.data)
+        out, states = np.empty((len(t), self.width)), [None if one is None else one.ctypes.data for one in (t, y, yp)]
+        core().scene_values(self.address, len(t), *states, y.shape[1], self.width, out.ctypes.data)
         return out
 
 
