@@ -131,7 +131,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
         asked = replace(asked, bounds=(*asked.bounds, *bounds))
         if hidden or of_companions:
             known = [] if asked.edges is None else [asked.edges]
-            asked = replace(asked, edges=distinct(np.concatenate([*known, *(one[1:] for one in hidden + of_companions)])))
+            asked = replace(asked, edges=distinct(np.concatenate([*known, *(one.ends() for one in hidden + of_companions)])))
     run = replace(run, growth=tuple(growth))
     return replace(run, estimate=float("inf"), others=(), hidden=tuple(hidden)) if hidden else run
 
