@@ -49,7 +49,6 @@ ELSEWHERE = {
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
     "Solver.between_breaks": "between modules",
     "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
-    "Solver.between_breaks": "between modules",
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface", "Form.within": "interface",
     "System.accept": "interface", "System.read_at": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
