@@ -255,6 +255,8 @@ class Stepper(NamesAttributes):
     @naming_arguments
     def result(self, i: int = 0) -> Result:
         """The present state (number i of a batch) as a Result of one time, with all its sensors; their errors are not known."""
+        if i not in range(len(self._inputs)):
+            raise OptionError(f"i = {shown(i)}: the states of this stepper are numbered from 0 to {len(self._inputs) - 1}")
         y = self._present()[i : i + 1]
         yp = self._system.restarted(self.t, y[0])[1][None]
         t, still = np.array([self.t]), Instant(self.solver.label, y, yp)
@@ -294,6 +296,9 @@ def with_inputs(scene: SceneData, every: float, names: Sequence[str] | None,
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space,
             "statements": [one for one in statements if item_name(one) not in dropped]}
     held = replay(data, type(scene), Known(scene.own)) if values else scene
+    if held.problems:
+        raise OptionError("inputs: name numbers that may change in time, such as loads and prescribed motions: "
+                          + "; ".join(map(str, held.problems)))
     taken = {item_name(one) for one in statements}
     mine = next(f"{NAME}{'_' * n}" for n in range(len(taken) + 1) if f"{NAME}{'_' * n}" not in taken)
     if values:
