@@ -176,6 +176,8 @@ class Stepper(NamesAttributes):
             taken, wrong = replace(taken, y=taken.y.copy()), set(values) - set(self.names)
             if wrong:
                 raise OptionError(f"values: there is no unknown {shown(min(wrong))}; there are {', '.join(self.names)}")
+            if driven := set(values) & {self.names[place] for place in self._slots}:
+                raise OptionError(f"values: {min(driven)} is an input: set it by step.set(...)")
             for name, value in values.items():
                 taken.y[:, self.names.index(name)] = self._each(name, value)
         self._states.take(taken)
@@ -234,7 +236,7 @@ class Stepper(NamesAttributes):
         return reader()
 
     def _reader(self, path: str) -> Callable[[], Any]:
-        if path in self._columns:
+        if path in self._columns and "." not in path:  # "S.length" is the sensor, also where the natural length is driven
             return lambda: self.inputs[path]
         try:
             observed = Observer(self._prepared.model, self._prepared.all_bodies.moved, [symbol(path)])
