@@ -183,7 +183,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         return self._connect(Connection(name, "spring", k, l, [law]))
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at_k=reading.point, at_l=reading.point, over=_pulleys,
-           stiffness=reading.driven("N", True), damping=reading.driven("N s", True, least=FEEDS),
+           stiffness=reading.driven("N", True, least="a rope would push"), damping=reading.driven("N s", True, least=FEEDS),
            length=reading.driven("m", True, least="no length is"), radius_k=_radius, radius_l=_radius, axis=reading.direction)
     @statement
     def rope(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: Any, damping: Any = 0.0, length: Any = None,
@@ -204,7 +204,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         spans, ways = tangents(np.array([at_k, *centers, at_l]), radii, z)
         wraps = wraps_of(ways, radii, z)
         natural = float(np.sum(np.linalg.norm(spans[:, 1] - spans[:, 0], axis=1)) + radii[1:-1] @ wraps)
-        self._check_rope(f"rope '{name}'", bodies, natural, wraps)
+        self._check_rope(f"rope '{name}'", bodies, natural if length is None or length else 0.0, wraps)
         numbers = {f"{what}_{n + 1}": float(value) for what, values in (("radius", radii[1:-1]), ("wrap", wraps))
                    for n, value in enumerate(values)}
         for side, radius, way in (("k", radius_k, ways[0]), ("l", radius_l, ways[-1])):
@@ -220,8 +220,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
 
     def _check_rope(self, item: str, bodies: list[Body], natural: float, wraps: Any) -> None:
         if not np.isfinite(natural) or natural == 0:
-            self.problems.append(f"{item}: circles overlap, or points meet, as drawn: there is no tangent between them; draw "
-                                 f"them apart")
+            self.problems.append(f"{item}: it has no length, or circles overlap or points meet as drawn: there is no tangent "
+                                 f"between them; draw them apart")
         for body, wrap in zip(bodies, wraps, strict=True):
             if isinstance(body, Beam):
                 self.problems.append(f"{item}: a pulley cannot be on the beam '{body.name}'; put a body on it by s.weld")
