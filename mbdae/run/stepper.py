@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy, deepcopy
 from dataclasses import replace
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import NamesAttributes, OptionError, SceneError, naming_arguments, warn
+from mbdae.errors import NamesArguments, NamesAttributes, OptionError, SceneError, naming_arguments, warn
 from mbdae.files import path_of
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.inputs.sensed import symbol
@@ -36,14 +37,14 @@ from mbdae.study.statements import call_of, restated
 from mbdae.system.assembled.guards import Observer
 from mbdae.system.base import Array
 from mbdae.threads import single_threaded
-from mbdae.values import number, option, shown, text
+from mbdae.values import number, option, shown, text, whole
 
 AHEAD = 1000  #: number of steps over which inputs of time are looked at together, for breaks and for how fast they vary
 LOGGED = 100_000  #: largest number of steps, since the error was read last, that can still be repeated to estimate it
 NAME = "stepper"  #: name of the controller that holds the inputs, where the scene has no item of this name
 
 
-class Stepper(NamesAttributes):
+class Stepper(NamesAttributes, NamesArguments):
     """Steps of `Scene.stepper`. t: the present time (s); dt: the length of a step (s); batch: number of states, None for one."""
 
     @single_threaded
@@ -114,7 +115,7 @@ class Stepper(NamesAttributes):
 
     def set(self, values: Mapping[str, Any] | None = None, **named: Any) -> None:
         """Set inputs from now on, by name: numbers, or of a batch (batch,) too. They act in the steps that follow."""
-        given = {**values, **named} if values is not None else named
+        given = _by_name(values) | named
         changed = self._inputs.copy()
         for name, value in given.items():
             if name not in self._columns:
@@ -169,7 +170,7 @@ class Stepper(NamesAttributes):
         if taken.y.shape != self._states.y.shape or taken.inputs.shape != self._inputs.shape:
             raise OptionError(f"state has {taken.y.shape} unknowns and {taken.inputs.shape} inputs, this stepper "
                               f"{self._states.y.shape} and {self._inputs.shape}: give a state of a stepper of the same scene")
-        if values:
+        if values := _by_name(values):
             if self._prepared.rows:
                 raise OptionError("values: joints of this scene are constraints between its unknowns, which cannot be set one by "
                                   "one; state the start in the scene (angle0=, rate0=), or give a Result by start=")
@@ -186,16 +187,16 @@ class Stepper(NamesAttributes):
 
     def _loaded(self, path: Any) -> State:
         shapes = {"t": (3,), "inputs": self._inputs.shape, **dict.fromkeys(("y", "yp"), self._states.y.shape)}
+        if not isinstance(path, str | PathLike):
+            raise OptionError(f"state = {shown(path)} is no state: give one of a stepper, or the file of one")
         try:
             with archive.Archive(path_of(path)) as stored:
                 fits = stored.text("header") == "mbdae state" and stored.shapes == shapes
                 found = {name: stored.array(name) for name in shapes} if fits else {}
-        except OSError:
-            raise
         except Exception as error:  # readers of a damaged archive may raise anything
-            raise OptionError(f"{path} is not a state of a stepper, or damaged: {error}") from error
+            raise OptionError(f"state = {shown(path)} is not the file of a state, or damaged: {error}") from error
         if not fits:
-            raise OptionError(f"{path} is not a state of a stepper of this scene")
+            raise OptionError(f"state = {shown(path)} is not the file of a state of this scene")
         t, begin, count = found["t"].tolist()
         return State(t, found["y"], found["inputs"], found["yp"], (begin, int(count)), [], [])
 
@@ -230,9 +231,10 @@ class Stepper(NamesAttributes):
     def __getitem__(self, path: str) -> Any:
         """A sensor at the present time, as r[...] of a result reads it ("J.angle", "rod.position", "J.force"), with the inputs as
         they are set now: a number or an array; of a batch (batch, ...)."""
+        path = option("sensor", path, text, "name a sensor such as 'J.angle'")
         reader = self._readers.get(path)
         if reader is None:
-            reader = self._readers[path] = self._reader(option("sensor", path, text, "name a sensor such as 'J.angle'"))
+            reader = self._readers[path] = self._reader(path)
         return reader()
 
     def _reader(self, path: str) -> Callable[[], Any]:
@@ -257,8 +259,7 @@ class Stepper(NamesAttributes):
     @naming_arguments
     def result(self, i: int = 0) -> Result:
         """The present state (number i of a batch) as a Result of one time, with all its sensors; their errors are not known."""
-        if i not in range(len(self._inputs)):
-            raise OptionError(f"i = {shown(i)}: the states of this stepper are numbered from 0 to {len(self._inputs) - 1}")
+        i = option("i", i, whole, "give the number of a state of the batch", least=0, most=len(self._inputs) - 1)
         y = self._present()[i : i + 1]
         yp = self._system.restarted(self.t, y[0])[1][None]
         t, still = np.array([self.t]), Instant(self.solver.label, y, yp)
@@ -270,6 +271,13 @@ def _again(given: tuple[Any, ...], state: State) -> Stepper:
     made = Stepper(*given)
     made.reset(state)
     return made
+
+
+def _by_name(values: Any) -> dict[Any, Any]:
+    """Values by name that a user gives, or none."""
+    if not isinstance(values, Mapping | None):
+        raise OptionError(f"values = {shown(values)} is not a dict: give values by name, such as {{'u': 0.5}}")
+    return dict(values or {})
 
 
 def _outputs(inputs: Mapping[str, float]) -> list[str]:

@@ -99,7 +99,7 @@ def test_a_stored_state_is_read_and_others_are_refused(tmp_path):
     other = pendulum().stepper(DT)
     other.reset(tmp_path / "a.npz")
     np.testing.assert_array_equal(stepped(other, 5).state.y, end.y)
-    with pytest.raises(OptionError, match="not a state of a stepper"):
+    with pytest.raises(OptionError, match="not the file of a state"):
         four_bar().stepper(DT).reset(tmp_path / "a.npz")
     (tmp_path / "b.npz").write_bytes(b"none")
     with pytest.raises(OptionError, match="damaged"):

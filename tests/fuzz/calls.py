@@ -47,7 +47,7 @@ ELSEWHERE = {
     "read_table": "tests/inputs",
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
-    "Solver.between_breaks": "between modules",
+    "Solver.between_breaks": "between modules", "State.save": "files",
     "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface", "Form.within": "interface",
     "System.accept": "interface", "System.read_at": "interface", "System.jacobian": "interface", "System.residual": "interface",
@@ -260,11 +260,10 @@ CALLS: dict[str, Call] = {
         "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "batch": None, "start": None},
         "mbdae.api.Stepper"),
     "Stepper.set": Call(lambda: stepper().set, lambda: {"values": {"hinge.damper": 0.5}}),
-    "Stepper.advance": Call(lambda: stepper().advance, lambda: {"dt": 0.01}),
+    "Stepper.advance": Call(lambda: stepper().advance, lambda: {"dt": 0.01}, "mbdae.run.batch.States.to"),
     "Stepper.reset": Call(lambda: stepper().reset, lambda: {"state": None, "values": {"hinge.angle": 0.1}}),
     "Stepper.result": Call(lambda: stepper().result, lambda: {"i": 0}),
     "Stepper.__getitem__": Call(lambda: stepper().__getitem__, lambda: {"path": "hinge.angle"}),
-    "State.save": Call(lambda: stepper().state.save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.archive.write"),
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
     "audit": Call(lambda: mb.audit, lambda: {
         "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None}),
@@ -328,6 +327,7 @@ LISTS = {"a list", "a nested list", "a range", "an array", "one entry", "a matri
 ANY = "any text may be a name"
 #: (callable, option) -> hostile values that are legitimate there, and why
 LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
+    ("Scene.stepper", "inputs"): ({"a tuple of text"}, "names"),
     **{(c, "atol"): ({"a list", "one entry", "a matrix"}, "one number per unknown")
        for c in ("IDA", "CVODE", "DOP853", "RadauIIA")},
     **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},
@@ -363,13 +363,13 @@ SIZES: list[tuple[set[str], str]] = [
      "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall DAE.simulate.t_end DAE.simulate.max_wall compare.t_end compare.max_wall extremes.t_end "
      "extremes.max_wall extremes.budget Result.animate.speed "
-     "ComparisonData.cheapest.accuracy"),
+     "ComparisonData.cheapest.accuracy Scene.stepper.dt Stepper.advance.dt"),
     ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "
                          "RunStates.stresses.t Result.state_for.t"),
     ({"zero", "a half", "much"}, "Index1.baumgarte"),
     ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy Stepped.at_accuracy.accuracy GeneralizedAlpha.accuracy "
                  "HHT.accuracy OneStep.accuracy Result.animate.fps"),
-    ({"zero"}, "HHT.alpha"),
+    ({"zero"}, "HHT.alpha Stepper.result.i"),
     ({"much"}, "Scene.linearize.count Scene.floquet.count"),
     (NUMBERS, "Solver.solve.begin DAE.t0 Equilibrium.__call__.t Equilibrium.states.t Block.at.value"),
 ]
@@ -387,6 +387,7 @@ OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Switches", "weights"): ({"a list", "a nested list", "a matrix", "a range", *NUMBERS}, "the numbers of each"),
     ("DAE", "y0"): ({"a list", "one entry", "a range"}, "yp0, which no longer fits"),
     ("DAE", "yp0"): ({"a range"}, "the equation that the start does not satisfy"),
+    **{(f"Stepper.{name}", "values"): ({"a dict"}, "the entry") for name in ("set", "reset")},
     ("audit", "laws"): ({"a dict"}, "the entry"), ("extremes", "vary"): ({"a dict"}, "the entry"),
     ("sweep", "grid"): ({"a dict", "a generator"}, "the entry"),
     ("Result.animate", "sensors"): ({"a tuple of text"}, "the entry"),
