@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from runner import Case, Claim, Found
+from runs import counted, few_and_all, verdict_of
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
@@ -16,7 +17,6 @@ claim = Claim("ropes", "masses and hook blocks on ropes over up to two pulleys, 
               "the tensions along the tangents say, within three times the accuracy asked, or the run says that not", 0.0, "runs",
               "tangents of circles by hand, forces along them without any derivative, DOP853 of SciPy at rtol 1e-11")
 QUICK, WHOLE = range(4), range(60)
-FACTOR = 3.0  #: an error up to so many times the accuracy counts as right
 T_END = 0.6
 G = np.array([0.0, -9.81])
 
@@ -108,20 +108,15 @@ def verdict(seed: int) -> tuple[str, str]:
     found = (r["body"].position @ turn)[:, :2]
     ratio = float(np.max(np.abs(found - ends.y[:2].T))) / accuracy
     said = bool(told) or r.reliable is False
-    name = ("told" if said else "silent") if ratio > FACTOR else ("needless" if said and ratio < 1 else "right")
-    return name, f"seed {seed}: {solver}, {accuracy:.1e}: error {ratio:.2g} x asked{''.join(f'; {w.message}' for w in told)}"
+    return verdict_of(ratio, said), (
+        f"seed {seed}: {solver}, {accuracy:.1e}: error {ratio:.2g} x asked{''.join(f'; {w.message}' for w in told)}")
 
 
 def judge(seeds: Sequence[int]) -> list[Found]:
     """Counts of verdicts, with what is wrong."""
-    all_of = [verdict(seed) for seed in seeds]
-    rows = []
-    for name, most in (("silent", 0.0), ("needless", max(1.0, 0.05 * len(all_of)))):
-        wrong = [text for found, text in all_of if found == name]
-        rows.append(Found(len(wrong), most, "runs", name, note=" | ".join(wrong)))
-    return rows
+    return counted([verdict(seed) for seed in seeds])
 
 
 def cases() -> list[Case]:
     """A few seeds, and all."""
-    return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)), Case("runs", "all", judge, slow=True, parts=WHOLE)]
+    return few_and_all(judge, QUICK, WHOLE)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from runner import Case, Claim, Found
+from runs import few_and_all
 
 import mbdae as mb
 
@@ -112,4 +113,4 @@ def judge(seeds: Sequence[int]) -> Found:
 
 def cases() -> list[Case]:
     """A few seeds, and all."""
-    return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)), Case("runs", "all", judge, slow=True, parts=WHOLE)]
+    return few_and_all(judge, QUICK, WHOLE)
