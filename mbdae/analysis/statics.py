@@ -82,9 +82,7 @@ class Statics:
         y[: m.nq], y[self.kinds == "s"] = rest.start.q, rest.start.s
         self.unbalanced = np.zeros(self.system.n)
         self.begin = self.with_reactions(self.at_rest(Point(y, np.zeros(self.system.n), 0.0)))
-        out = self._residual(self.system, self.begin) - self._residual(self.loads, self.begin)
-        out[self.kinds == "lambda"] = 0.0
-        self.unbalanced = out
+        self.unbalanced = self._unloaded(self.begin)
 
     def q(self, point: Point) -> Array:
         """Positions (nq,) of a point."""
@@ -111,6 +109,12 @@ class Statics:
     def _residual(self, system: Assembly, point: Point) -> Array:
         out = np.empty(system.n)
         system.residual(self.t, point.y, point.yp, out)
+        return out
+
+    def _unloaded(self, point: Point) -> Array:
+        """F (n,) without the applied loads, constraints left out."""
+        out = self._residual(self.system, point) - self._residual(self.loads, point)
+        out[self.kinds == "lambda"] = 0.0
         return out
 
     def _inertia(self, point: Point) -> Array:

@@ -29,14 +29,7 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
     if e.is_Number or e == se.pi or e == se.E:
         return float(e)
     if isinstance(e, se.Piecewise):
-        # value of a Piecewise; a case whose condition is false may be undefined
-        conditions, values = [], []
-        with np.errstate(all="ignore"):
-            for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
-                conditions.append(True if str(condition) == "True" else value(condition, get))
-                values.append(value(result, get))
-            shape = np.broadcast_shapes(*(np.shape(x) for x in (*conditions, *values)))
-            return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
+        return _chosen(e, get)
     a = [value(x, get) for x in e.args]
     if isinstance(e, se.Add):
         return sum(a[1:], a[0])
@@ -61,6 +54,17 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
     if name == "atan2":
         return complex_atan2(a[0], a[1])
     return getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))(*a)
+
+
+def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
+    """Value of a Piecewise; a case whose condition is false may be undefined."""
+    conditions, values = [], []
+    with np.errstate(all="ignore"):
+        for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
+            conditions.append(True if str(condition) == "True" else value(condition, get))
+            values.append(value(result, get))
+        shape = np.broadcast_shapes(*(np.shape(x) for x in (*conditions, *values)))
+        return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
 
 
 class FormulaValues:

@@ -208,7 +208,8 @@ def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]
     found = list(_of_few_steps(run.t, every[:, :, 0]))
     for first in range(0, len(run.t) - 1, AT_ONCE):
         steps = run.t[first : first + AT_ONCE + 1]
-        found += _in_steps(pairs, steps, _drawn(random, len(steps) - 1), GRAZING * depth)
+        at_ends = every[first : first + AT_ONCE + 1, None]
+        found += _in_steps(pairs, steps, at_ends, _drawn(random, len(steps) - 1), GRAZING * depth)
     found = _that_count(system, run, pairs, every, found, depth)
     run.stats.missed_dips = len(found)  # of those that the solver met, too, others do no harm
     hidden = [Hidden(contact_steps.guard_name(system, place), *times) for place, *times in found]
@@ -283,14 +284,15 @@ def _one_by_one(system: System, times: Array, y: Array) -> Array:
     return np.array([np.transpose(system.guards(float(t), state)[:2]) for t, state in zip(times, y, strict=True)])
 
 
-def _in_steps(pairs: Pairs, t: Array, parts: Array, depth: float) -> list[tuple[int, float, float, float]]:
+def _in_steps(pairs: Pairs, t: Array, at_ends: Array, parts: Array, depth: float) -> list[tuple[int, float, float, float]]:
     """(number of a contact, begin, time at which it is closed, end) for contacts that close inside the steps between the times t
-    (n+1,). parts (n, POINTS): every step is divided into POINTS intervals; fraction of each interval at which gaps are evaluated
-    first."""
+    (n+1,). at_ends (n+1, 1, places, 2): gaps and rates there; parts (n, POINTS): every step is divided into POINTS intervals;
+    fraction of each interval at which gaps are evaluated first."""
     steps = len(t) - 1
     inner = t[:-1, None] + (np.arange(POINTS) + parts) / POINTS * np.diff(t)[:, None]
     times = np.concatenate([t[:-1, None], inner, t[1:, None]], axis=1)
-    values = pairs(times.ravel()).reshape(steps, POINTS + 2, -1, 2)
+    inside = pairs(inner.ravel()).reshape(steps, POINTS, -1, 2)
+    values = np.concatenate([at_ends[:-1], inside, at_ends[1:]], axis=1)
     is_open = (values[:, 0, :, 0] >= 0) & (values[:, -1, :, 0] >= 0)
     found = dict[tuple[int, int], tuple[int, float, float, float]]()
     for s, i in np.argwhere(is_open & (np.min(values[:, 1:-1, :, 0], axis=1) < -depth)).tolist():

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import NamesArguments, NamesAttributes, OptionError, SceneError, naming_arguments, warn
+from mbdae.errors import NamesArguments, NamesAttributes, OptionError, SceneError, warn
 from mbdae.files import path_of
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.inputs.sensed import symbol
@@ -160,7 +160,6 @@ class Stepper(NamesAttributes, NamesArguments):
         """The present state, to go back to by `reset`: a copy."""
         return self._states.state(self._grid, self._inputs)
 
-    @naming_arguments
     def reset(self, state: Any = None, values: Mapping[str, Any] | None = None) -> None:
         """Go back to a `state` (or the file of one), by default the start; values: unknowns by name (`names`) that differ from
         it, such as {"J.angle": 0.1}, of scenes whose joints form a tree. Errors count from here on."""
@@ -256,7 +255,6 @@ class Stepper(NamesAttributes, NamesArguments):
         y[:, self._slots] = self._inputs
         return y
 
-    @naming_arguments
     def result(self, i: int = 0) -> Result:
         """The present state (number i of a batch) as a Result of one time, with all its sensors; their errors are not known."""
         i = option("i", i, whole, "give the number of a state of the batch", least=0, most=len(self._inputs) - 1)

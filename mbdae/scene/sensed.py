@@ -207,12 +207,16 @@ def _refuse_loop(path: str, quantity: str) -> None:
 
 
 def _unknown(scene: Any, path: str) -> str:
-    # the sensors that may be read, by path
-    joints = [f"{c.name}.{q}" for c in scene.joints for q in (*c.scalars, *rates_of(c))]
-    bodies = [f"{b.name}.{q}[{', '.join('0' for _ in shape)}]" for b in scene.bodies for q, shape in MOTION.items()]
-    known = [*(one.name for one in scene.signals), *joints, *bodies]
+    known = known_paths(scene)
     few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
     return f"there is no sensor '{path}': {meant(path, known)}known sensors: {few or 'none'}"
+
+
+def known_paths(scene: Any) -> list[str]:
+    """The sensors that may be read, by path."""
+    joints = [f"{c.name}.{q}" for c in scene.joints for q in (*c.scalars, *rates_of(c))]
+    bodies = [f"{b.name}.{q}[{', '.join('0' for _ in shape)}]" for b in scene.bodies for q, shape in MOTION.items()]
+    return [*(one.name for one in scene.signals), *joints, *bodies]
 
 
 def refuse_sampled(scene: Any, analysis: str) -> None:
