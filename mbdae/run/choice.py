@@ -19,7 +19,7 @@ import numpy as np
 
 from mbdae.deferred import Later, eigvals
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
+from mbdae.formulations import GGL, ODE, Form, Index1, default_form, shared_system, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.dop853 import DOP853
 from mbdae.integrators.radau import RadauIIA
@@ -103,12 +103,14 @@ def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: 
     if found is None or found.model.stay_kinematic:
         return None
     full = found.all_bodies.moved.ordered and unknowns(found, ODE(), 0) > MOST_FULL
-    return None if full and (Rates(found).decay > STIFF or Rates(found).oscillation > STIFF) else found
+    rates = found.kept.setdefault(Rates, Rates(found))
+    return None if full and (rates.decay > STIFF or rates.oscillation > STIFF) else found
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
     """Form and solver of a default run, from the equations at the start and the accuracy, before anything is solved."""
-    solver, own, why = _chosen(prepared, accuracy, form)
+    rates = prepared.kept.setdefault(Rates, Rates(prepared))
+    solver, own, why = _chosen(prepared, accuracy, form, rates)
     return Choice(prepared, stated, own, solver, why)
 
 
@@ -130,12 +132,11 @@ def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, F
         yield IDA(), form
 
 
-def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Solver, Form, str]:
+def _chosen(prepared: Prepared, accuracy: float, given: Form | None, rates: Rates) -> tuple[Solver, Form, str]:
     form = given if given is not None else default_form(prepared)
     hard = _hard(prepared) or ("" if form.within(Solver.highest_index) else f"only Radau takes the index of form {form.label}")
     if hard:
         return RadauIIA(3), form, hard
-    rates = Rates(prepared)
     if not form.spec().blocks:
         if rates.decay > STIFF or rates.oscillation > STIFF:
             return RadauIIA(3), form, f"stiff: {rates}"
@@ -207,7 +208,7 @@ class Rates:
     @cached_property
     def _eigenvalues(self) -> np.ndarray:
         """Eigenvalues of small disturbances at the start, 1/s; infinite where there are too many unknowns to compute them."""
-        system = system_for(self._prepared, GGL() if self._prepared.rows else ODE())
+        system = shared_system(self._prepared, GGL() if self._prepared.rows else ODE())
         if system.rate_products is not None:
             return _largest_eigenvalues(system)
         if system.n > EIGENVALUES:

@@ -37,7 +37,7 @@ from mbdae.errors import (
     keeping,
     warn,
 )
-from mbdae.formulations import Form, system_for
+from mbdae.formulations import Form, shared_system, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
@@ -89,7 +89,6 @@ class Job:
     continued: bool  #: whether the run starts where another run ended
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
-    _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
     def run(self, solver: Solver, strict: bool = False) -> Controlled:
         """A run of one solver to the accuracy, or with the tolerance or step that the user set. strict: with eliminated
@@ -111,10 +110,7 @@ class Job:
 
     def _system(self, solver: Solver) -> SceneSystem:
         """The equations with the index that a solver takes, assembled once."""
-        key = self.form, solver.highest_index
-        if key not in self._systems:
-            self._systems[key] = system_for(self.prepared, *key)
-        return self._systems[key]
+        return shared_system(self.prepared, self.form, solver.highest_index)
 
     def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
         accuracy = accuracy if accuracy is not None else self.accuracy
