@@ -155,7 +155,7 @@ def lent(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[A
     uses it inside of this context. options: None where the call cannot be told from others.
 
     In the main thread alone: elsewhere an earlier result may be read while the next run uses what it is read from."""
-    said = None if options is None or threading.current_thread() is not threading.main_thread() else scene.said()
+    said = None if options is None or active() is not None or threading.current_thread() is not threading.main_thread() else scene.said()
     if said is None:
         yield prepare(scene)
         return

@@ -166,9 +166,13 @@ class Job:
         form: the one that the user asked for; with None the other solvers take the default form."""
         best: tuple[Controlled, Job] | None = None
         failure: MbdaeError | None = None
-        why, runs, cpu = "", 0, 0.0
+        why, runs, cpu, stopped = "", 0, 0.0, dict[Any, str]()
         for solver, own in alternatives(choice, form):
             job = replace(self, form=own, choice=f"{solver.label}, {own.label}: {why}" if why else str(choice))
+            call = solver, own, self.accuracy, self.asked.t_end
+            if self.asked.stop is None and call in self.prepared.kept:  # the same call stopped here before
+                why = self.prepared.kept[call]
+                continue
             try:
                 run = job.run(solver, strict=True)
             except FINAL:
@@ -178,6 +182,7 @@ class Job:
                 runs, cpu = runs + 1, cpu + (cpu_of(error) if isinstance(error, SolverError) else 0.0)
                 failure = error if failure is None or isinstance(solver, RadauIIA) else failure  # Radau IIA fails least often
                 why = said if solver.label in said else f"{solver.label} stopped: {said}"
+                stopped[call] = why
                 continue
             runs, cpu = runs + run.runs, cpu + run.cpu_s
             if best is None or run.estimate < best[0].estimate:
@@ -189,6 +194,7 @@ class Job:
         if best is None:
             assert failure is not None
             raise failure
+        self.prepared.kept.update(stopped if self.asked.stop is None else {})
         return replace(best[0], runs=runs, cpu_s=cpu), best[1]
 
     def _missed(self, run: Controlled) -> str:
