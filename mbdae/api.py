@@ -21,7 +21,7 @@ from mbdae.results.result import ATTACHED, Result
 from mbdae.results.storage import load as load
 from mbdae.run.checkpoint import keeper_of, kept, lent, progress_of, statement_of
 from mbdae.run.checks import Check, check_scene
-from mbdae.run.choice import choose, prepared_from, with_recursive_joints
+from mbdae.run.choice import choose, prepared_from
 from mbdae.run.conditions import conditions, ends_of_curves
 from mbdae.run.control import plausible
 from mbdae.run.estimate import Controlled
@@ -182,11 +182,8 @@ class Scene(SceneData):
                    start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:
         """`simulate` after its options have been checked."""
         default = method is None and own is None
-
-        def prepare_(scene: Scene) -> Prepared:
-            return (with_recursive_joints(scene, start, end) if default else None) or prepared_from(scene, start, end)
-
-        with lent(self, (default, end) if start is None and asked.progress is None else None, prepare_) as prepared:
+        with lent(self, (end, default) if start is None and asked.progress is None else None,
+                  partial(prepared_from, start=start, t_end=end, default=default)) as prepared:
             prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
             return self._solved(prepared, end, accuracy, method, own, times, start is not None, verify, asked, watched, outputs)
 

@@ -155,11 +155,12 @@ def lent(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[A
     uses it inside of this context. options: None where the call cannot be told from others.
 
     In the main thread alone: elsewhere an earlier result may be read while the next run uses what it is read from."""
-    said = None if options is None or active() is not None or threading.current_thread() is not threading.main_thread() else scene.said()
-    if said is None:
+    alone = threading.current_thread() is threading.main_thread() and active() is None
+    said = scene.said() if options is not None and alone else None
+    if said is None or options is None:
         yield prepare(scene)
         return
-    key = said, options
+    key = said, *options
     found = _waiting.pop(key, None)
     if found is None:
         found = prepare(scene)

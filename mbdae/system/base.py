@@ -232,15 +232,19 @@ class System:
         """Discard what `renewed` stored of earlier positions, so that it checks the next one."""
 
     @property
-    def renews(self) -> bool:
-        """Whether `renewed` is overridden: native methods then return after each step."""
-        return type(self).renewed is not System.renewed
+    def one_by_one(self) -> bool:
+        """Whether a subclass overrides `renewed`, or `accept` alone: native methods then return after each step."""
+        cls = type(self)
+        return cls.renewed is not System.renewed or (cls.accept is not System.accept and not self._accepts_many)
 
     @property
     def looks_at_steps(self) -> bool:
-        """Whether a subclass overrides `accept` or `renewed`, which look at every step."""
-        cls = type(self)
-        return self.renews or (cls.accept, cls.accept_many) != (System.accept, System.accept_many)
+        """Whether a subclass overrides `accept`, `accept_many` or `renewed`, which look at every step."""
+        return self.one_by_one or self._accepts_many
+
+    @property
+    def _accepts_many(self) -> bool:
+        return type(self).accept_many is not System.accept_many
 
     def read_at(self, time: float | None) -> None:
         """From now on evaluate conditions of inputs, such as t < 1, at this time, which lies inside the present part of a run, so
@@ -301,6 +305,3 @@ class System:
 
     def accept_many(self, t: Array, y: Array) -> None:
         """The same for steps that end at t (k,), y (k, n); a SolverError says by its `time` which of them is the last."""
-        if type(self).accept is not System.accept:
-            for time, state in zip(t.tolist(), y, strict=True):
-                self.accept(time, state)

@@ -58,7 +58,8 @@ def least_parts(mechanics: Mechanics, rank: int, t: Array, q: Array) -> Array:
     if mechanics.large or rank < mechanics.m:
         return smallest_at(mechanics, rank, t, q)
     B = unit_rows(mechanics, mechanics.constraint_jacobian(t, q))
-    return np.asarray(np.min(np.abs(np.linalg.qr(B.swapaxes(1, 2), mode="r").diagonal(axis1=1, axis2=2)), axis=1))
+    R = np.asarray(np.linalg.qr(B.swapaxes(1, 2), mode="r"))
+    return np.asarray(np.min(np.abs(R.diagonal(axis1=1, axis2=2)), axis=1))
 
 
 def smallest(B: Any, rank: int) -> float:

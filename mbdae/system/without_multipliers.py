@@ -148,7 +148,8 @@ class WithoutMultipliers(SceneSystem):
         self._seen = *self._seen[1:], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
-        shares = self._rates.shares(np.array([t]), y[None])[0]  # unlike those of the kernel, these depend on the geometry alone, not on the masses
+        # unlike those of the kernel, these depend on the geometry alone, not on the masses
+        shares = self._rates.shares(np.array([t]), y[None])[0]
         weakest = int(np.argmin(shares))
         if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:

@@ -172,9 +172,9 @@ class AccelerationKernel(Workspace):
         return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
 
     def shares(self, t: Array, y: Array) -> Array:
-        """(k, m) at states t (k,), y (k, n), of every constraint row: the squared part that is independent of other rows, over the
-        squared length of the row. With Cholesky factors: independent of the rows eliminated before it, in the metric of M^-1; else
-        as in `row_shares`."""
+        """(k, m) at states t (k,), y (k, n), of every constraint row: the squared part that is independent of other rows, over
+        the squared length of the row. With Cholesky factors: independent of the rows eliminated before it, in the metric of
+        M^-1; else as in `row_shares`."""
         out, read = np.empty(self.differential), self._G + np.arange(len(self._rows)) if self.whole else np.concatenate(
             [self._factor, self._diagonal + np.arange(self.m)])
         seen, dependent = np.empty((len(t), len(read))), list[tuple[int, int]]()
