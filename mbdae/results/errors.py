@@ -18,7 +18,7 @@ from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import AtTimes, OtherRun, wrenches
 from mbdae.results.contacts import largest
-from mbdae.results.quantities import Quantity, magnitudes, moves, named, unit_of, value
+from mbdae.results.quantities import Quantity, apart, magnitudes, moves, named, unit_of, value
 from mbdae.results.states import states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -159,9 +159,10 @@ class Errors:
         unit, found, size = unit_of(result, quantity), [], 0.0
         try:
             for other in self._shown:
-                own, compared = (value(one, quantity) for one in self._both(result, other))
-                size = max(size, float(np.max(magnitudes(own), initial=0.0)))
-                found.append((other, float(np.max(magnitudes(difference(own, compared, unit))))))
+                own, beside = self._both(result, other)
+                size = max(size, float(np.max(magnitudes(value(own, quantity)), initial=0.0)))
+                shift = (self.asked or 0.0) * self.prepared.time
+                found.append((other, float(np.max(apart(own, beside, quantity, unit, shift)))))
         except UNREADABLE:
             return None
         return Estimate(together(found), max(size, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
@@ -295,12 +296,6 @@ class Errors:
             return (f"the run leaves out fast vibrations of the beams, which hardly move them and carry forces; ask for "
                     f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")
         return f"ask for {smaller}"
-
-
-def difference(own: Array, compared: Array, unit: str) -> Array:
-    """Difference of two readings of a quantity; of angles without whole turns."""
-    found = compared - own
-    return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
 
 
 def at_the_same_times(others: tuple[OtherRun, ...]) -> tuple[OtherRun, ...]:
