@@ -176,8 +176,9 @@ class Rope(Force):
     V = stiffness e^2 / (2 (length - wound)) where its path is longer than the rope by e > 0, else 0; with a damper the tension is
     (stiffness e + damping de/dt) / (length - wound) where both e and it are positive, else 0. On the pulleys between the ends
     (`rope_over`) it slides without friction. An end with a radius is wound on a drum about the z axis of its body, without slip;
-    wound is what the drums have taken up since the drawing: what is left is the shorter and the stiffer. The tension pulls along the
-    path, with tension times radius on a drum. What a drum takes up takes its strain along, hence no V with drums: all is power.
+    wound is what the drums have taken up since the drawing: what is left is the shorter and the stiffer. The tension pulls along
+    the path, on a drum with tension times radius. What a drum takes up takes its energy along: with drums there is no V, all is
+    power.
 
     Radii are positive where the rope, on its way from k to l, goes about z with the right hand, negative against it. The path
     goes along the common tangents of circles about points of the bodies: exact where their axes are parallel."""

@@ -18,9 +18,8 @@ from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import AtTimes, OtherRun, wrenches
 from mbdae.results.contacts import largest
-from mbdae.results.quantities import Quantity, apart, magnitudes, moves, named, unit_of, value
+from mbdae.results.quantities import Quantity, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.states import states_of
-from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
 #: rounding error of forces, relative to the force that moves the heaviest body by the scene's length in the motion's
@@ -162,7 +161,7 @@ class Errors:
                 own, beside = self._both(result, other)
                 size = max(size, float(np.max(magnitudes(value(own, quantity)), initial=0.0)))
                 shift = (self.asked or 0.0) * self.prepared.time
-                found.append((other, float(np.max(apart(own, beside, quantity, unit, shift)))))
+                found.append((other, float(np.max(differences(own, beside, quantity, unit, shift)))))
         except UNREADABLE:
             return None
         return Estimate(together(found), max(size, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None

@@ -66,7 +66,7 @@ def difference(own: Array, compared: Array, unit: str) -> Array:
     return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
 
 
-def apart(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float) -> Array:
+def differences(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float) -> Array:
     """Magnitudes (nt,) of the differences of a quantity between two runs at the times of both. Up to `shift` (s) from an end of a
     step at which it jumps in the first, the other may show either side of the jump."""
     compared = value(beside, quantity)
@@ -78,7 +78,7 @@ def apart(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float) ->
     if not len(ends):
         return found
     sides = [value(own(np.clip(ends + sign * SIDES * shift, run.t[0], run.t[-1])), quantity) for sign in (-1, 1)]
-    jumps = magnitudes(difference(*sides, unit)) > largest / 2
+    jumps = magnitudes(difference(sides[0], sides[1], unit)) > largest / 2
     for t, *values in zip(ends[jumps], *(side[jumps] for side in sides), strict=True):
         near = np.abs(own.t - t) <= shift
         for one in values:

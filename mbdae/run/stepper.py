@@ -246,7 +246,7 @@ class Stepper(NamesAttributes, NamesArguments):
         item = model.scene._by_name.get(name)
         if (isinstance(item, Connection) and quantity in item.scalars and not model.planar and item.unit(quantity) == "rad"
                 and model.coordinate_node(name, quantity) is None):
-            raise OptionError(f"step[{shown(path)}]: one state does not tell whole turns of this angle; let the stepper count them, "
+            raise OptionError(f"step[{shown(path)}]: whole turns of this angle are not counted; let the stepper count them, "
                               f"s.stepper(..., reads=[{shown(path)}])")
         try:
             observed = Observer(self._prepared.model, self._prepared.all_bodies.moved, [symbol(path)])

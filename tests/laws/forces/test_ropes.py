@@ -243,7 +243,8 @@ def test_a_rope_that_leaves_its_pulley_is_told():
 def test_constant_steps_begin_on_a_rope_as_long_as_drawn():
     """Two ropes that are off their natural length by rounding alone ask for no steps of nanoseconds."""
     s = mb.Scene("wheel", gravity=(0, -G, 0))
-    wheel, one, two = s.rigid_body("wheel", 3.0, 0.05), s.point_mass("one", 1.0, at=(-R, -1)), s.point_mass("two", 2.0, at=(R, -2))
+    wheel = s.rigid_body("wheel", 3.0, 0.05)
+    one, two = s.point_mass("one", 1.0, at=(-R, -1)), s.point_mass("two", 2.0, at=(R, -2))
     s.revolute("axle", s.ground, wheel, at=(0, 0))
     s.rope("left", one, wheel, at_k=(-R, -1), at_l=(0, 0), radius_l=-R, stiffness=1e4)
     s.rope("right", wheel, two, at_k=(0, 0), at_l=(R, -2), radius_k=-R, stiffness=1e4)
