@@ -198,7 +198,7 @@ class Rope(Force):
     pulleys: ClassVar[int] = 0  #: number of frames between k and l on the way of the rope, p1, p2, ...
 
     def undefined_at(self) -> tuple[str, ...]:
-        return ("points together",)
+        return ("points together", "some places")  # circles that overlap have no tangent
 
     def _route(self, frames: tuple[Frame, ...]) -> tuple[Expr, list[Expr], tuple[Expr | None, Expr | None]]:
         """Length of all spans between the circles; wrap of every pulley between the ends, rad; directions at both ends about
