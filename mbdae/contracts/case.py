@@ -92,7 +92,7 @@ class Case:
         self.values = self.states.values
 
     def _defined(self, values: Values) -> bool:
-        """Whether the law is finite in a state, and far enough from where it is not, asked of laws that say that there are such."""
+        """Whether the law is finite in a state, and far from where it is not; asked of laws that say that there are such."""
         if "some places" not in self.d.law.undefined_at():
             return True
         plan = self.all_outputs

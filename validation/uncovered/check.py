@@ -28,7 +28,8 @@ def judged(seeds: Sequence[int], accuracies: tuple[float, ...] = ACCURACIES) -> 
 def _of(what: str, found: list[Reading], most: float) -> list[Found]:
     silent, needless = [r for r in found if r.silent], [r for r in found if r.needless]
     right, told = sum(r.error <= r.asked for r in found), sum(r.told for r in found)
-    note = f"{len(found)} {what} of {len({r.seed for r in found})} scenes, {right} within the accuracy, {told} told; {'; '.join(map(str, silent[:5]))}"
+    scenes = len({r.seed for r in found})
+    note = f"{len(found)} {what} of {scenes} scenes, {right} within the accuracy, {told} told; {'; '.join(map(str, silent[:5]))}"
     return [Found(len(silent), 0, quantity=f"{what}, silent", note=note),
             Found(len(needless) / max(right, 1), most, "share", f"{what}, needless",
                   "; ".join(map(str, needless[:5])))]
