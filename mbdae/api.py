@@ -19,9 +19,9 @@ from mbdae.integrators.named import solver_of
 from mbdae.notation import picture, rows, titled
 from mbdae.results.result import ATTACHED, Result
 from mbdae.results.storage import load as load
-from mbdae.run.checkpoint import keeper_of, kept, progress_of, statement_of
+from mbdae.run.checkpoint import keeper_of, kept, lent, progress_of, statement_of
 from mbdae.run.checks import Check, check_scene
-from mbdae.run.choice import choose, prepared_from, with_recursive_joints
+from mbdae.run.choice import choose, prepared_from
 from mbdae.run.conditions import conditions, ends_of_curves
 from mbdae.run.control import plausible
 from mbdae.run.estimate import Controlled
@@ -31,7 +31,7 @@ from mbdae.run.stepper import Stepper
 from mbdae.scene.contacts import READERS
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.prepare import prepare
+from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start import Start
 from mbdae.threads import limited, single_threaded
@@ -183,18 +183,24 @@ class Scene(SceneData):
     def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
                    start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:
         """`simulate` after its options have been checked."""
-        prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
-        prepared = prepared if prepared is not None else prepared_from(self, start, end)
-        prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
+        default = method is None and own is None
+        with lent(self, (end, default) if start is None and asked.progress is None else None,
+                  partial(prepared_from, start=start, t_end=end, default=default)) as prepared:
+            prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
+            return self._solved(prepared, end, accuracy, method, own, times, start is not None, verify, asked, watched, outputs)
+
+    def _solved(self, prepared: Prepared, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
+                continued: bool, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:
+        """`simulate` after the scene has been prepared."""
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
-            job, taken = Job(prepared, own, accuracy, asked, times, continued=start is not None), method
+            job, taken = Job(prepared, own, accuracy, asked, times, continued), method
 
             def made(job: Job) -> tuple[Controlled, Job]:
                 return job.run(method), job
         else:
             choice = choose(prepared, self, accuracy, own)
-            job, taken = Job(prepared, choice.form, accuracy, asked, times, continued=start is not None), choice.solver
+            job, taken = Job(prepared, choice.form, accuracy, asked, times, continued), choice.solver
 
             def made(job: Job) -> tuple[Controlled, Job]:
                 return job.run_default(choice, own)

@@ -156,7 +156,7 @@ class _Run:
         loop, watch = self.loop, self.watch
         if self.system.longest_step is not None:
             self.method.bound(*self.system.longest_step)
-        most = 1 if self.system.looks_at_steps or (watch is not None and watch.contacts is not None) else ROWS
+        most = 1 if self.system.one_by_one or (watch is not None and watch.contacts is not None) else ROWS
         self.rows, going = most if watch is None else min(most, FEW), True
         loop.goes_on(self)
         while going:

@@ -215,3 +215,15 @@ API int scene_jacobians(Scene *s, I k, const double *t, const double *y, const d
     code = scene_jacobian(s, t[i], y + i * s->n, yp + i * s->n, fy + i * s->nnz, fyp + i * s->nnz);
   return code;
 }
+
+/* Values (k, n) of piecewise polynomials: for each, in step i of y and `ends` (m, n) and increments `inner` (m, s - 1, n), the sum
+ * of the increments with weights w (s), that to the end of the step last, and y where `from` is not 0. */
+API void interpolated(I k, I n, I s, const I *steps, const double *w, I from, const double *y, const double *ends,
+                      const double *inner, double *out) {
+  for (I q = 0; q < k; q++, w += s, out += n) {
+    const double *a = y + steps[q] * n, *b = ends + steps[q] * n, *z = inner + steps[q] * (s - 1) * n;
+    for (I c = 0; c < n; c++) out[c] = (from ? a[c] : 0.0) + (b[c] - a[c]) * w[s - 1];
+    for (I j = 0; j < s - 1; j++, z += n)
+      for (I c = 0; c < n; c++) out[c] += w[j] * z[c];
+  }
+}

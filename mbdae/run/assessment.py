@@ -30,7 +30,7 @@ from mbdae.run.growing import left_behind, total
 from mbdae.scene.models import spanning_tree
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
-from mbdae.system.dependent_rows import DEPENDENT, Dependency, dependencies
+from mbdae.system.dependent_rows import DEPENDENT, Dependency, dependencies, least_parts
 from mbdae.system.model.moved_bodies import expressions_of
 from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
@@ -176,10 +176,12 @@ def _named(result: Result, near: list[Dependency]) -> str:
 
 
 def _minima(result: Result, times: Array) -> list[tuple[float, float]]:
-    """Minima of the smallest singular value of the rows between the first and the last time, with their times (s)."""
-    seen = result(times).smallest_singular_value
-    best = int(np.argmin(seen))
-    found = [(float(seen[best]), float(times[best]))]
+    """Minima of the smallest singular value of the rows between the first and the last time, with their times (s), sought where
+    the smallest independent part of a row has its minima."""
+    at = result(times)
+    seen = least_parts(result.prepared.with_all_rows, len(result.prepared.rank.kept), at.t, at.q)
+    best = float(times[np.argmin(seen)])
+    found = [(float(result([best]).smallest_singular_value[0]), best)]
     inner = np.flatnonzero((seen[1:-1] <= seen[:-2]) & (seen[1:-1] <= seen[2:]) & (seen[1:-1] < NEAR * median(seen))) + 1
     for i in sorted(inner, key=lambda i: float(seen[i]))[:CHOSEN]:
         found.append(_minimum(result, float(times[i - 1]), float(times[i + 1])))

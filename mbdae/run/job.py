@@ -37,7 +37,7 @@ from mbdae.errors import (
     keeping,
     warn,
 )
-from mbdae.formulations import Form, system_for
+from mbdae.formulations import Form, shared_system, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
@@ -89,7 +89,6 @@ class Job:
     continued: bool  #: whether the run starts where another run ended
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
-    _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
     def run(self, solver: Solver, strict: bool = False) -> Controlled:
         """A run of one solver to the accuracy, or with the tolerance or step that the user set. strict: with eliminated
@@ -111,10 +110,7 @@ class Job:
 
     def _system(self, solver: Solver) -> SceneSystem:
         """The equations with the index that a solver takes, assembled once."""
-        key = self.form, solver.highest_index
-        if key not in self._systems:
-            self._systems[key] = system_for(self.prepared, *key)
-        return self._systems[key]
+        return shared_system(self.prepared, self.form, solver.highest_index)
 
     def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
         accuracy = accuracy if accuracy is not None else self.accuracy
@@ -170,9 +166,13 @@ class Job:
         form: the one that the user asked for; with None the other solvers take the default form."""
         best: tuple[Controlled, Job] | None = None
         failure: MbdaeError | None = None
-        why, runs, cpu = "", 0, 0.0
+        why, runs, cpu, stopped = "", 0, 0.0, dict[Any, str]()
         for solver, own in alternatives(choice, form):
             job = replace(self, form=own, choice=f"{solver.label}, {own.label}: {why}" if why else str(choice))
+            call = solver, own, self.accuracy, self.asked.t_end
+            if self.asked.stop is None and call in self.prepared.kept:  # the same call stopped here before
+                why = self.prepared.kept[call]
+                continue
             try:
                 run = job.run(solver, strict=True)
             except FINAL:
@@ -182,6 +182,7 @@ class Job:
                 runs, cpu = runs + 1, cpu + (cpu_of(error) if isinstance(error, SolverError) else 0.0)
                 failure = error if failure is None or isinstance(solver, RadauIIA) else failure  # Radau IIA fails least often
                 why = said if solver.label in said else f"{solver.label} stopped: {said}"
+                stopped[call] = why
                 continue
             runs, cpu = runs + run.runs, cpu + run.cpu_s
             if best is None or run.estimate < best[0].estimate:
@@ -193,6 +194,7 @@ class Job:
         if best is None:
             assert failure is not None
             raise failure
+        self.prepared.kept.update(stopped if self.asked.stop is None else {})
         return replace(best[0], runs=runs, cpu_s=cpu), best[1]
 
     def _missed(self, run: Controlled) -> str:

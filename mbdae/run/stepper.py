@@ -27,7 +27,7 @@ from mbdae.results.result import Result
 from mbdae.results.states import Instant
 from mbdae.run.assessment import past_their_domain
 from mbdae.run.batch import State, States, Window
-from mbdae.run.choice import choose, prepared_from, with_recursive_joints
+from mbdae.run.choice import choose, prepared_from
 from mbdae.run.contacts import refuse_unresolved
 from mbdae.run.control import CLOSER
 from mbdae.run.estimate import LOOSEST, companions, first_tolerance, measure_of, share_of, with_rtol
@@ -57,8 +57,7 @@ class Stepper(NamesAttributes, NamesArguments):
         self._given = scene, dt, accuracy, solver, form, inputs, reads, batch, start
         now: list[float] = []
         held, values, mine = with_inputs(scene, dt, inputs, reads, now)
-        prepared = with_recursive_joints(held, start, None) if solver is None and form is None else None
-        self._prepared = prepared = prepared if prepared is not None else prepared_from(held, start)
+        self._prepared = prepared = prepared_from(held, start, default=solver is None and form is None)
         asked = Asked(prepared.start.t + dt)
         if solver is None:
             choice = choose(prepared, held, accuracy, form)

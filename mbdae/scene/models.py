@@ -301,7 +301,7 @@ def with_open_tree(scene: SceneItems) -> Any | None:
     """The scene with recursive joints in place of those whose model its statements leave open, where the joints of rigid bodies
     form a tree without friction that can stick; None where there is nothing to change, or a statement cannot be repeated."""
     joints = [c for c in scene.joints if not c.loose]
-    open_ = [c.name for c in joints if c.left_open and may_be_recursive(c) and "rotation" not in map(c.unit, c.coordinates)]
+    open_ = [c.name for c in joints if c.left_open and may_be_recursive(c)]
     sticking = any(law.may_stick(law.states) for c in joints for law in c.laws)
     if not open_ or sticking or scene.problems or any(isinstance(b, Beam) for b in scene.bodies):
         return None

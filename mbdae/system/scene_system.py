@@ -194,8 +194,8 @@ class SceneSystem(System):
             self.guards.remember(memory["masses"])
 
     @property
-    def looks_at_steps(self) -> bool:
-        return self._choice is not None or type(self).accept is not System.accept
+    def one_by_one(self) -> bool:
+        return self._choice is not None or (type(self).accept is not System.accept and not self._accepts_many)
 
     def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
         """These equations, starting at t from the state y (n,) of `other`, a system of the same scene and form with other
