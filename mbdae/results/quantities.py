@@ -31,9 +31,9 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 _SIGNS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.true_divide, ast.Pow: np.power,
 }
-#: how far before and after an end of a step a jump there is sought, over the allowed shift of its instant. Measured: a rope that
-#: comes taut up to 3e-7 s from the end of a step, at a shift of 3e-4 s
-SIDES = 1e-2
+#: largest number of jumps of a quantity that are looked at where two runs differ; a jump is sought at ACROSS times, then at as many
+#: between the two that differ most, and so on: 32^6 times finer than the shift of its instant that is allowed
+JUMPS, ACROSS, NARROWINGS = 50, 33, 6
 NAME_A_QUANTITY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a "
                    "function of the result (lambda r: r[\"J\"].angle)")
 
@@ -66,24 +66,35 @@ def difference(own: Array, compared: Array, unit: str) -> Array:
     return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
 
 
-def differences(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float) -> Array:
-    """Magnitudes (nt,) of the differences of a quantity between two runs at the times of both. Up to `shift` (s) from an end of a
-    step at which it jumps in the first, the other may show either side of the jump."""
+def differences(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float, least: float) -> Array:
+    """Magnitudes (nt,) of the differences of a quantity between two runs at the times of both. Up to `shift` (s) from an instant at
+    which it jumps in the first, the other may show either side of the jump; differences up to `least` are not asked about."""
     compared = value(beside, quantity)
     found = magnitudes(difference(value(own, quantity), compared, unit))
-    largest = float(np.max(found, initial=0.0))
-    large = found > largest / 2
-    run, ends = own.solution, own.solution.t[1:-1]
-    ends = ends[[bool(np.any(np.abs(own.t[large] - t) <= shift)) for t in ends]] if shift and largest else ends[:0]
-    if not len(ends):
-        return found
-    sides = [value(own(np.clip(ends + sign * SIDES * shift, run.t[0], run.t[-1])), quantity) for sign in (-1, 1)]
-    jumps = magnitudes(difference(sides[0], sides[1], unit)) > largest / 2
-    for t, *values in zip(ends[jumps], *(side[jumps] for side in sides), strict=True):
-        near = np.abs(own.t - t) <= shift
-        for one in values:
-            found[near] = np.minimum(found[near], magnitudes(difference(one[None], compared[near], unit)))
+    for _ in range(JUMPS):
+        k = int(np.argmax(found))
+        if not (shift > 0 and found[k] > least):
+            break
+        t, sides = _jump(own, quantity, unit, float(own.t[k]), shift)
+        near, before = np.abs(own.t - t) <= shift, found[k]
+        if magnitudes(difference(sides[:1], sides[1:], unit))[0] < before / 2:  # no jump
+            break
+        either = [magnitudes(difference(one[None], compared[near], unit)) for one in sides]
+        found[near] = np.minimum(found[near], np.min(either, axis=0))
+        if found[k] > before / 2:
+            break
     return found
+
+
+def _jump(own: Any, quantity: Quantity, unit: str, t: float, shift: float) -> tuple[float, Array]:
+    """The instant within `shift` of t at which a quantity of a run varies most, and its values just before and after (2, ...)."""
+    first, last = (float(np.clip(t + sign * shift, own.solution.t[0], own.solution.t[-1])) for sign in (-1, 1))
+    for _ in range(NARROWINGS):
+        at = np.linspace(first, last, ACROSS)
+        values = value(own(at), quantity)
+        k = int(np.argmax(magnitudes(difference(values[:-1], values[1:], unit))))
+        first, last, sides = float(at[k]), float(at[k + 1]), values[k : k + 2]
+    return first, sides
 
 
 def named(quantity: Any) -> str:
