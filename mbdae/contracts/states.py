@@ -98,7 +98,7 @@ class RandomStates:
     """Random states of a law: its sides as drawn and displaced from there. `values`: all symbols by name in `count` states."""
 
     def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int,
-                 defined: Callable[[Values], bool]) -> None:
+                 defined: Callable[[Values], bool] = lambda _: True) -> None:
         """defined: whether the law has finite values in a state; of others none is drawn."""
         self.d, self.given, self.rng = d, given, rng
         self._domain, self._defined = Domain(d.law), defined

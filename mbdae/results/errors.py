@@ -141,8 +141,8 @@ class Errors:
         return self._closely(lambda: self._estimated_peak(result, quantity, size, t))
 
     def _closely(self, estimate: Callable[[], Estimate | None]) -> Estimate | None:
-        """An estimate; where it is above the accuracy, or not far below it in a run that leaves vibrations out or meets kinks of laws,
-        as its companions do, again with the closer run."""
+        """An estimate; where it is above the accuracy, or not far below it in a run that leaves vibrations out or meets kinks of
+        laws, as its companions do, again with the closer run."""
         found = estimate()
         if found is None or self.asked is None or self.closer is None or not found.beyond(
                 self.asked * (FAR if self._leaves_out or self.solution.stats.retaken else 1.0)):
@@ -162,7 +162,8 @@ class Errors:
                 own, beside = self._both(result, other)
                 size = max(size, float(np.max(magnitudes(value(own, quantity)), initial=0.0)))
                 asked = self.asked or 0.0
-                found.append((other, float(np.max(differences(own, beside, quantity, unit, asked * self.prepared.time, asked * size)))))
+                shown = differences(own, beside, quantity, unit, asked * self.prepared.time, asked * size)
+                found.append((other, float(np.max(shown))))
         except UNREADABLE:
             return None
         return Estimate(together(found), max(size, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None

@@ -31,8 +31,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 _SIGNS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.true_divide, ast.Pow: np.power,
 }
-#: largest number of jumps of a quantity that are looked at where two runs differ; a jump is sought at ACROSS times, then at as many
-#: between the two that differ most, and so on: 32^6 times finer than the shift of its instant that is allowed
+#: largest number of jumps of a quantity that are looked at where two runs differ; a jump is sought at ACROSS times, then at as
+#: many between the two that differ most, and so on: 32^6 times finer than the shift of its instant that is allowed
 JUMPS, ACROSS, NARROWINGS = 50, 33, 6
 NAME_A_QUANTITY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a "
                    "function of the result (lambda r: r[\"J\"].angle)")

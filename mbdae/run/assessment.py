@@ -264,9 +264,7 @@ def turned_aside(result: Result) -> list[str]:
     return found
 
 
-#: of the scene's length, by which a quantity that must not be negative may be so: a run that ends at 0 by `until` is past it by
-#: its root's error
-PAST = 1e-9
+PAST = 1e-9  #: of the scene's length, by which a quantity is negative where a run ends at 0 by `until`
 
 
 def past_their_domain(result: Result) -> list[str]:
