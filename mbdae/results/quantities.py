@@ -67,8 +67,8 @@ def difference(own: Array, compared: Array, unit: str) -> Array:
 
 
 def differences(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float, least: float) -> Array:
-    """Magnitudes (nt,) of the differences of a quantity between two runs at the times of both. Up to `shift` (s) from an instant at
-    which it jumps in the first, the other may show either side of the jump; differences up to `least` are not asked about."""
+    """Magnitudes (nt,) of the differences of a quantity between two runs at the times of both. Up to `shift` (s) from an instant
+    at which it jumps in the first, the other may show either side of the jump; differences up to `least` are not asked about."""
     compared = value(beside, quantity)
     found = magnitudes(difference(value(own, quantity), compared, unit))
     for _ in range(JUMPS):
