@@ -26,7 +26,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import SMALL, Disturbances
 from mbdae.run.checkpoint import kept_value
-from mbdae.run.growth_roots import GrowthFound, Look, Spectra, positions, roots_at
+from mbdae.run.growth_roots import MOST, GrowthFound, Look, Spectra, positions, roots_at
 from mbdae.system.base import Array, System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
@@ -82,13 +82,18 @@ def growing(system: System, run: Solution, closely: bool = False) -> list[Growth
         system.remember(memory)
 
 
+def _explicit(run: Solution) -> bool:
+    """Whether the method is explicit: it damps no growth, however long its steps are."""
+    return isinstance(run.solver, Solver) and not (run.solver.highest_index or run.solver.bdf_order)
+
+
 def _read(stored: list[list[float]]) -> list[Growth]:
     return [Growth(*part) for part in stored]
 
 
 def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     t0, t1 = float(run.t[0]), float(run.t[-1])
-    if len(run.t) < 2 or not t1 > t0:
+    if len(run.t) < 2 or not t1 > t0 or (system.n > MOST and _explicit(run)):
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
     wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count

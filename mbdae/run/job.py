@@ -37,7 +37,7 @@ from mbdae.errors import (
     keeping,
     warn,
 )
-from mbdae.formulations import Form, shared_system, system_for
+from mbdae.formulations import Form, shared_system
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
@@ -120,7 +120,7 @@ class Job:
         """The run itself where the vibrations of beams that its long steps damp away are below the accuracy. Where they are above
         it by at most the factor NEARLY, a tighter run, whose shorter steps damp less away; else one that resolves all
         vibrations."""
-        resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
+        resolving = shared_system(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
             tighter = partial(self._controlled, system, solver, self.accuracy / 10)

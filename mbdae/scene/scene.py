@@ -265,14 +265,19 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         load = law(name, self.ground, body, point, following=frame == "body", **components)
         return self._connect(Connection(name, kind, self.ground, body, [load]))
 
-    def said(self) -> str | None:
-        """All that was stated, as text: equal for scenes with the same equations. None where mistakes were found, or objects of
-        the user's own take part, whose code may state something else each time."""
+    def said(self) -> tuple[Any, ...] | None:
+        """All that was stated: equal for scenes with the same equations. Classes of the user's own count by themselves, and their
+        laws by what they state now. None where mistakes were found, or functions or further objects of the user's own take
+        part."""
         laws = [law for c in self.connections for law in (*c.laws, *c.as_kinematic)]
         classes = {type(one) for law in laws for one in (law, *law.parts)}
-        if self.problems or any(map(own_class, (*classes, *self.own.values()))):
+        if self.problems or not all(isinstance(thing, type) for thing in self.own.values()):
             return None
-        return repr((type(self), self.name, self.space, self.gravity.tolist(), self.statements, [encode(law) for law in laws]))
+        stated = stated_laws(self) if any(map(own_class, classes)) else {}
+        text = repr((self.name, self.space, self.gravity.tolist(), self.statements, [encode(law) for law in laws], stated))
+        if "'unreadable'" in text or not all(stated.values()):
+            return None
+        return text, type(self), frozenset(classes), *self.own.items()
 
     def copied(self) -> Any:
         """A scene made by the same statements, which nobody else changes."""

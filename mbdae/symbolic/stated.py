@@ -171,10 +171,8 @@ def own(law: Any) -> bool:
     return any(map(own_class, (type(law), *map(type, law.parts))))
 
 
-def own_class(cls: Any) -> bool:
-    """Whether a class is not only mbdae's, or is no class."""
-    if not isinstance(cls, type):
-        return True
+def own_class(cls: type[Any]) -> bool:
+    """Whether a class is not only mbdae's."""
     return any(not (getattr(f, "__module__", None) or "mbdae.").startswith(("mbdae.", "typing", "abc"))
                for base in cls.__mro__[:-1] for f in (base, *vars(base).values()) if callable(f))
 

@@ -126,3 +126,28 @@ def test_further_statements_do_not_reach_earlier_results(prepared: list[mb.Scene
     assert end_of(first) != before
     assert [c.name for c in r.prepared.model.scene.connections] == [c.name for c in again.connections]
     assert end_of(again) == before
+
+
+FACTOR = [2.0]
+
+
+class Pull(mb.Force):
+    params = mb.params(c=("N", "force at factor 1"))
+
+    def energy(self, k: Any, l: Any) -> Any:
+        return self.c * FACTOR[0] * (l.r - k.r) @ k.y
+
+
+def test_an_own_law_counts_by_what_it_states(prepared: list[mb.Scene], monkeypatch: pytest.MonkeyPatch) -> None:
+    def pulled() -> mb.Scene:
+        s = swinging()
+        s.add(Pull("pull", s.ground, s["crank"], at=(0, 0.2), c=1.0))
+        return s
+
+    s = pulled()
+    before = end_of(s)
+    assert end_of(s) == before
+    assert len(prepared) == 1
+    monkeypatch.setattr(sys.modules[__name__], "FACTOR", [3.0])
+    assert end_of(s) != before
+    assert len(prepared) == 2

@@ -140,7 +140,7 @@ class MovedBodies:
 
     def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, open: Open = Open.FEWEST) -> None:
         self.ordered, self.open = not model.lines and any(_size(tree) > FUSED for tree in trees), open
-        self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
+        self.nodes = dict.fromkeys(n for tree in trees for n in tree.moved_nodes)
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
         outside = [(g, i, acting_on(inst)) for g, i, inst in model.instances() if (g, i) not in inside]
