@@ -39,7 +39,7 @@ def test_rows_arrays_and_failures() -> None:
     assert seen == [(i, 6) for i in range(1, 7)]
     assert "ValueError: a = 2 is not wanted" in found.table()
     data = json.loads(found.to_json())
-    assert data["rows"][5] == {"point": {"a": 3, "b": 1.0}, "values": found.rows[5].values, "error": None}
+    assert data["rows"][5] == {"point": {"a": 3, "b": 1.0}, "values": found.rows[5].values, "error": None, "warnings": []}
     with pytest.raises(mb.OptionError, match="key = 'sum' is no value of any row; they have pair, pid, product"):
         found.array("sum")
 
