@@ -8,7 +8,7 @@ enum { INNER = 4, ONE_STEP = 2 }; /* nodes of Radau IIA with 5 stages inside a s
 enum { STUCK = 1000 };            /* result of `sundials_steps`: the step fell below the round-off of the time */
 enum { CONTINUE = 901, DIVERGES = 902 };      /* SUN_NLS_CONTINUE and SUN_NLS_CONV_RECVR */
 static const double NEWTON = 0.1, UNCHANGED = 1e-4, SLOWEST = 0.9; /* see `ida_converged` */
-enum { FIRST_ORDER = 7, MANY = 3, HELD = 24, HIGH = 5 };           /* see `raise_order` */
+enum { STEPS = 7, MANY = 3, LOW = 3, HELD = 24, HIGH = 5 };  /* see `raise_order` */
 static const double LEADING = 0.03, WIDER = 1000;
 
 /* One run; `Run` of sundials.py has the same members. */
@@ -39,7 +39,7 @@ typedef struct {
   int (*errors)(Closed, Closed out), (*order)(Closed, int *), (*longest)(Closed, double); /* NULL: no `raise_order`; of IDA:
                                           GetEstLocalErrors, GetLastOrder, SetMaxStep */
   double *wider;                       /* (n,) factors of the tolerances */
-  I first_order, before, held;         /* see `raise_order`; before: steps rejected before the first one of order 1 */
+  I low, before, held;                 /* see `raise_order`; before: steps rejected before the first one of low order */
 } Run;
 
 /* An evaluation nearer than the last one: that attempt was rejected. Those that choose the first step are no attempts. */
@@ -212,13 +212,15 @@ static void widen(Run *r, const double *y, double wider) {
     if (e[i] > LEADING * most) r->wider[i] = wider;
 }
 
-/* Leave states in which IDA stays at order 1 while it rejects every longer step. Where unknowns follow others with a large gain,
-   as currents of a diode follow voltages, a step of another length or order than the last moves them by as much as the error of
-   order 1 in those others lets it, which steps of equal length do not show: IDA doubles the step, rejects it, and never makes the
-   equal steps after which it would try a higher order. Measured: 1e-7 s for 1e-4 s until the run ends. Steps of order 1 among
-   which MANY were rejected tell. Then the step is held (at a power of 2: the cap leaves no round-off that would make it another
-   length) and the unknowns that lead the error test have wider tolerances, so that the others choose the order, until order HIGH
-   or for HELD steps. Since the step does not grow meanwhile, errors do not either. */
+/* Leave states in which IDA stays at a low order while it rejects every longer step. Where unknowns follow others with a large
+   gain, as currents of a diode follow voltages, a step of another length or order than the last moves them by as much as the
+   error of that order in those others lets it, which steps of equal length do not show: IDA doubles the step, rejects it, and
+   never makes the equal steps after which it would try a higher order. Measured: 1e-7 s for 1e-4 s until the run ends. STEPS of
+   order LOW or less among which MANY were rejected tell. Then the step is held (at a power of 2: the cap leaves no round-off
+   that would make it another length) and the unknowns that lead the error test have wider tolerances, so that the others choose
+   the order, until order HIGH or for HELD steps. Since the step does not grow meanwhile, errors do not either: 63 runs of the
+   amplifier to 0.2 s, rtol 1e-4 to 1e-10, have errors of 0.03 to 20 rtol. With LOW 1 three of them rejected 4 000 steps of
+   order 2. */
 static void raise_order(Run *r, const double *y, double h) {
   int order = 0;
   if (r->order(r->memory, &order) < 0) return;
@@ -228,10 +230,10 @@ static void raise_order(Run *r, const double *y, double h) {
     r->longest(r->memory, 0);
     widen(r, y, 1);
   }
-  if (order > 1 || !r->first_order) r->before = r->rejected;
-  r->first_order = order > 1 ? 0 : r->first_order + 1;
-  if (r->first_order < FIRST_ORDER) return;
-  r->first_order = 0;
+  if (order > LOW || !r->low) r->before = r->rejected;
+  r->low = order > LOW ? 0 : r->low + 1;
+  if (r->low < STEPS) return;
+  r->low = 0;
   if (r->rejected - r->before < MANY) return;
   r->held = HELD;
   r->longest(r->memory, exp2(floor(log2(h))));

@@ -252,7 +252,7 @@ class Ida(Method):
 
     pattern: sparsity pattern of the Jacobian (CSC), None: full; sparse: whether linear systems are solved by SuperLU_MT;
     differences: whether the (full) Jacobian is made by differences of the residual; raising: whether it
-    is led out of order 1 where it stays there (`raise_order` of sundials.c)."""
+    is led out of low orders where it stays there (`raise_order` of sundials.c)."""
 
     prefix = "IDA"
 

@@ -169,7 +169,7 @@ class RunStruct(ctypes.Structure):
         ("values", Pointer), ("jacobian_t", Number), ("jacobian_y", Pointer), ("from_t", Number), ("last_step", Number),
         ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
         ("iteration", Pointer), ("norm", Pointer), ("correction", Number), ("errors", Pointer), ("order", Pointer),
-        ("longest", Pointer), ("wider", Pointer), ("first_order", Whole), ("before", Whole), ("held", Whole),
+        ("longest", Pointer), ("wider", Pointer), ("low", Whole), ("before", Whole), ("held", Whole),
     )
 
 

@@ -133,7 +133,7 @@ def test_names_are_offered():
 @pytest.mark.parametrize(("rtol", "atol"), [(1e-8, 1e-8), (1e-8, 2e-8), (1e-7, 2.8e-7)])
 def test_ida_follows_the_amplifier_with_few_rejections(rtol, atol):
     """Without `ida_converged` of sundials.c IDA rejects thousands of steps, or does not end; the last tolerances are some with
-    which it falls to order 1, where 200 000 evaluations do not suffice without `raise_order`. 25 to 50 rejections were measured,
+    which it stays at order 1, where 200 000 evaluations do not suffice without `raise_order`. 25 to 50 rejections were measured,
     and errors of up to twice rtol."""
     run = mb.IDA(rtol=rtol, atol=atol).solve(amplifier(), 0.05, max_residuals=8000)
     assert run.stats.rejected < 100
