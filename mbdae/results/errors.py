@@ -41,6 +41,7 @@ MEETING, LATE, NEAR = 0.3, 2 / 3, 0.05
 #: peaks of a wing 5.5 times as far off as run and companion differ, where vibrations begin in mid-run; the tension of a rope that
 #: tightens 7 times, where both end a step in the same moment
 FAR = 0.15
+NEARLY = 5.0  #: the closer run is made for the error of all reactions too where that is up to so many times the accuracy
 #: of the tolerance, with which errors of runs with contact are taken to fall: at most the root, as everywhere with impacts.
 #: Measured: two companions of a pin with play that showed a power of 1 or more, where the run was 4.6 times as far off as that
 #: power says
@@ -91,8 +92,17 @@ class Errors:
         """Error of the forces and torques of all joints and force elements over the largest force of the run (torques are divided
         by the length)."""
         if self.reactions is None:
-            self.reactions = together((other, apart / self._largest_force) for other, (_, apart) in self._reactions)
+            self.reactions = self._of_reactions().error
+            asked = self.asked or 0.0
+            if asked < self.reactions <= NEARLY * asked and (found := self._closely(self._of_reactions)):
+                self.reactions = found.error
         return self.reactions
+
+    def _of_reactions(self) -> Estimate:
+        """The error of all reactions over the largest force."""
+        closer = any(other.kind == "closer" for other in self.others)
+        compared = [(other, self._forces(other)) for other in self._shown] if closer else self._reactions
+        return Estimate(together((other, apart / self._largest_force) for other, (_, apart) in compared), 1.0)
 
     @cached_property
     def _reactions(self) -> list[tuple[OtherRun, tuple[float, float]]]:
