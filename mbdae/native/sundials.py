@@ -288,7 +288,7 @@ class Ida(Method):
     def _initialise(self, t: float) -> None:
         run, S = self.run, self.S
         run.ida, run.until = _pointer(S.IDASolve), _pointer(S.IDASetStopTime)
-        run.iteration, run.norm = _pointer(S.SUNNonlinSolGetCurIter), _pointer(S.N_VWrmsNorm)
+        run.iteration = _pointer(S.SUNNonlinSolGetCurIter)
         run.wider = self._address(np.ones(self.n))
         if self._raising:
             run.errors, run.order, run.longest = map(_pointer, (S.IDAGetEstLocalErrors, S.IDAGetLastOrder, S.IDASetMaxStep))

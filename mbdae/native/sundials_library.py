@@ -43,7 +43,6 @@ _IDA = {
     "IDAGetEstLocalErrors": (_I, _P, _P), "IDAWFtolerances": (_I, _P, _P), "IDAGetLastOrder": (_I, _P, _P),
     "IDASetMaxStep": (_I, _P, _D), "IDASetNonlinearSolver": (_I, _P, _P), "SUNNonlinSol_Newton": (_P, _P, _P),
     "SUNNonlinSolFree": (_I, _P), "SUNNonlinSolSetConvTestFn": (_I, _P, _P, _P), "SUNNonlinSolGetCurIter": (_I, _P, _P),
-    "N_VWrmsNorm": (_D, _P, _P),
 }
 _CVODE = {
     "CVodeCreate": (_P, _I, _P), "CVodeInit": (_I, _P, _P, _D, _P), "CVodeReInit": (_I, _P, _D, _P),
@@ -168,7 +167,7 @@ class RunStruct(ctypes.Structure):
         ("renew", Whole), ("renewing", Whole), ("fresh", Whole), ("t", Number), ("cj", Number), ("y", Pointer), ("yp", Pointer),
         ("values", Pointer), ("jacobian_t", Number), ("jacobian_y", Pointer), ("from_t", Number), ("last_step", Number),
         ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
-        ("iteration", Pointer), ("norm", Pointer), ("correction", Number), ("errors", Pointer), ("order", Pointer),
+        ("iteration", Pointer), ("correction", Number), ("errors", Pointer), ("order", Pointer),
         ("longest", Pointer), ("wider", Pointer), ("low", Whole), ("before", Whole), ("held", Whole),
     )
 
