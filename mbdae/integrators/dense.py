@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbdae.deferred import distinct
 from mbdae.integrators.collocation_tables import CollocationTable, radau_table
 from mbdae.integrators.kept_rows import leave
-from mbdae.native import declared
+from mbdae.native import address, declared
 from mbdae.native.equations import Pointer, Whole
 from mbdae.system.base import Array
 
@@ -77,9 +77,8 @@ class Collocation:
         steps, w, total = np.ascontiguousarray(i, dtype=np.int64), np.ascontiguousarray(weights), np.empty((len(i), n))
         for first in range(0, len(i), MANY):
             at = slice(first, first + MANY)
-            given = (one.ctypes.data for one in (steps[at], w[at]))
-            _functions().interpolated(len(steps[at]), n, s, *given, int(start), *(one.ctypes.data for one in data),
-                                      total[at].ctypes.data)
+            _functions().interpolated(len(steps[at]), n, s, address(steps[at]), address(w[at]), int(start), *map(address, data),
+                                      address(total[at]))
             leave(self.inner, self.y, self.ends)
         return total
 

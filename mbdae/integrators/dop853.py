@@ -136,7 +136,12 @@ class _Run:
         atol = self.atol
         self.rtol, self.watch = rtol, StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         self.equations = rates_of(self.system)
-        self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
+        before = loop.method  # of the part of the run before this one
+        if isinstance(before, Explicit) and before.equations is self.equations and before.fits(rtol, atol):
+            self.method = before.anew()
+        else:
+            self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
+        loop.method = self.method
         self.h0 = h0
         # number of steps in the next call, and their largest length (s) where a step had passed over a contact or switch
         self.rows, self.landing = 1, inf

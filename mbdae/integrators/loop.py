@@ -62,6 +62,7 @@ class StepLoop:
         self._pieces = Rows("inner")
         self._renewed: System | None = None  # where the last step ended with new equations: the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
+        self.method: Any = None  #: the native part of a method, which it may use again in the next part of the run
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
         #: number of a kink -> sign changes of its argument in the run, and time of the first (`watched.chattering`)
@@ -155,8 +156,7 @@ class StepLoop:
             kept.extend(rows)
 
     def _may_stop(self) -> bool:
-        """Whether the run may end early, by the function `stop` of `Asked`; called whenever the number of steps has grown by a
-        third."""
+        """Whether the run may end early, by the function `stop` of `Asked`, called when there are a third more steps."""
         if self._stop is not None and not self.stopped and len(self._t) >= self._next_look:
             self._next_look = len(self._t) * 4 // 3
             self.stopped = self._stop(self.solution())

@@ -149,12 +149,12 @@ class _Called:
                                              "clock")
         return found
 
-    def check_held(self, t: float, values: Sequence[float], there: Array) -> None:
+    def check_held(self, t: float, values: Sequence[float], there: list[float]) -> None:
         """Raise ControllerError where the outputs `there` in the stored state differ from those that the function returned last.
         When a run is continued from a folder, its steps are read from there and the controllers are called again only to restore
         their memories; the function may have been edited since."""
-        if self.held and not np.allclose(there, self.held, rtol=SAME, atol=SAME):
-            raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there.tolist())} "
+        if self.held and not all(abs(a - b) <= SAME * (1 + abs(b)) for a, b in zip(there, self.held, strict=True)):
+            raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there)} "
                                          f"when the steps were made: a stored run continues only with the function it began "
                                          f"with and the numbers this uses; name another folder by checkpoint= for a new "
                                          f"run")
@@ -239,11 +239,14 @@ class Sampler:
         if not self.due:
             return y
         values = self.observer(np.array([t]), y[None])[0].tolist()
-        new = y.copy()
+        new = y
         for c in self.due:
-            c.check_held(t, values[c.inputs], y[c.outputs])
-            new[c.outputs] = c.call(t, values[c.inputs])
-        return y if np.array_equal(new, y) else new
+            there = y[c.outputs].tolist()
+            c.check_held(t, values[c.inputs], there)
+            if (found := c.call(t, values[c.inputs])) != there:
+                new = y.copy() if new is y else new
+                new[c.outputs] = found
+        return new
 
 
 class Sampling:

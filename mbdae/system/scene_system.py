@@ -137,10 +137,15 @@ class SceneSystem(System):
         finally:
             self.read_at(None)
 
+    @cached_property
+    def _of_rates(self) -> bool:
+        """Whether no unknown is a multiplier."""
+        return bool(np.all(self.index < 2))
+
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
         """y and y' (n,) just after an instant t at which an input jumps: accelerations, rates and multipliers are computed anew.
         Unknowns whose derivatives are multipliers keep their values."""
-        if self.rhs is not None and np.all(self.index < 2):  # no multipliers among the unknowns
+        if self.rhs is not None and self._of_rates:
             rates = np.empty(self.n)
             self.rhs(t, y, rates)
             return y.copy(), rates

@@ -69,7 +69,6 @@ class WithoutMultipliers(SceneSystem):
     strict = False  #: whether a run stops with an error at singular positions; False: it only warns
     pattern = None  #: dy'/dy is full
     has_pattern = False
-    dense_stages = System.dense_stages
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:
@@ -181,6 +180,16 @@ class WithoutMultipliers(SceneSystem):
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         System.residual_stages(self, t, y, yp, out)
+
+    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
+        if self.full.sparse:
+            return System.dense_stages(self, t, y, yp)
+        Y, Yp = np.zeros((2, len(t), self.full.n))
+        Y[:, : self.n] = y
+        for i, time in enumerate(t.tolist()):
+            self.rhs(time, y[i], Yp[i, : self.n])
+            Y[i, self.n :] = self.multipliers
+        return -self._rates.jacobians(t, Y, Yp), np.tile(np.eye(self.n), (len(t), 1, 1))
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return -self.rate_jacobian(t, y), np.eye(self.n)
