@@ -113,13 +113,14 @@ class Scene(SceneData):
         return floquet(self, period, at, count, accuracy)
 
     def stepper(self, dt: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
-                form: Form | type[Form] | str | None = None, inputs: Sequence[str] | None = None, batch: int | None = None,
-                start: Result | None = None) -> Stepper:
+                form: Form | type[Form] | str | None = None, inputs: Sequence[str] | None = None, reads: Sequence[str] = (),
+                batch: int | None = None, start: Result | None = None) -> Stepper:
         """Steps of a loop of one's own: step.set(u=1.0), step.advance(), step["J.angle"], step.state, step.reset(state).
 
         dt: length of a step, s, over which inputs are held: exactly, as by s.controller(every=dt). inputs: names of the inputs,
         by default every s.signal(name, number); also outputs of a controller, which is then not called, and numbers of items that
-        may be driven, such as "J.torque" of s.revolute("J", ..., torque=0.0). batch: number of states that are stepped together.
+        may be driven, such as "J.torque" of s.revolute("J", ..., torque=0.0). reads: names of sensors that the loop reads, as a
+        controller names them: whole turns of these angles are counted, in space too. batch: number of states stepped together.
         accuracy, solver, form, start: as in `simulate`; the tolerance is that of its first run, and steps are not repeated:
         `error` of the stepper estimates what came of it. Raises SceneError and OptionError as `simulate` does."""
         accuracy = plausible(accuracy)
@@ -128,7 +129,8 @@ class Scene(SceneData):
         optional("start", start, of_class, START, base=Result)
         named = optional("inputs", inputs, sequence, "give a list of names of inputs, such as ['u', 'J.torque']", each=text)
         count = optional("batch", batch, whole, "give a number of states from 1, or None for one", least=1, most=MOST_STATES)
-        return Stepper(self, length, accuracy, method, own, named, count, start)
+        seen = option("reads", reads, sequence, "give a list of sensors, such as ['J.angle']", each=text)
+        return Stepper(self, length, accuracy, method, own, named, seen, count, start)
 
     @with_text_when_interrupted
     @single_threaded

@@ -264,13 +264,16 @@ def turned_aside(result: Result) -> list[str]:
     return found
 
 
+PAST = 1e-9  #: of the scene's length, by which a quantity is negative where a run ends at 0 by `until`
+
+
 def past_their_domain(result: Result) -> list[str]:
     """Warnings about forces that no longer mean what they state, such as a rope that has left a pulley."""
     found = []
     for c in result.prepared.model.scene.connections:
         for name, words in (entry for law in c.laws for entry in getattr(law, "must_stay", {}).items()):
             seen = getattr(result[c.name], name)
-            if (below := np.flatnonzero(np.any(seen < 0, axis=1))).size:
+            if (below := np.flatnonzero(np.any(seen < -PAST * result.prepared.length, axis=1))).size:
                 found.append(f"{c.kind} '{c.name}', at t = {result.t[below[0]]:.6g} s: {words}")
     return found
 

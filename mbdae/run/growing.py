@@ -72,12 +72,13 @@ class Growth(NamedTuple):
     behind: float
 
 
-def growing(system: System, run: Solution, closely: bool = False) -> list[Growth]:
-    """The growth of small disturbances along a run, in parts that cover it; closely: in more parts. It is stored with a run
-    that is kept on disk, and what the system remembers of the run is as before."""
+def growing(system: System, run: Solution, closely: bool = False, varying: bool = True) -> list[Growth]:
+    """The growth of small disturbances along a run, in parts that cover it; closely: in more parts; varying: also that which
+    equations that vary in time cause and no frozen one shows. It is stored with a run that is kept on disk, and what the system
+    remembers of the run is as before."""
     memory = system.memory()
     try:
-        return kept_value(lambda: _growing(system, run, closely), lambda parts: [list(part) for part in parts], _read)
+        return kept_value(lambda: _growing(system, run, closely, varying), lambda parts: [list(part) for part in parts], _read)
     finally:
         system.remember(memory)
 
@@ -91,7 +92,7 @@ def _read(stored: list[list[float]]) -> list[Growth]:
     return [Growth(*part) for part in stored]
 
 
-def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
+def _growing(system: System, run: Solution, closely: bool, varying: bool) -> list[Growth]:
     t0, t1 = float(run.t[0]), float(run.t[-1])
     if len(run.t) < 2 or not t1 > t0 or (system.n > MOST and _explicit(run)):
         return []
@@ -107,7 +108,7 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     late = [0.0] * len(looks)
     if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
-    elif system.n <= SMALL and _varies(system, run):
+    elif varying and system.n <= SMALL and _varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]
