@@ -52,7 +52,7 @@ ELSEWHERE = {
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface", "Form.within": "interface",
     "System.accept": "interface", "System.read_at": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
-    "System.starting": "interface", "System.sampling": "interface", "System.renewed": "interface",
+    "System.starting": "interface", "System.accept_many": "interface", "System.sampling": "interface", "System.renewed": "interface",
     "System.restarted": "interface", "System.numbers": "interface", "System.dense_parts": "between modules",
     "System.dense_stages": "between modules",
     "System.doubt": "between modules",
