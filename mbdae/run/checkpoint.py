@@ -154,8 +154,10 @@ def taken(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[
     which `give_back` keeps it for the next one: nobody else uses it until then. options: None where the call cannot be told from
     others.
 
-    In the main thread alone: elsewhere an earlier result may be read while the next run uses what it is read from."""
-    alone = threading.current_thread() is threading.main_thread() and active() is None
+    In the main thread alone, beside none but daemons: elsewhere an earlier result may be read while the next run uses what it is
+    read from."""
+    others = any(not one.daemon for one in threading.enumerate() if one is not threading.main_thread())
+    alone = threading.current_thread() is threading.main_thread() and not others and active() is None
     said = scene.said() if options is not None and alone else None
     if said is None or options is None:
         return prepare(scene), None
