@@ -158,7 +158,7 @@ def taken(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[
     read from."""
     others = any(not one.daemon for one in threading.enumerate() if one is not threading.main_thread())
     alone = threading.current_thread() is threading.main_thread() and not others and active() is None
-    said = scene.said() if options is not None and alone else None
+    said = scene._said() if options is not None and alone else None
     if said is None or options is None:
         return prepare(scene), None
     key = said, *options
@@ -167,7 +167,7 @@ def taken(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[
         found = prepare(scene)
         found.kept["shared"] = found.model.scene is scene
     elif found.kept["shared"] and found.model.scene is not scene:  # another scene, which may be given further statements
-        found = prepare(scene.copied())
+        found = prepare(scene._copied())
         found.kept["shared"] = False
     return found, key
 
