@@ -39,6 +39,7 @@ from mbdae.values import flag, number, of_class, option, optional, sequence, tex
 
 if TYPE_CHECKING:
     from mbdae.analysis import Equilibrium, Floquet, Linearization
+    from mbdae.robots.joint_space import Tree
 
 def _by(module: str, name: str) -> Callable[..., Any]:
     """A function that imports its module of this package at the first call."""
@@ -111,6 +112,13 @@ class Scene(SceneData):
         from mbdae.analysis import floquet
 
         return floquet(self, period, at, count, accuracy)
+
+    def tree(self) -> Tree:
+        """Joint-space dynamics of the scene: mass matrix, bias, gravity, inverse and forward dynamics, Jacobians at given states;
+        see `mbdae.robots.joint_space.Tree`. Raises SceneError."""
+        from mbdae.robots.joint_space import Tree
+
+        return Tree(self)
 
     def stepper(self, dt: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                 form: Form | type[Form] | str | None = None, inputs: Sequence[str] | None = None, reads: Sequence[str] = (),

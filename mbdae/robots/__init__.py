@@ -1,0 +1,1 @@
+"""Robots: files read into scenes, joint-space dynamics."""

@@ -1,0 +1,199 @@
+"""What `s.tree()` returns: compiled functions of (q, v, a) over batches of states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import ArrayLike, NDArray
+
+from mbdae.errors import OptionError, SceneError, unknown_name
+from mbdae.disk.entries import key_of
+from mbdae.kernels import Kernel
+from mbdae.robots.coordinates import FLOATS, coordinates_of, folded_of, moving_scene, neutral, ordered
+from mbdae.robots.tree import UNIT, JointSpaceProgram
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.model.model import build
+from mbdae.system.model.trees import find_trees
+from mbdae.threads import single_threaded
+
+Array = NDArray[np.float64]
+LEVEL = 2  #: LLVM's level of optimisation
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+class Tree:
+    """Joint-space dynamics of a scene: M(q) a + bias(q, v) = tau. Arrays are one state (n,) or batches (..., n).
+
+    names: joints in the order of q, base outwards, in the order of the scene; a body that no joint carries stands there by its own
+    name. coordinates: names of the entries of v, "J.angle"; those of q differ where a joint turns freely: q then has a quaternion
+    (w, x, y, z) and v the angular velocity (3,) in axes of the moving body. A floating body has x, y, z of its point in inertial
+    axes, then this quaternion; v its velocity and angular velocity likewise. zero (nq,): q of the drawing or the file's zero.
+    follows: coordinates that a coupling (a mimic joint) makes multiples of others, folded in and left out; closing: joints that
+    close loops, which are no part of the tree.
+
+    tau: forces (N) and torques (N m) along v. Of the scene's forces gravity alone counts; springs, dampers, friction, limits and
+    loads act in runs. Where `at` is asked: in the axes of the link from its origin in the file, or from the centre as drawn."""
+
+    @single_threaded
+    def __init__(self, scene: Any) -> None:
+        frames = getattr(scene, "frames", {})
+        origins = {name: f.drawn for name, f in frames.items() if f.body == name}
+        moving = moving_scene(scene, origins)
+        model = build(moving)
+        trees = find_trees(model)
+        order = ordered(moving, trees)
+        folded, couplings = folded_of(moving, set(order))
+        self._coordinates = coordinates_of(model, order, folded)
+        if not self._coordinates:
+            raise SceneError([f"scene '{scene.name}': no joint moves, so that there is no joint space; state joints with coordinates"])
+        self._program = JointSpaceProgram(model, self._coordinates, folded)
+        self.scene = scene
+        moved = list(dict.fromkeys(c.joint for c in self._coordinates))
+        self.names = tuple(name.removesuffix(FLOATS.format("")) for name in moved)
+        self.coordinates = tuple(entry for c in self._coordinates for entry in (
+            [f"{c.joint}.{c.name}"] if c.nv == 1 else [f"{c.joint}.{c.name}[{i}]" for i in range(c.nv)]))
+        self.nq, self.nv = sum(c.nq for c in self._coordinates), sum(c.nv for c in self._coordinates)
+        self.zero = neutral(self._coordinates)
+        self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
+        inside = {name for tree in trees for name in tree.names} | couplings
+        self.closing = tuple(c.name for c in moving.connections if (c.is_joint or c.kind in ("couple", "gear", "rack", "differential"))
+                             and c.name not in inside)
+        self._frames, self._bodies = frames, {b.name for b in scene.bodies}
+        self._made: dict[Any, tuple[Any, Any, int, tuple[int, ...]]] = {}
+        self._quaternions = np.array([range(c.q, c.q + 4) for c in self._coordinates if c.nq == 4], dtype=np.intp)
+
+    def __repr__(self) -> str:
+        return f"<Tree of scene '{self.scene.name}': {self.nv} degrees of freedom, joints {', '.join(self.names)}>"
+
+    # -- dynamics
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """M(q) (..., nv, nv), kg m^2, kg m or kg by the coordinates."""
+        return self._at("mass_matrix", lambda p: [e for row in p.mass() for e in row], "q", (self.nv, self.nv), q)
+
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """tau (..., nv) that gives accelerations a at q and v."""
+        return self._at("inverse_dynamics", lambda p: p.inverse(), "qva", (self.nv,), q, v, a)
+
+    def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """`inverse_dynamics` without accelerations: Coriolis, centrifugal and gravity terms, (..., nv)."""
+        return self._at("bias", lambda p: p.at_rest(p.inverse(), p.a), "qv", (self.nv,), q, v)
+
+    def gravity(self, q: ArrayLike) -> Array:
+        """tau (..., nv) that holds the bodies at rest against gravity."""
+        return self._at("gravity", lambda p: p.at_rest(p.inverse(), [*p.a, *p.v]), "q", (self.nv,), q)
+
+    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
+        """Accelerations a (..., nv) for forces tau at q and v."""
+        return self._at("forward_dynamics", lambda p: p.forward(), "qvt", (self.nv,), q, v, tau)
+
+    # -- frames
+
+    def jacobian(self, link: str, q: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
+        """J(q) (..., 6, nv) of a point of a link: J v is its velocity (m/s), then the angular velocity (rad/s), inertial axes. at
+        (3,) m, in the axes of the link from its origin in the file, or of the body from its centre."""
+        return self._at(("jacobian", self._link(link)), lambda p: [e for row in p.jacobian(*self._frame(link)) for e in row], "qp",
+                        (6, self.nv), q, at)
+
+    def jacobian_rate(self, link: str, q: ArrayLike, v: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
+        """dJ/dt (..., 6, nv) along v: the acceleration of the point is J a + dJ/dt v."""
+        def rate(p: JointSpaceProgram) -> list[Expr]:
+            entries = [e for row in p.jacobian(*self._frame(link)) for e in row]
+            return p.made.program.along(entries, p.changes(self._coordinates))
+
+        return self._at(("jacobian_rate", self._link(link)), rate, "qvp", (6, self.nv), q, v, at)
+
+    def pose(self, link: str, q: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
+        """(..., 3, 4): axes of the link as columns, then the position (m) of its point `at`, inertial."""
+        def placed(p: JointSpaceProgram) -> list[Expr]:
+            _, axes, point = p.motion(*self._frame(link))
+            return [e for row, x in zip(axes, point, strict=True) for e in (*row, x)]
+
+        return self._at(("pose", self._link(link)), placed, "qp", (3, 4), q, at)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links: bodies of the scene, and links of the file without mass."""
+        return tuple(dict.fromkeys([*self._bodies_in_order, *self._frames]))
+
+    @property
+    def _bodies_in_order(self) -> list[str]:
+        return [b.name for b in self.scene.bodies]
+
+    def _link(self, link: Any) -> str:
+        name = getattr(link, "name", link)
+        if not isinstance(name, str) or (name not in self._frames and name not in self._bodies):
+            raise OptionError(f"link = {unknown_name(str(name), self.links)}")
+        return name
+
+    def _frame(self, link: Any) -> tuple[str, Array, Array]:
+        """Body that carries a link, place of its origin from the centre of the body and its axes, in axes of the body."""
+        name = self._link(link)
+        if name in self._frames:
+            f = self._frames[name]
+            return f.body, f.offset, f.turned
+        return name, np.zeros(3), np.eye(3)
+
+    # -- evaluation
+
+    def _at(self, key: Any, outputs: Any, heads: str, shape: tuple[int, ...], *given: ArrayLike) -> Array:
+        found = self._made.get(key)
+        if found is None:
+            found = self._made[key] = self._compiled(outputs, heads, shape)
+        one, many, width, sizes = found
+        try:
+            x = np.concatenate(given, dtype=float)  # type: ignore[arg-type]
+            if x.ndim > 1 or tuple(map(len, given)) != sizes:  # type: ignore[arg-type]
+                raise ValueError
+        except (ValueError, TypeError):
+            x = self._batch(heads, sizes, given)
+        if len(self._quaternions):
+            self._refuse_lengths(x)
+        if x.ndim == 1:
+            out = np.empty(width)
+            one(x, out)
+            return out.reshape(shape)
+        out = np.empty((*x.shape[:-1], width))
+        if out.size:
+            many(x, out=out)
+        return out.reshape(*x.shape[:-1], *shape)
+
+    def _batch(self, heads: str, sizes: Sequence[int], given: Sequence[ArrayLike]) -> Array:
+        """One row (..., inputs) for every state; what is given once counts for all."""
+        words = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}
+        parts: list[Array] = []
+        for head, n, value in zip(heads, sizes, given, strict=True):
+            try:
+                part = np.asarray(value, dtype=float)
+            except (ValueError, TypeError) as error:
+                raise OptionError(f"{words[head]} is no array of numbers; give ({n},), or (..., {n}) for several states") from error
+            if part.ndim == 0 or part.shape[-1] != n:
+                raise OptionError(f"{words[head]} has the shape {part.shape}; give ({n},), or (..., {n}) for several states, in the "
+                                  f"order of {'names' if head == 'q' else 'coordinates' if head != 'p' else 'the axes'}")
+            parts.append(part)
+        try:
+            many = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+        except ValueError as error:
+            shapes = ", ".join(f"{words[h]} {p.shape}" for h, p in zip(heads, parts, strict=True))
+            raise OptionError(f"numbers of states differ: {shapes}; give as many of each, or one") from error
+        return np.ascontiguousarray(np.concatenate([np.broadcast_to(p, (*many, p.shape[-1])) for p in parts], axis=-1))
+
+    def _refuse_lengths(self, x: Array) -> None:
+        off = np.abs(np.sqrt((x[..., self._quaternions] ** 2).sum(axis=-1)) - 1)
+        if np.any(off > UNIT):
+            raise OptionError(f"q holds a quaternion whose length differs from 1 by {np.max(off):.3g}; divide it by its length "
+                              f"(entries {self._quaternions[0].tolist()} of q, in the order w, x, y, z)")
+
+    @single_threaded
+    def _compiled(self, outputs: Any, heads: str, shape: tuple[int, ...]) -> tuple[Any, Any, int, tuple[int, ...]]:
+        p = self._program
+        known = {"q": p.q, "v": p.v, "a": p.a, "t": p.tau, "p": p.at}
+        symbols, program = [s for head in heads for s in known[head]], p.made.program
+        rows = [se.sympify(e) for e in outputs(p)]
+        said = [f"{name} = {program.steps[name]}" for name in program.needed(rows)]  # closed, they would be written out in full
+        kernel = Kernel(symbols, partial(program.closed, rows), LEVEL, len(rows), key_of("joint space", str(symbols), *said, str(rows)))
+        return kernel.compiled.unsafe_real, kernel.compiled, kernel.width, tuple(len(known[head]) for head in heads)
