@@ -26,7 +26,7 @@ from mbdae.process import (
 )
 
 if TYPE_CHECKING:
-    from mbdae.api import Scene
+    from mbdae.api import Scene, read_mjcf, read_urdf
     from mbdae.audit import Audit, audit
     from mbdae.compare import compare
     from mbdae.compare.run import Run
@@ -77,7 +77,7 @@ _HOME = {
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "curve": "mbdae.inputs.measured",
     "export": "mbdae.export", "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
-    "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
+    "params": "mbdae.symbolic.law", "read_urdf": "mbdae.api", "read_mjcf": "mbdae.api", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
 
@@ -88,7 +88,7 @@ __all__ = [
     "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
     "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "audit", "compare", "curve", "export", "extremes",
-    "load", "measure_order", "params", "read_table", "report", "selftest", "sweep", "t", "table",
+    "load", "measure_order", "params", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
 ]
 
 

@@ -12,7 +12,7 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mbdae.errors import SceneError, with_text_when_interrupted
+from mbdae.errors import SceneError, naming_arguments, with_text_when_interrupted
 from mbdae.formulations import Form, default_form, form_of, system_for
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
@@ -54,6 +54,22 @@ READERS["color"] = _by("plots", "hexadecimal")
 DEFAULT_OUTPUTS = 201
 MOST_STATES = 1_000_000  #: largest number of states that a stepper takes together
 START = "give a Result of this scene (mb.load reads one), an equilibrium, or None for the start of the scene"
+
+
+@naming_arguments
+def read_urdf(path: Any, floating: bool = False, gravity: Sequence[float] = (0, 0, -9.81), packages: Any = None,
+              keep_inertias: bool = False, limits: bool = True, stop: Any = None, meshes: bool = True) -> Scene:
+    """The robot of a URDF file as a scene, every joint recursive; see docs/robots.md. Needs the extra `robots`.
+
+    floating: True lets the root link float, False holds it on the ground. gravity (3,), m/s^2. packages: folders in which packages
+    of `package://name/...` are, a list, or a mapping by name; by default the folders above the file. keep_inertias: True keeps
+    inertias that no body has. limits: False leaves them out; stop: mb.Stop(stiffness, damping) of all of them. meshes: whether
+    they are read, for pictures, as the boxes about them. `scene.told` lists what the scene says otherwise than the file, or not.
+    Raises OptionError where the file cannot be read, SceneError with what it cannot mean."""
+    from mbdae.robots.urdf import options, read
+
+    field = option("gravity", gravity, sequence, "give three numbers, m/s^2", each=number)
+    return read(Scene, path, bool(floating), field, packages, bool(keep_inertias), bool(limits), options(stop), bool(meshes))  # type: ignore[no-any-return]
 
 
 class Scene(SceneData):

@@ -40,8 +40,7 @@ class Tree:
 
     @single_threaded
     def __init__(self, scene: Any) -> None:
-        frames = getattr(scene, "frames", {})
-        origins = {name: f.drawn for name, f in frames.items() if f.body == name}
+        origins = {name: f.point for name, f in scene.frames.items() if f.body.name == name}
         moving = moving_scene(scene, origins)
         model = build(moving)
         trees = find_trees(model)
@@ -62,7 +61,7 @@ class Tree:
         inside = {name for tree in trees for name in tree.names} | couplings
         self.closing = tuple(c.name for c in moving.connections if (c.is_joint or c.kind in ("couple", "gear", "rack", "differential"))
                              and c.name not in inside)
-        self._frames, self._bodies = frames, {b.name for b in scene.bodies}
+        self._frames, self._bodies = scene.frames, {b.name: b for b in scene.bodies}
         self._made: dict[Any, tuple[Any, Any, int, tuple[int, ...]]] = {}
         self._quaternions = np.array([range(c.q, c.q + 4) for c in self._coordinates if c.nq == 4], dtype=np.intp)
 
@@ -118,11 +117,7 @@ class Tree:
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links: bodies of the scene, and links of the file without mass."""
-        return tuple(dict.fromkeys([*self._bodies_in_order, *self._frames]))
-
-    @property
-    def _bodies_in_order(self) -> list[str]:
-        return [b.name for b in self.scene.bodies]
+        return tuple(dict.fromkeys([*self._bodies, *self._frames]))
 
     def _link(self, link: Any) -> str:
         name = getattr(link, "name", link)
@@ -135,7 +130,8 @@ class Tree:
         name = self._link(link)
         if name in self._frames:
             f = self._frames[name]
-            return f.body, f.offset, f.turned
+            R = f.body.drawn.rotation
+            return f.body.name, R.T @ (f.point - f.body.drawn.position), R.T @ f.axes
         return name, np.zeros(3), np.eye(3)
 
     # -- evaluation

@@ -247,8 +247,10 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     if refused:
         raise SceneError(refused)
     for n in by_coordinate.values():
-        key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
-        groups.of(key).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
+        rotor = joints[n.joint].rotor.get(n.coordinate) or None
+        law = JointCoordinate(n.name, rotor=rotor)
+        key = (JointCoordinate, law.structure(frozenset()), ((n.kind, Axes.GENERAL),))
+        groups.of(key).instances.append(Instance(law, (n,), {} if rotor is None else {"rotor": rotor}, {}, n.name))
     return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
 
 
