@@ -72,6 +72,16 @@ def read_urdf(path: Any, floating: bool = False, gravity: Sequence[float] = (0, 
     return read(Scene, path, bool(floating), field, packages, bool(keep_inertias), bool(limits), options(stop), bool(meshes))  # type: ignore[no-any-return]
 
 
+@naming_arguments
+def read_mjcf(path: Any, keep_inertias: bool = False, limits: bool = True, stop: Any = None) -> Scene:
+    """The model of an MJCF file as a scene, every joint recursive, as MuJoCo's compiler resolves it; see docs/robots.md. Needs the
+    extra `robots`. Options and errors as of `read_urdf`; gravity is that of the file."""
+    from mbdae.robots.mjcf import read
+    from mbdae.robots.urdf import options
+
+    return read(Scene, path, bool(keep_inertias), bool(limits), options(stop))  # type: ignore[no-any-return]
+
+
 class Scene(SceneData):
     """A mechanism: bodies, joints and forces. See `SceneData` for the statements."""
 

@@ -87,6 +87,7 @@ class Robot:
     links: dict[str, Link] = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
     closing: list[Callable[[Any, dict[str, Pose]], Any]] = field(default_factory=list)
+    roots: dict[str, Pose] = field(default_factory=dict)  #: links that float, with their poses in the drawing
     told: list[str] = field(default_factory=list)
     heard: list[str] = field(default_factory=list)
 
@@ -101,14 +102,17 @@ def checked(robot: Robot, keep: bool) -> None:
     """Refuse numbers that no body has; inertias that violate the triangle inequality are kept where that was asked for."""
     wrong = []
     for link in robot.links.values():
+        if np.max(np.abs(link.inertia), initial=0.0) < NONE * max(link.mass, 1.0):
+            link.inertia = np.zeros((3, 3))
         if not (np.isfinite(link.mass) and np.all(np.isfinite(link.inertia)) and np.all(np.isfinite(link.centre))):
             wrong.append(f"link '{link.name}': its mass, centre or inertia is not finite")
         elif link.mass < 0:
             wrong.append(f"link '{link.name}': its mass {link.mass:g} kg is negative")
         elif impossible(link.inertia):
-            moments = ", ".join(f"{m:.4g}" for m in np.linalg.eigvalsh(link.inertia))
+            values = np.linalg.eigvalsh(link.inertia)
+            moments = ", ".join(f"{m:.4g}" for m in values)
             text = f"link '{link.name}': no body has principal moments of inertia {moments} kg m^2: one exceeds the sum of the others"
-            if not keep or np.any(np.linalg.eigvalsh(link.inertia) < 0):
+            if not keep or values[0] < -ROUNDED * abs(values[2]):
                 wrong.append(f"{text}, or is negative; correct the file" + ("" if keep else ", or pass keep_inertias=True"))
             else:
                 robot.heard.append(f"{text}; it was kept, as asked")
@@ -134,11 +138,12 @@ def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
     moved = {j.parent for j in robot.joints if j.kind != "fixed"} | {j.child for j in robot.joints if j.kind != "fixed"}
     for link in robot.links.values():
         joint = carried.get(link.name)
-        poses[link.name] = pose = poses[joint.parent] @ joint.pose if joint else Pose()
+        poses[link.name] = pose = poses[joint.parent] @ joint.pose if joint else robot.roots.get(link.name, Pose())
         fixed = joint is None or joint.kind == "fixed"
         on = bodies[joint.parent] if joint else s.ground
         held = joint is not None and fixed and on is s.ground
-        if (held or not link.mass) and fixed and not (joint is None and link.mass):
+        empty = not link.mass and not np.any(link.inertia)
+        if fixed and (held or empty) and (joint is not None or empty):
             bodies[link.name] = on  # no body of its own: a frame on what carries it
         else:
             bodies[link.name] = s.rigid_body(link.name, link.mass, link.inertia, at=pose.point(link.centre), rotation=pose.R,

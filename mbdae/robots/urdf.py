@@ -171,8 +171,14 @@ def _joints(robot: Robot, raw: Any, limits: bool, stop: Any) -> None:
             wrong.append(f"{head}: link '{one.child}' is already the child of joint '{children[one.child]}': URDF says trees")
         names.add(one.name)
         children.setdefault(one.child, one.name)
-    mimics = {one.name: one.mimic for one in raw.joints if one.mimic is not None}
     scalar = {one.name for one in raw.joints if one.type in ("revolute", "continuous", "prismatic")}
+    fixed = {one.name for one in raw.joints if one.type == "fixed"}
+    mimics = {one.name: one.mimic for one in raw.joints if one.mimic is not None and one.name not in fixed}
+    for one in raw.joints:
+        if one.name in mimics and one.mimic.joint in fixed and not one.mimic.offset:
+            robot.told.append(f"{f'joint {one.name!r}'}: it mimics the fixed joint '{one.mimic.joint}', so it is fixed too")
+            one.type = "fixed"
+            del mimics[one.name]
     wrong += [f"joint '{name}': it mimics '{m.joint}', which is no joint with one coordinate" for name, m in mimics.items()
               if m.joint not in scalar or name not in scalar or m.joint == name]
     if wrong:
