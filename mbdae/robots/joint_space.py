@@ -15,12 +15,15 @@ from mbdae.disk.entries import key_of
 from mbdae.kernels import Kernel
 from mbdae.robots.coordinates import FLOATS, coordinates_of, folded_of, moving_scene, neutral, ordered
 from mbdae.robots.tree import UNIT, JointSpaceProgram
+from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.model.model import build
 from mbdae.system.model.trees import find_trees
 from mbdae.threads import single_threaded
 
 Array = NDArray[np.float64]
+BLOCK = 1500  #: steps of a program that are compiled together
+SLICE = 32  #: states that pass through all blocks of a program together
 LEVEL = 2  #: LLVM's level of optimisation
 ORIGIN = (0.0, 0.0, 0.0)
 
@@ -197,7 +200,53 @@ class Tree:
         p = self._program
         known = {"q": p.q, "v": p.v, "a": p.a, "t": p.tau, "p": p.at}
         symbols, program = [s for head in heads for s in known[head]], p.made.program
-        rows = [se.sympify(e) for e in outputs(p)]
-        said = [f"{name} = {program.steps[name]}" for name in program.needed(rows)]  # closed, they would be written out in full
-        kernel = Kernel(symbols, partial(program.closed, rows), LEVEL, len(rows), key_of("joint space", str(symbols), *said, str(rows)))
-        return kernel.compiled.unsafe_real, kernel.compiled, kernel.width, tuple(len(known[head]) for head in heads)
+        kernels = blocks(program, symbols, [se.sympify(e) for e in outputs(p)])
+        sizes = tuple(len(known[head]) for head in heads)
+        if len(kernels) == 1:
+            return kernels[0].compiled.unsafe_real, kernels[0].compiled, kernels[0].width, sizes
+        chain = Chain(kernels)
+        return chain.one, chain.many, kernels[-1].width, sizes
+
+
+class Chain:
+    """Compiled functions one after the other: each reads what the one before it wrote."""
+
+    def __init__(self, kernels: list[Kernel]) -> None:
+        self._compiled, self._widths = [k.compiled for k in kernels], [k.width for k in kernels]
+
+    def one(self, x: Array, out: Array) -> None:
+        """Of one state."""
+        for compiled, width in zip(self._compiled[:-1], self._widths, strict=False):
+            found = np.empty(width)
+            compiled.unsafe_real(x, found)
+            x = found
+        self._compiled[-1].unsafe_real(x, out)
+
+    def many(self, x: Array, out: Array) -> None:
+        """Of many states, SLICE at a time, so that what is handed on stays in the cache."""
+        x, rows = x.reshape(-1, x.shape[-1]), out.reshape(-1, out.shape[-1])
+        for first in range(0, len(x), SLICE):
+            part = x[first : first + SLICE]
+            for compiled, width in zip(self._compiled[:-1], self._widths, strict=False):
+                found = np.empty((len(part), width))
+                compiled(part, out=found)
+                part = found
+            self._compiled[-1](part, out=rows[first : first + SLICE])
+
+
+def blocks(program: Program, inputs: list[Expr], outputs: list[Expr]) -> list[Kernel]:
+    """Kernels that evaluate outputs of a program one after the other, each at most BLOCK steps: the search for common
+    subexpressions of long programs may take forever. Each hands on what later ones read."""
+    needed = program.needed(outputs)
+    found: list[Kernel] = []
+    for first in range(0, max(len(needed), 1), BLOCK):
+        here, later = needed[first : first + BLOCK], needed[first + BLOCK :]
+        used = set().union(*(program.steps[name].free_symbols for name in later), *(e.free_symbols for e in outputs))
+        handed = [s for s in (*inputs, *here) if s in used] if later else outputs
+        part = Program()
+        part.steps = {name: program.steps[name] for name in here}
+        said = [f"{name} = {e}" for name, e in part.steps.items()]  # closed, they would be written out in full
+        key = key_of("joint space", str(inputs), *said, str(handed))
+        found.append(Kernel(inputs, partial(part.closed, handed), LEVEL, len(handed), key))
+        inputs = list(handed)
+    return found
