@@ -77,7 +77,8 @@ _HOME = {
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "curve": "mbdae.inputs.measured",
     "export": "mbdae.export", "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
-    "params": "mbdae.symbolic.law", "read_urdf": "mbdae.api", "read_mjcf": "mbdae.api", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
+    "params": "mbdae.symbolic.law", "read_mjcf": "mbdae.api",
+    "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
 
@@ -94,7 +95,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name == "t":
-        from mbdae.inputs.deferred_time import time_symbol
+        from mbdae.inputs import time_symbol
 
         return time_symbol()
     if name in _HOME:

@@ -61,8 +61,8 @@ def read_urdf(path: Any, floating: bool = False, gravity: Sequence[float] = (0, 
               keep_inertias: bool = False, limits: bool = True, stop: Any = None, meshes: bool = True) -> Scene:
     """The robot of a URDF file as a scene, every joint recursive; see docs/robots.md. Needs the extra `robots`.
 
-    floating: True lets the root link float, False holds it on the ground. gravity (3,), m/s^2. packages: folders in which packages
-    of `package://name/...` are, a list, or a mapping by name; by default the folders above the file. keep_inertias: True keeps
+    floating: True lets the root link float, False holds it on the ground. gravity (3,), m/s^2. packages: folders of packages
+    in `package://name/...` are, a list, or a mapping by name; by default the folders above the file. keep_inertias: True keeps
     inertias that no body has. limits: False leaves them out; stop: mb.Stop(stiffness, damping) of all of them. meshes: whether
     they are read, for pictures, as the boxes about them. `scene.told` lists what the scene says otherwise than the file, or not.
     Raises OptionError where the file cannot be read, SceneError with what it cannot mean."""
@@ -74,8 +74,8 @@ def read_urdf(path: Any, floating: bool = False, gravity: Sequence[float] = (0, 
 
 @naming_arguments
 def read_mjcf(path: Any, keep_inertias: bool = False, limits: bool = True, stop: Any = None) -> Scene:
-    """The model of an MJCF file as a scene, every joint recursive, as MuJoCo's compiler resolves it; see docs/robots.md. Needs the
-    extra `robots`. Options and errors as of `read_urdf`; gravity is that of the file."""
+    """The model of an MJCF file as a scene, every joint recursive, as MuJoCo's compiler resolves it; see docs/robots.md. Needs
+    the extra `robots`. Options and errors as of `read_urdf`; gravity is that of the file."""
     from mbdae.robots.mjcf import read
     from mbdae.robots.urdf import options
 

@@ -111,7 +111,7 @@ def checked(robot: Robot, keep: bool) -> None:
         elif impossible(link.inertia):
             values = np.linalg.eigvalsh(link.inertia)
             moments = ", ".join(f"{m:.4g}" for m in values)
-            text = f"link '{link.name}': no body has principal moments of inertia {moments} kg m^2: one exceeds the sum of the others"
+            text = f"link '{link.name}': no body has principal moments of inertia {moments} kg m^2: one exceeds the others' sum"
             if not keep or values[0] < -ROUNDED * abs(values[2]):
                 wrong.append(f"{text}, or is negative; correct the file" + ("" if keep else ", or pass keep_inertias=True"))
             else:
@@ -209,11 +209,13 @@ def _options(robot: Robot, joint: Joint) -> dict[str, Any]:
         options["stop"] = joint.stop or Stop(max(joint.effort, 1.0) / YIELD, 0.0)
         inside = float(np.clip(start, -np.inf if low is None else low, np.inf if high is None else high))
         if inside != start:
-            robot.told.append(f"joint '{joint.name}': its start {start:g} {unit} is outside of its limits; it starts at {inside:g}")
+            robot.told.append(f"joint '{joint.name}': its start {start:g} {unit} is outside of its limits; it starts at "
+                              f"{inside:g}")
             start = inside
         if joint.stop is None:
-            robot.told.append(f"joint '{joint.name}': its limits are elastic stops of {options['stop'].stiffness:g} {effort}/{unit} "
-                              f"without damping, which the file does not say; limits=False leaves them out, or pass stop=")
+            robot.told.append(f"joint '{joint.name}': its limits are elastic stops of {options['stop'].stiffness:g} "
+                              f"{effort}/{unit} without damping, which the file does not say; limits=False leaves them out, "
+                              f"or pass stop=")
     if start:
         options["start"] = start
     if joint.damping:
@@ -227,7 +229,8 @@ def _options(robot: Robot, joint: Joint) -> dict[str, Any]:
     if joint.friction:
         options |= {"friction": Coulomb(1.0, SMOOTH), "normal_force": joint.friction} | (
             {"radius": 1.0} if joint.kind == "revolute" else {})
-        robot.told.append(f"joint '{joint.name}': its dry friction of {joint.friction:g} {effort} is smoothed below {SMOOTH:g} {unit}/s")
+        robot.told.append(f"joint '{joint.name}': its dry friction of {joint.friction:g} {effort} is smoothed below {SMOOTH:g} "
+                          f"{unit}/s")
     return options
 
 

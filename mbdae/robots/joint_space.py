@@ -10,14 +10,17 @@ import numpy as np
 import symengine as se
 from numpy.typing import ArrayLike, NDArray
 
-from mbdae.errors import OptionError, SceneError, unknown_name
 from mbdae.disk.entries import key_of
+from mbdae.errors import OptionError, SceneError, unknown_name
 from mbdae.kernels import Kernel
-from mbdae.robots.coordinates import FLOATS, coordinates_of, folded_of, moving_scene, neutral, ordered
-from mbdae.robots.tree import UNIT, JointSpaceProgram
+from mbdae.laws.joint_rows import Free
+from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
+from mbdae.robots.tree import UNIT, Coordinate, Folded, JointSpaceProgram
+from mbdae.scene.models import spanning_tree
+from mbdae.symbolic.joint import Coupling
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.model.model import build
+from mbdae.system.model.model import Model, build
 from mbdae.system.model.trees import find_trees
 from mbdae.threads import single_threaded
 
@@ -25,14 +28,15 @@ Array = NDArray[np.float64]
 BLOCK = 1500  #: steps of a program that are compiled together
 SLICE = 32  #: states that pass through all blocks of a program together
 LEVEL = 2  #: LLVM's level of optimisation
+FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
 ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Tree:
     """Joint-space dynamics of a scene: M(q) a + bias(q, v) = tau. Arrays are one state (n,) or batches (..., n).
 
-    names: joints in the order of q, base outwards, in the order of the scene; a body that no joint carries stands there by its own
-    name. coordinates: names of the entries of v, "J.angle"; those of q differ where a joint turns freely: q then has a quaternion
+    names: joints in the order of q, base outwards, in the order of the scene; a body that no joint carries stands there
+    by its name. coordinates: names of the entries of v, "J.angle"; q differs where a joint turns freely: it then has a quaternion
     (w, x, y, z) and v the angular velocity (3,) in axes of the moving body. A floating body has x, y, z of its point in inertial
     axes, then this quaternion; v its velocity and angular velocity likewise. zero (nq,): q of the drawing or the file's zero.
     follows: coordinates that a coupling (a mimic joint) makes multiples of others, folded in and left out; closing: joints that
@@ -51,7 +55,8 @@ class Tree:
         folded, couplings = folded_of(moving, set(order))
         self._coordinates = coordinates_of(model, order, folded)
         if not self._coordinates:
-            raise SceneError([f"scene '{scene.name}': no joint moves, so that there is no joint space; state joints with coordinates"])
+            raise SceneError([f"scene '{scene.name}': no joint moves, so that there is no joint space; state joints with "
+                              f"coordinates"])
         self._program = JointSpaceProgram(model, self._coordinates, folded)
         self.scene = scene
         moved = list(dict.fromkeys(c.joint for c in self._coordinates))
@@ -62,8 +67,8 @@ class Tree:
         self.zero = neutral(self._coordinates)
         self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
         inside = {name for tree in trees for name in tree.names} | couplings
-        self.closing = tuple(c.name for c in moving.connections if (c.is_joint or c.kind in ("couple", "gear", "rack", "differential"))
-                             and c.name not in inside)
+        ties = [c for c in moving.connections if c.is_joint or isinstance(c.laws[0], Coupling)]
+        self.closing = tuple(c.name for c in ties if c.name not in inside)
         self._frames, self._bodies = scene.frames, {b.name: b for b in scene.bodies}
         self._made: dict[Any, tuple[Any, Any, int, tuple[int, ...]]] = {}
         self._firsts = [c.q for c in self._coordinates if c.nq == 4]
@@ -99,8 +104,8 @@ class Tree:
     def jacobian(self, link: str, q: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
         """J(q) (..., 6, nv) of a point of a link: J v is its velocity (m/s), then the angular velocity (rad/s), inertial axes. at
         (3,) m, in the axes of the link from its origin in the file, or of the body from its centre."""
-        return self._at(("jacobian", self._link(link)), lambda p: [e for row in p.jacobian(*self._frame(link)) for e in row], "qp",
-                        (6, self.nv), q, at)
+        return self._at(("jacobian", self._link(link)), lambda p: [e for row in p.jacobian(*self._frame(link)) for e in row],
+                        "qp", (6, self.nv), q, at)
 
     def jacobian_rate(self, link: str, q: ArrayLike, v: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
         """dJ/dt (..., 6, nv) along v: the acceleration of the point is J a + dJ/dt v."""
@@ -146,7 +151,7 @@ class Tree:
             found = self._made[key] = self._compiled(outputs, heads, shape)
         one, many, width, sizes = found
         try:
-            x = np.concatenate(given, dtype=float)  # type: ignore[arg-type]
+            x = np.concatenate(given, dtype=float)
             if x.ndim > 1 or tuple(map(len, given)) != sizes:  # type: ignore[arg-type]
                 raise ValueError
         except (ValueError, TypeError):
@@ -170,10 +175,11 @@ class Tree:
             try:
                 part = np.asarray(value, dtype=float)
             except (ValueError, TypeError) as error:
-                raise OptionError(f"{words[head]} is no array of numbers; give ({n},), or (..., {n}) for several states") from error
+                raise OptionError(f"{words[head]} is no array of numbers; give ({n},), or (..., {n}) for several "
+                                  f"states") from error
             if part.ndim == 0 or part.shape[-1] != n:
-                raise OptionError(f"{words[head]} has the shape {part.shape}; give ({n},), or (..., {n}) for several states, in the "
-                                  f"order of {'names' if head == 'q' else 'coordinates' if head != 'p' else 'the axes'}")
+                raise OptionError(f"{words[head]} has the shape {part.shape}; give ({n},), or (..., {n}) for several states, in "
+                                  f"the order of {'names' if head == 'q' else 'coordinates' if head != 'p' else 'the axes'}")
             parts.append(part)
         try:
             many = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
@@ -250,3 +256,91 @@ def blocks(program: Program, inputs: list[Expr], outputs: list[Expr]) -> list[Ke
         found.append(Kernel(inputs, partial(part.closed, handed), LEVEL, len(handed), key))
         inputs = list(handed)
     return found
+
+
+def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
+    """A copy of a scene whose joints are recursive where they form trees; bodies that no joint carries move by a free joint.
+    origins: points of bodies, as drawn, at which such a joint is; by default the centre."""
+    if scene.problems:
+        raise SceneError(list(scene.problems))
+    made = scene._copied()
+    for root in spanning_tree(made).roots:
+        if root is not made.ground:
+            at = origins.get(root.name, root.drawn.position)
+            made.joint(Free, FLOATS.format(root.name), made.ground, root, at=at, axis=(0, 0, 1), axis_x=(1, 0, 0))
+    if made.problems:
+        raise SceneError(list(made.problems))
+    return made.recursive()
+
+
+def coordinates_of(model: Model, order: list[str], folded: dict[tuple[str, str], Folded]) -> list[Coordinate]:
+    """The coordinates of joints named in their order; folded ones are left out."""
+    found: list[Coordinate] = []
+    q = v = 0
+    for name in order:
+        joint = model.scene[name]
+        for c in joint.coordinates:
+            if (name, c) in folded:
+                continue
+            nq, nv = (4, 3) if joint.unit(c) == "rotation" else (1, 1)
+            found.append(Coordinate(name, c, q, v, nq, nv))
+            q, v = q + nq, v + nv
+    return found
+
+
+def ordered(scene: Any, trees: list[Any]) -> list[str]:
+    """Names of the joints of trees, base outwards, in the order of the scene."""
+    carried: dict[str, str] = {}  #: joint -> the joint that carries its parent
+    for tree in trees:
+        for name, link in zip(tree.names, tree.structure.links, strict=True):
+            carried[name] = tree.names[link.parent - 1] if link.parent else ""
+    done: dict[str, None] = {}
+
+    def take(name: str) -> None:
+        if name and name not in done:
+            take(carried[name])
+            done[name] = None
+
+    floats = [name for name in carried if name.endswith(FLOATS.format(""))]
+    for name in (*floats, *(c.name for c in scene.joints if c.name in carried)):
+        take(name)
+    return list(done)
+
+
+def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folded], set[str]]:
+    """Coordinates that couplings of two coordinates make multiples of others, and the names of these couplings. inside: names of
+    the joints of trees."""
+    found: dict[tuple[str, str], Folded] = {}
+    names: set[str] = set()
+    for c in scene.connections:
+        law = c.laws[0]
+        if not isinstance(law, Gear | Rack | WeightedSum):
+            continue
+        pair, value = _pair(law)
+        if len(pair) != 2 or not isinstance(value, int | float) or any(key[0] not in inside for key, _ in pair):
+            continue
+        (one, f), (other, g) = pair
+        if one in found or f == 0 or one in {x.of for x in found.values()}:
+            continue
+        if other in found:
+            via = found[other]
+            other, g, value = via.of, g * via.factor, value - g * via.offset
+        if other != one:
+            found[one] = Folded(other, -g / f, value / f)
+            names.add(c.name)
+    return found, names
+
+
+def _pair(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
+    """Coordinates with their factors and the value of the sum; the first is the one that follows."""
+    if isinstance(law, Gear):
+        return [(law.of["driven"], 1.0), (law.of["driving"], -float(law.ratio))], 0.0
+    if isinstance(law, Rack):
+        return [(law.of["displacement"], 1.0), (law.of["angle"], -float(law.radius))], 0.0
+    terms = [(law.of[f"c{n + 1}"], float(getattr(law, f"factor{n + 1}"))) for n in range(len(law.of))]
+    return terms, law.value
+
+
+def neutral(coordinates: list[Coordinate]) -> Array:
+    """q of the drawing."""
+    return np.concatenate([np.eye(4)[0] if c.nq == 4 else np.zeros(1) for c in coordinates] or [np.zeros(0)])

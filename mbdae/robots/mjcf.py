@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
+from mbdae.robots import clean, library, parsed, text_of
 from mbdae.robots.description import Joint, Link, Pose, Robot, build
-from mbdae.robots.files import clean, library, parsed, text_of
 
 MOST_INCLUDED = 100  #: files that a model may include
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
@@ -41,17 +42,19 @@ def _included(root: Any, path: Path, bounds: list[Any]) -> None:
         if not isinstance(element.tag, str):
             continue
         if element.tag in ("plugin", "extension"):
-            raise OptionError(f"{path.name}, line {element.sourceline}: plugins are code, which is not run; remove <{element.tag}>")
+            raise OptionError(f"{path.name}, line {element.sourceline}: plugins are code, which is not run; remove "
+                              f"<{element.tag}>")
         wrong = [value for value in element.attrib.values() if "://" in value]
         if wrong:
-            raise OptionError(f"{path.name}, line {element.sourceline}: {wrong[0]!r} is no file of this machine; nothing is fetched")
+            raise OptionError(f"{path.name}, line {element.sourceline}: {wrong[0]!r} is no file of this machine; nothing is "
+                              f"fetched")
     for element in root.iter("include"):
         file = (path.parent / element.get("file", "")).resolve()
         if not file.is_relative_to(bounds[0]) or not file.is_file():
             file = (bounds[0] / path.parent.name / element.get("file", "")).resolve()
         if not file.is_relative_to(bounds[0]) or not file.is_file():
-            raise OptionError(f"{path.name}, line {element.sourceline}: includes {element.get('file')!r}, which is no file in the "
-                              f"folder of the model or beside it")
+            raise OptionError(f"{path.name}, line {element.sourceline}: includes {element.get('file')!r}, which is no file in "
+                              f"the folder of the model or beside it")
         if file in bounds[1]:
             continue
         bounds[1].add(file)
@@ -107,6 +110,11 @@ def _name(model: Any, array: str, i: int) -> str:
     return str(model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace"))
 
 
+def _pushed(body: str, force: tuple[float, ...], s: Any, _: Any) -> None:
+    """Compensate gravity on a body in part or in whole."""
+    s.force(f"gravity compensation of {body}", body, force)
+
+
 class _Reader:
     """A compiled model into a `Robot`."""
 
@@ -130,9 +138,9 @@ class _Reader:
     def refuse(self) -> None:
         m, wrong = self.m, []
         for i in range(m.ntendon):
-            acts = [m.tendon_stiffness[i], m.tendon_damping[i], m.tendon_limited[i], m.tendon_frictionloss[i], m.tendon_armature[i]]
+            acts = [getattr(m, f"tendon_{what}")[i] for what in ("stiffness", "damping", "limited", "frictionloss", "armature")]
             name = _name(m, "name_tendonadr", i) or f"{i}"
-            if np.any(np.asarray(acts, dtype=float)):
+            if any(map(np.any, acts)):
                 wrong.append(f"tendon '{name}': tendons are not modelled; state s.spring or s.rope, and remove it from the file")
             else:
                 self.robot.told.append(f"tendon '{name}' is not read; alone it exerts no force")
@@ -144,8 +152,8 @@ class _Reader:
             if kind in (FREE, BALL):
                 for what, values in (("armature", m.dof_armature), ("frictionloss", m.dof_frictionloss)):
                     if np.any(values[dof : dof + count]):
-                        wrong.append(f"joint '{name}': {what} of a {'free' if kind == FREE else 'ball'} joint is not modelled; set it "
-                                     f"to 0")
+                        wrong.append(f"joint '{name}': {what} of a {'free' if kind == FREE else 'ball'} joint is not modelled; "
+                                     f"set it to 0")
                 if m.jnt_stiffness[i] or np.any(m.dof_damping[dof : dof + count]):
                     self.robot.heard.append(f"joint '{name}': stiffness and damping of a free or ball joint are left out")
                 if kind == BALL and m.jnt_limited[i]:
@@ -154,7 +162,8 @@ class _Reader:
                 values = getattr(m, what, None)
                 at = dof if what.startswith("dof") else i
                 if values is not None and np.any(values[at]):
-                    wrong.append(f"joint '{name}': a polynomial of its {what[4:].removesuffix('poly')} is not modelled; make it linear")
+                    word = what[4:].removesuffix("poly")
+                    wrong.append(f"joint '{name}': a polynomial of its {word} is not modelled; make it linear")
         if wrong:
             raise SceneError(wrong)
 
@@ -188,7 +197,7 @@ class _Reader:
             self._carried(b, made)
             if m.body_gravcomp[b] and made.mass:
                 force = tuple(float(x) for x in -m.body_gravcomp[b] * made.mass * m.opt.gravity)
-                robot.closing.append(lambda s, _, name=made.name, force=force: s.force(f"gravity compensation of {name}", name, force))
+                robot.closing.append(partial(_pushed, made.name, force))
 
     def _carried(self, b: int, link: Link) -> None:
         m, robot = self.m, self.robot
@@ -211,8 +220,8 @@ class _Reader:
     def _joint(self, i: int, parent: str, child: str, pose: Pose) -> Joint:
         m = self.m
         kind, dof, q = int(m.jnt_type[i]), int(m.jnt_dofadr[i]), int(m.jnt_qposadr[i])
-        made = Joint(self.joint_names[i], {FREE: "free", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}[kind], parent, child,
-                     pose, np.array(m.jnt_pos[i]), np.array(m.jnt_axis[i]))
+        word = {FREE: "free", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}[kind]
+        made = Joint(self.joint_names[i], word, parent, child, pose, np.array(m.jnt_pos[i]), np.array(m.jnt_axis[i]))
         if kind in (FREE, BALL):
             return made
         made.damping, made.friction = float(m.dof_damping[dof]), float(m.dof_frictionloss[dof])
@@ -280,7 +289,6 @@ class _Reader:
             turned = float(np.max(np.abs(wanted - other.R)))
         if off > slack or turned > slack:
             return [f"equality '{name}': it does not hold as drawn, {off:.3g} m and {turned:.3g} apart; draw the bodies closed"]
-        at = tuple(float(x) for x in at)
         self.robot.closing.append(lambda s, _: s.weld(name, k, l, at=at) if weld else s.spherical(name, k, l, at=at))
         return []
 
@@ -291,7 +299,8 @@ class _Reader:
             return [f"equality '{name}': a polynomial of degree 2 or more between joints is not modelled; make it linear"]
         if any(int(m.jnt_type[i]) not in (SLIDE, HINGE) for i in (one, other) if i >= 0):
             return [f"equality '{name}': it ties joints of more than one coordinate, which is not modelled"]
-        words = [f"{self.joint_names[i]}.{'angle' if int(m.jnt_type[i]) == HINGE else 'displacement'}" for i in (one, other) if i >= 0]
+        kinds = {HINGE: "angle", SLIDE: "displacement"}
+        words = [f"{self.joint_names[i]}.{kinds[int(m.jnt_type[i])]}" for i in (one, other) if i >= 0]
         of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
         next(j for j in self.robot.joints if j.name == self.joint_names[one]).start = a0
         self.robot.closing.append(lambda s, _: s.couple(name, of, a0))

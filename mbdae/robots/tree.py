@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from mbdae.kernels.links import pass_kernel
 from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.kernels.tree_plan import Inline
-from mbdae.robots.coordinates import Coordinate, Folded
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.links import directions
 from mbdae.symbolic.rebuild import substituted
@@ -36,6 +35,25 @@ NOTHING = 1e-15
 UNIT = 1e-6
 AXES = ("a1", "a2", "a3", "al1", "al2", "al3")
 Entry = tuple[int, Place]  #: number of a tree, and a place in it
+
+
+class Coordinate(NamedTuple):
+    """A coordinate of a joint: first entry in q and v, and how many it has there."""
+
+    joint: str
+    name: str
+    q: int
+    v: int
+    nq: int
+    nv: int
+
+
+class Folded(NamedTuple):
+    """A coordinate that is factor times another one, plus offset."""
+
+    of: tuple[str, str]
+    factor: float
+    offset: float
 
 
 class Passed(NamedTuple):
@@ -107,7 +125,7 @@ class JointSpaceProgram:
 
     def coordinate(self, tree: ModelTree, place: Place) -> Expr:
         """Expression of a coordinate of a tree, of its rate or its second rate, in q, v and a."""
-        (head, node, i), key = place, self._owner(tree, -place[1])
+        (head, _, i), key = place, self._owner(tree, -place[1])
         values = {"q": self.q, "u": self.v, "up": self.a}[head]
         if (found := self._folded.get(key)) is not None:
             of = self._place[found.of]

@@ -1,4 +1,4 @@
-"""URDF into a scene: yourdfpy reads the file, this module says what it means. What the parser would assume without a word, such as
+"""URDF into a scene: yourdfpy reads the file, this module says what it means. What the parser would assume in silence, such as
 missing moments of inertia, is refused before."""
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
+from mbdae.robots import EXTRA, bounds_of, library, parsed, text_of
 from mbdae.robots.description import Joint, Link, Pose, Robot, build
-from mbdae.robots.files import EXTRA, bounds_of, library, parsed, text_of
 from mbdae.scene.components import Stop
 
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed", "floating": "free",
@@ -24,13 +24,14 @@ NEEDED = {"inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "mass": ("value
           "parent": ("link",), "child": ("link",), "mimic": ("joint",), "box": ("size",), "cylinder": ("radius", "length"),
           "sphere": ("radius",), "mesh": ("filename",)}
 NUMBERS = {"inertia": (*NEEDED["inertia"],), "mass": ("value",), "mimic": ("multiplier", "offset"),
-           "limit": ("lower", "upper", "effort", "velocity"), "dynamics": ("damping", "friction"), "cylinder": ("radius", "length"),
-           "sphere": ("radius",)}
+           "limit": ("lower", "upper", "effort", "velocity"), "dynamics": ("damping", "friction"),
+           "cylinder": ("radius", "length"), "sphere": ("radius",)}
 TRIPLES = {"origin": ("xyz", "rpy"), "axis": ("xyz",), "box": ("size",), "mesh": ("scale",)}
 UNREAD = {"transmission": "transmissions", "gazebo": "what it says to Gazebo", "sensor": "sensors"}
 
 
-def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep: bool, limits: bool, stop: Any, meshes: bool) -> Any:
+def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep: bool, limits: bool, stop: Any,
+         meshes: bool) -> Any:
     """The scene of a URDF file; arguments as of `mb.read_urdf`, make: the class of scenes."""
     yourdfpy = library("yourdfpy", "reading URDF")
     found, data = text_of(path, "read_urdf")
@@ -129,7 +130,8 @@ def _drawn(visual: Any, path: Path, packages: Any, meshes: bool) -> Any:
     if g.box is not None:
         return ("box", pose, tuple(float(x) for x in sizes)) if min(sizes) > 0 else None
     if g.cylinder is not None:
-        return ("cylinder", pose, (float(g.cylinder.radius), float(g.cylinder.length))) if g.cylinder.radius > 0 < g.cylinder.length else None
+        radius, length = float(g.cylinder.radius), float(g.cylinder.length)
+        return ("cylinder", pose, (radius, length)) if min(radius, length) > 0 else None
     if g.sphere is not None:
         return ("sphere", pose, (float(g.sphere.radius),)) if g.sphere.radius > 0 else None
     file = resolved(g.mesh.filename, path, packages) if meshes else None
@@ -201,8 +203,8 @@ def _one(robot: Robot, one: Any, limits: bool, stop: Any) -> Joint:
         elif limits:
             low, high = float(one.limit.lower or 0), float(one.limit.upper or 0)
             if low >= high:
-                raise SceneError([f"joint '{one.name}': its lower limit {low:g} is not below the upper one, {high:g}; make it a fixed "
-                                  f"joint, or pass limits=False"])
+                raise SceneError([f"joint '{one.name}': its lower limit {low:g} is not below the upper one, {high:g}; make it a "
+                                  f"fixed joint, or pass limits=False"])
             made.limits, made.stop = (low, high), stop
     return made
 
@@ -245,8 +247,8 @@ def _root(robot: Robot, raw: Any, floating: bool) -> None:
     carried = {j.child for j in robot.joints}
     roots = [name for name in robot.links if name not in carried]
     if len(roots) != 1:
-        raise SceneError([f"robot '{robot.name}' has {len(roots)} root links ({', '.join(map(repr, roots)) or 'none'}): one is needed "
-                          f"that carries all others"])
+        raise SceneError([f"robot '{robot.name}' has {len(roots)} root links ({', '.join(map(repr, roots)) or 'none'}): one is "
+                          f"needed that carries all others"])
     root = robot.links[roots[0]]
     if not floating:
         name = f"{root.name} on the ground"

@@ -52,8 +52,9 @@ class JointStatements(ConnectionStatements):
         value (rad or m, number or expression of mb.t); `start`, `start_rate`: at the start; `spring` (N m/rad or N/m), `damper`
         (N m s/rad or N s/m), `load` (N m or N, on l); `limits` (lowest, highest) with `stop=mb.Stop(stiffness, damping)`;
         `friction` (mb.Coulomb, mb.LuGre or one's own) with `radius` (m) for angles, and `normal_force` (N), by default the
-        joint's reaction normal to the axis; `rotor` (kg m^2 or kg) an inertia that moves with the coordinate alone: of a motor
-        i^2 times that of its rotor, i its gear ratio. `axis_x`: direction of the joint's x axis, by default any normal to `axis`."""
+        joint's reaction normal to the axis; `rotor` (kg m^2 or kg) an inertia that moves with the coordinate alone, of a
+        motor i^2 times that of its rotor (i its gear ratio). `axis_x`: direction of the joint's x axis, by default any normal
+        to `axis`."""
         options = {"prescribed": prescribed, "start": start, "start_rate": start_rate, "spring": spring, "damper": damper,
                    "load": load, "limits": limits, "stop": stop, "friction": friction, "rotor": rotor}
         point = where(self, f"joint '{name}'", l, at)

@@ -176,7 +176,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
             self.problems.append(f"two frames have the name '{name}'; give each its own")
         point = where(self, f"frame '{name}'", body, at)
         self.frames[name] = FrameOnBody(name, owner, point, owner.drawn.rotation if rotation is None else rotation)
-        return owner  # type: ignore[no-any-return]
+        return owner
 
     # -- forces
 

@@ -20,7 +20,7 @@ from mbdae.scene.scene import SceneData, refuse_other_laws
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.law import Element, Structure
+from mbdae.symbolic.law import Element
 from mbdae.system.base import Kept
 from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into
 from mbdae.system.model.nodes import (
