@@ -18,12 +18,15 @@ ARM = """<?xml version="1.0"?>
   <link name="upper"><inertial><origin xyz="0.2 0 0.1" rpy="0.3 0 0.1"/><mass value="2"/>
     <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0" izz="0.025"/></inertial>
     <visual><geometry><box size="0.4 0.1 0.1"/></geometry></visual></link>
-  <link name="lower"><inertial><mass value="1"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-  <link name="finger"><inertial><mass value="0.1"/><inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+  <link name="lower"><inertial><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <link name="finger"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
   <link name="tool"/>
   <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.5" rpy="0 0.2 0"/>
     <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="50" velocity="1"/><dynamics damping="0.5" friction="0.1"/></joint>
-  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/><axis xyz="1 2 0"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/>
+    <axis xyz="1 2 0"/></joint>
   <joint name="grip" type="prismatic"><parent link="lower"/><child link="finger"/><axis xyz="0 0 1"/>
     <limit lower="-1" upper="1" effort="5" velocity="1"/><mimic joint="elbow" multiplier="0.1" offset="0.02"/></joint>
   <joint name="flange" type="fixed"><parent link="lower"/><child link="tool"/><origin xyz="0.3 0 0"/></joint>
@@ -32,7 +35,8 @@ ARM = """<?xml version="1.0"?>
 """
 MODEL = """<mujoco><compiler angle="radian"/><worldbody>
   <body name="base" pos="0 0 1"><freejoint/><inertial pos="0.1 0 0" mass="3" diaginertia="0.1 0.2 0.25"/>
-    <body name="leg" pos="0 0.2 0"><joint name="hip x" axis="1 0 0" armature="0.02"/><joint name="hip y" axis="0 1 0" pos="0 0 0.1"/>
+    <body name="leg" pos="0 0.2 0"><joint name="hip x" axis="1 0 0" armature="0.02"/>
+      <joint name="hip y" axis="0 1 0" pos="0 0 0.1"/>
       <inertial pos="0 0 -0.2" mass="1" diaginertia="0.02 0.02 0.01"/></body></body>
 </worldbody></mujoco>"""
 
@@ -59,8 +63,8 @@ def test_urdf_says_what_it_says(tmp_path: Path) -> None:
 def test_urdf_beside_pinocchio(tmp_path: Path) -> None:
     pin = pytest.importorskip("pinocchio", reason="the extra `oracle` is not installed")
     text = ARM[: ARM.index('  <joint name="grip"')] + ARM[ARM.index('  <joint name="flange"') :]
-    text = text.replace('type="continuous"', 'type="prismatic"').replace('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><limit lower="-9" '
-                        'upper="9" effort="1" velocity="1"/>').replace('<link name="finger">', '<link name="finger">')
+    limit = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'  # Pinocchio's continuous joints have a cosine and a sine
+    text = text.replace('type="continuous"', 'type="prismatic"').replace('<axis xyz="1 2 0"/>', f'<axis xyz="1 2 0"/>{limit}')
     start, end = text.index('  <link name="finger">'), text.index('  <link name="tool"/>')
     path = written(tmp_path, text[:start] + text[end:])
     model = pin.buildModelFromUrdf(str(path))
