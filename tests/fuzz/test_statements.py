@@ -357,6 +357,6 @@ def _told(text: str, item: str, argument: str, value: Any, given: Any) -> bool:
     """Whether one sentence names the item (or its kind), the argument and the value."""
     words = {"points": "point 1"}.get(argument, argument)
     names = {item, "'x'", item.partition(" ")[0].lower(), item.partition(".")[0]}
-    several = isinstance(value, list | tuple | np.ndarray) and np.asarray(value, dtype=object).ndim
+    several = isinstance(value, list | tuple | range | np.ndarray) and np.asarray(value, dtype=object).ndim
     seen = [shown(v) for v in (value, given, *(value if several else ()))]
     return any(words in line and any(n in line for n in names) and any(v in line for v in seen) for line in text.splitlines())
