@@ -33,6 +33,7 @@ from mbdae.run.estimate import (
     fall_shown,
     first_tolerance,
     measure_of,
+    nearer_companion,
     other_run,
     share_of,
     usual_companion,
@@ -172,7 +173,7 @@ class _Search:
                 if self.tight.tolerance > 0.5 * loose:
                     return best
                 continue
-            best = self._with_estimate(best, fine, told)
+            best = self._compared_again(self._with_estimate(best, fine, told), told)
             self.ceiling = max(resolving(self.prepared, self.solver, fine, self.ceiling), self.limit)
             too_coarse = rtol > COARSE * self.ceiling
             if (best.estimate <= self.accuracy and not too_coarse) or rtol <= self.limit * (1 + 1e-9):
@@ -206,20 +207,37 @@ class _Search:
 
     def estimate(self, least: float = 0.0) -> float:
         """The estimated error of the last run; least: smallest ratio assumed of it to a difference."""
-        return estimated(self.system, self.solver, self.made, self.measure, self.outputs, least)
+        return estimated(self.system, self.solver, self.made[-1 - self._kept :], self.measure, self.outputs, least)
 
     def _with_estimate(self, best: Controlled, fine: Solution, told: list[tuple[float, float]]) -> Controlled:
         """The run `fine`, which followed `best`, with its estimate, and its companions beside it."""
         rtol, coarse = self.tight.tolerance, self.made[-1][1]
         self.made, self._count = [*self.made[-self._kept :], (rtol, fine)], self._count + 1
         told.append((rtol, bounded(self.tight, told, self.estimate, coarse, fine) if self.grown else self.estimate()))
-        others = list[OtherRun]()
-        for before, run in self.made[-1 - self._kept : -1]:
-            share = share_of(self.system, self.solver, rtol / before)
-            one = Beside(run, check_times(run, self.outputs), self.measure, share)
-            others += other_run(self.system, self.prepared, one, ratio=before / rtol)
-        return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, tuple(others),
+        others = tuple(one for run in self.made[-1 - self._kept : -1] for one in self._other(run))
+        return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, others,
                           told=tuple(told), limit=self.limit)
+
+    def _other(self, companion: RunAt) -> tuple[OtherRun, ...]:
+        """A companion of the last run, beside it."""
+        (before, run), rtol = companion, self.tight.tolerance
+        one = Beside(run, check_times(run, self.outputs), self.measure, share_of(self.system, self.solver, rtol / before))
+        return other_run(self.system, self.prepared, one, ratio=before / rtol)
+
+    def _compared_again(self, best: Controlled, told: list[tuple[float, float]]) -> Controlled:
+        """The last run, compared with one more companion where only the assumed fall of errors brings its estimate below the
+        accuracy."""
+        if best.estimate > self.accuracy:
+            return best
+        with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
+            runs = nearer_companion(self.system, best.solver, replace(self.asked, share=CLOSER), self.made,
+                                    self.estimate(1.0), self.accuracy)
+        if not runs:
+            return best
+        again = estimated(self.system, self.solver, runs, self.measure, self.outputs)
+        told[-1] = (told[-1][0], max(best.estimate, again))
+        return replace(best, estimate=told[-1][1], others=(*best.others, *self._other(runs[1])), told=tuple(told)).after(
+            1, runs[1][1].stats.cpu_s)
 
     def _judged_again(self, best: Controlled) -> Controlled:
         """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""
