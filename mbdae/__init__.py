@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from mbdae.errors import (
     AccuracyWarning,
+    DerivativeError,
     EquilibriumError,
     LawError,
     MbdaeError,

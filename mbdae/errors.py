@@ -13,6 +13,7 @@
     │   ├── WallClockError  its wall-clock time was used up
     │   └── ChatteringError the motion switches back and forth without end
     ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on with it
+    ├── DerivativeError     a derivative that there is not, with the reason
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
     ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
     └── LibraryError        the compiled part of the package cannot be opened, or its changed C files cannot be compiled
@@ -125,6 +126,10 @@ class ChatteringError(SolverError):
 
 
 FINAL = (WallClockError, ChatteringError, DiskError)  #: errors of a run after which no other solver or tolerance is tried
+
+
+class DerivativeError(MbdaeError):
+    """There is no derivative by a number, or of a run, and why."""
 
 
 class StoppedError(MbdaeError):

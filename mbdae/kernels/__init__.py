@@ -144,6 +144,18 @@ class Kernel:
 
         return Kernel([*self.symbols, *changes.values()], expressions, self.level, self.width, part_key(self.key, "tangent"))
 
+    @cached_property
+    def pullback(self) -> Kernel:
+        """The kernel of the transposed derivative: it returns weights of the inputs for weights of the outputs, which it reads
+        after the inputs."""
+        weights = [se.Symbol(f"weight_{i}") for i in range(self.width)]
+
+        def expressions() -> list[Expr]:
+            program, outputs = self.straight()
+            return program.closed(program.back(outputs, weights, self.symbols))
+
+        return Kernel([*self.symbols, *weights], expressions, self.level, len(self.symbols), part_key(self.key, "pullback"))
+
     def straight(self) -> tuple[Program, list[Expr]]:
         """The kernel as a straight-line program (assignments one after the other, without branches), and its outputs."""
         program = Program()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -147,7 +147,10 @@ def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
 SHORTHANDS = "mass, stiffness, speed, clearance; begin, width, strength of a pulse"
 
 
-def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tuple[SceneData, float]:
+Value = float | Callable[[float], float]  #: a new number, or a function that makes it of the number stated
+
+
+def changed(scene: SceneData, name: str, value: Value, t_end: float = 1.0) -> tuple[SceneData, float]:
     """(scene with the argument `name` set to a value, factor on the end of its run). name: "item.argument"; further dots lead
     into a joint model or section, numbers into a list. The factor lets a faster drive run for the same number of turns. t_end:
     end of the run (s) in which pulses of inputs are sought. SceneError where the given scene has problems."""
@@ -159,8 +162,10 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
     statements = copy.deepcopy(scene.statements)
     index, call = call_of(scene, statements, item)
     pulse, factor = varying(call, keys, t_end, name), 1.0
+    if keys == ["mass"] and callable(value) and (mass := stated_number(scene, item, "mass")) is not None:
+        value = value(mass)
     if pulse is not None:
-        pulse.set(call, value)
+        pulse.set(call, _of(value, getattr(pulse.pulse, pulse.number)))
     else:
         factor = _set(call, statements[index][0], keys, value, name)
     statements[index] = _statement(scene, statements[index][0], call)
@@ -168,7 +173,13 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
     try:
         return replay(data, type(scene), Known(scene.own)), factor
     except MbdaeError as scene_problem:
-        raise OptionError(f"vary: {name} = {value:g}: {scene_problem}") from scene_problem
+        said = name if callable(value) else f"{name} = {value:g}"
+        raise OptionError(f"vary: {said}: {scene_problem}") from scene_problem
+
+
+def _of(value: Value, stated: float) -> float:
+    """The new number in place of the one stated."""
+    return value(float(stated)) if callable(value) else value
 
 
 def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, dict[str, Any]]:
@@ -197,11 +208,11 @@ def items_of(scene: SceneData) -> str:
     return ", ".join(repr(n) for n in (item_name(s) for s in scene.statements) if isinstance(n, str))
 
 
-def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:
+def _set(call: dict[str, Any], method: str, keys: list[str], value: Value, name: str) -> float:
     """Set the argument at the path `keys` among the arguments `call` of a statement; returns the factor on the end of the run."""
     if keys[0] == "speed" and len(keys) < 3:
         return _set_speed(call, method, value, name, "".join(keys[1:]))
-    if keys == ["mass"] and method in ("rigid_body", "link"):
+    if keys == ["mass"] and method in ("rigid_body", "link") and not callable(value):
         if method == "rigid_body" and call["mass"]:  # its inertia in proportion, as for the same body with another density
             call["inertia"] = (np.asarray(call["inertia"], dtype=float) * (value / call["mass"])).tolist()
         call.pop("mass_per_length", None)
@@ -210,26 +221,27 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name:
         _set_stiffness(call, value, name)
     elif keys == ["clearance"]:
         fields = _fields(call, "model", ("outer", "inner"), name)
-        fields["outer"] = fields["inner"] + value
+        fields["outer"] = fields["inner"] + _of(value, fields["outer"] - fields["inner"])
     else:
         _descend(call, keys, value, name)
     return 1.0
 
 
-def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
+def _set_stiffness(call: dict[str, Any], value: Value, name: str) -> None:
     """Set the spring stiffness of a joint, the contact stiffness of a clearance, or EA of a beam with its other stiffnesses in
     proportion."""
     if call.get("spring") is not None:
         holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
-        holder[key] = value
+        holder[key] = _of(value, holder[key])
     elif "section" in call:
         fields = _fields(call, "section", ("EA",), name)
-        factor = value / fields["EA"]
+        factor = _of(value, fields["EA"]) / fields["EA"]
         for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
             fields[key] *= factor
     else:
         normal = _fields(call, "model", ("normal",), name)["normal"]
-        _fields({"normal": normal}, "normal", ("stiffness",), name)["stiffness"] = value
+        inside = _fields({"normal": normal}, "normal", ("stiffness",), name)
+        inside["stiffness"] = _of(value, inside["stiffness"])
 
 
 def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:
@@ -259,7 +271,7 @@ def _alone(places: list[tuple[dict[str, Any], str]], name: str, word: str) -> tu
     return places[0]
 
 
-def _set_speed(call: dict[str, Any], method: str, value: float, name: str, coordinate: str = "") -> float:
+def _set_speed(call: dict[str, Any], method: str, value: Value, name: str, coordinate: str = "") -> float:
     """Set the speed of a drive, of the start of a joint, or of a body at the start; returns the factor on the end of the run."""
     drive, start = {"revolute": ("angle", "rate0"), "prismatic": ("position", "rate0")}.get(method, ("prescribed", "start_rate"))
     moving = [(h, key) for h, key in _by_coordinate(call, drive) if isinstance(h[key], dict)]
@@ -268,16 +280,18 @@ def _set_speed(call: dict[str, Any], method: str, value: float, name: str, coord
     if moving:
         holder, key = _alone(moving, name, "speed")
         if not isinstance(holder[key], dict):
-            before, holder[key] = abs(holder[key]), value
-            return 1 / abs(_ratio(value, before, name, "the speed"))
+            before, new = abs(holder[key]), _of(value, holder[key])
+            holder[key] = new
+            return 1 / abs(_ratio(new, before, name, "the speed"))
         e = timed.expression(read(holder[key]))
         before = abs(float(timed.values(timed.derivatives(e)[1], np.zeros(1))[0]))
-        factor = _ratio(value, before, name, "the speed")
+        factor = _ratio(_of(value, before), before, name, "the speed")
         holder[key] = stored(e.subs({timed.TIME: factor * timed.TIME}))
         return 1 / abs(factor)
     for key in ("angular_velocity", "velocity"):
         if not coordinate and call.get(key) is not None and np.linalg.norm(call[key]) > 0:
-            factor = _ratio(value, float(np.linalg.norm(call[key])), name, "the speed")
+            size = float(np.linalg.norm(call[key]))
+            factor = _ratio(_of(value, size), size, name, "the speed")
             call[key] = (np.asarray(call[key], dtype=float) * factor).tolist()
             return 1 / abs(factor)
     raise OptionError(f"vary: '{name}': the item has no speed at the start: give it a prescribed angle or position, a "
@@ -290,7 +304,7 @@ def _ratio(value: float, before: float, name: str, quantity: str) -> float:
     return value / before
 
 
-def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
+def _descend(holder: Any, keys: list[str], value: Value, name: str) -> None:
     """Set the number at the path of keys; a list of numbers is scaled so that its largest entry is the value."""
     key: Any = keys[0]
     if isinstance(holder, dict):
@@ -307,7 +321,8 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
     old = holder[key]
     if isinstance(old, list | tuple):
         entries = option(f"vary: '{name}': its value", old, array, "vary one of its entries, by their numbers after a dot")
-        holder[key] = (entries * _ratio(value, float(np.max(np.abs(entries), initial=0.0)), name, "the largest entry")).tolist()
+        largest = float(np.max(np.abs(entries), initial=0.0))
+        holder[key] = (entries * _ratio(_of(value, largest), largest, name, "the largest entry")).tolist()
     elif isinstance(old, dict) and "by" in old:
         raise OptionError(f"vary: '{name}' has values by coordinate; say {' or '.join(repr(f'{name}.{c}') for c in old['by'])}")
     elif isinstance(old, bool | str | dict):
@@ -315,8 +330,11 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
         raise OptionError(f"vary: '{name}' stands for an expression, an object or a text, not for a number: vary the speed of a "
                           f"motion ('{item}.speed'), the begin, width or strength of a pulse, or a number of an object "
                           f"('{name}.' and its field)")
+    elif not isinstance(old, int | float):
+        raise OptionError(f"vary: '{name}': no number is stated there")
     else:
-        holder[key] = int(value) if isinstance(old, int) and value == int(value) else value
+        new = _of(value, old)
+        holder[key] = int(new) if isinstance(old, int) and new == int(new) else new
     return None
 
 

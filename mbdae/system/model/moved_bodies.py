@@ -166,9 +166,11 @@ class MovedBodies:
         for tree in self.trees:
             self._groups.setdefault(tree.structure, []).append(tree)
 
-    def opened(self, model: Model) -> MovedBodies:
-        """The same with the numbers of laws as inputs of kernels."""
-        return MovedBodies(model, [tree.opened() for tree in self.trees], ordered=self.ordered, open=Open.LAWS)
+    def opened(self, model: Model, open: Open = Open.LAWS, ordered: bool | None = None) -> MovedBodies:
+        """The same with the numbers of laws as inputs of kernels; ordered: whether trees are evaluated joint by joint, None: as
+        here."""
+        trees = [tree.opened(open) for tree in self.trees]
+        return MovedBodies(model, trees, ordered=self.ordered if ordered is None else ordered, open=open)
 
     def written(self, model: Model) -> set[tuple[str, str]]:
         """Parameters (item, name) that are no inputs because their values are written into the kernels of a tree."""

@@ -1,0 +1,205 @@
+"""What a named number of a scene changes: the numbers in its equations, its inputs of time and its start (the chart).
+
+The scene is stated again with the number a little smaller and larger, eight times, and what assembly makes of it is differentiated
+by differences of order 8. Nothing is integrated for this, and nothing is left out: whatever a number changes is among the slots
+and data of the lists of operations, the values of the clock and the start, or it changes the equations themselves and is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbdae.derivatives.lists import data_of, structure_of
+from mbdae.errors import DerivativeError, MbdaeError, OptionError
+from mbdae.run.choice import prepared_from
+from mbdae.study.statements import changed
+from mbdae.symbolic.tree_motion import Open
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.jacobian_entries import FormSpec
+from mbdae.system.base import Array
+from mbdae.system.model.moved_bodies import timeline
+from mbdae.system.model.numbering import Row
+from mbdae.system.prepare import Prepared
+
+#: nodes of the differences of order 8: on both sides, or on one side only where a scene cannot have smaller (larger) numbers
+BOTH, ABOVE, BELOW = (1, -1, 2, -2, 3, -3, 4, -4), (0, 1, 2, 3, 4, 5, 6, 7, 8), (0, -1, -2, -3, -4, -5, -6, -7, -8)
+#: distance of the nodes, relative to the number, or to the scene's length where that is smaller than 1 and the number is 0
+DISTANCE, CLOSER, ATTEMPTS = 4e-3, 8.0, 4
+#: the difference of the differences of order 8 and 6, relative to the derivative, up to which they are taken; rounding of what is
+#: differentiated counts ROUNDING times its size, over the distance
+AGREED, ROUNDING = 1e-8, 3e-15
+
+
+def difference_weights(nodes: Sequence[int]) -> Array:
+    """Weights of values at whole nodes by which their sum is the derivative at 0 (of the polynomial through them)."""
+    x, found = [*nodes] if 0 in nodes else [0, *nodes], []
+    for node in x:
+        others = [other for other in x if other != node]
+        scale = np.prod([float(node - other) for other in others])
+        slope = sum(np.prod([float(-b) for b in others if b != a]) for a in others)
+        found.append(slope / scale)
+    return np.array(found if 0 in nodes else found[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The equations of a prepared scene in the form of a run, with every number open: spec and rows are those of the run."""
+
+    prepared: Prepared
+    spec: FormSpec
+    rows: tuple[Row, ...]
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Residual form, with all numbers of laws as inputs of kernels, trees as one function each."""
+        moved = self.prepared.all_bodies.moved.opened(self.prepared.model, Open.ALL, ordered=False)
+        return Assembly(self.prepared.model, list(self.rows), replace(self.spec, eliminated=False), None, moved)
+
+    @cached_property
+    def inputs(self) -> Array:
+        """The numbers in all slots, and the data, in the order of `lists.Lists`."""
+        ev = self.assembly.operations()
+        W, nb = np.zeros(ev.operations.size), ev.numbering
+        W[: nb.width] = nb.workspace(1)[0]
+        ev.operations.fill(W)
+        return np.concatenate([W, *(values for _, values in data_of(ev.residual_part))])
+
+    @cached_property
+    def start(self) -> Array:
+        """The unknowns q, u, s and stresses at the start."""
+        start, nb = self.prepared.start, self.assembly.numbering
+        z = [line.stress(start.q, start.u) for line in self.prepared.model.lines if nb.stresses]
+        return np.concatenate([start.q[nb.of_positions], start.u[nb.of_velocities], start.s, *z])
+
+    def same_as(self, other: Equations) -> bool:
+        """Whether both have equations that differ in numbers alone."""
+        a, b = self.assembly, other.assembly
+        if (a.n, a.names, a.numbering.width) != (b.n, b.names, b.numbering.width):
+            return False
+        return structure_of(a.operations().residual_part) == structure_of(b.operations().residual_part)
+
+
+@dataclass(eq=False)
+class Varied:
+    """A number of a scene, by its name, and the scene with other values of it. t_end: end of the run, s."""
+
+    name: str
+    base: Equations
+    t_end: float
+    value: float = field(init=False)
+    nodes: tuple[int, ...] = BOTH
+    _known: dict[float, Equations] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        seen: list[float] = []
+        self._stated(lambda stated: seen.append(stated) or stated)  # type: ignore[func-returns-value]
+        self.value = seen[0]
+        length = min(self.base.prepared.length, 1.0)
+        self.distance = DISTANCE * (abs(self.value) if self.value else length)
+
+    def _stated(self, value: Any) -> Any:
+        return changed(self.base.prepared.model.scene, self.name, value, self.t_end)[0]
+
+    def at(self, node: int) -> Equations:
+        """The equations with the number `node` distances away from its value."""
+        if node not in self._known:
+            scene = self._stated(lambda stated: stated + node * self.distance)
+            self._known[node] = replace(self.base, prepared=prepared_from(scene, None, self.t_end))
+        return self._known[node]
+
+    def sum_of(self, function: Callable[[Equations], Array]) -> tuple[Array, Array]:
+        """The derivative of what a function makes of the equations by the number, and its estimated error."""
+        values = np.array([function(self.at(node)) for node in self.nodes])
+        weights, count = difference_weights(self.nodes), len(self.nodes) - 2
+        less = np.zeros(len(weights))
+        less[:count] = difference_weights(self.nodes[:count])
+        # the middle value is subtracted where it is known, so that rounding is that of the changes
+        values -= values[0] if 0 in self.nodes else values[:2].mean(axis=0)
+        found = np.tensordot(weights, values, 1) / self.distance
+        return found, np.abs(found - np.tensordot(less, values, 1) / self.distance)
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Derivatives by a number: of the inputs of the lists, and of the start; of the clock see `prescribed`."""
+
+    varied: Varied
+    inputs: Array
+    start: Array
+
+    @property
+    def name(self) -> str:
+        """Name of the number."""
+        return self.varied.name
+
+    @cached_property
+    def _moves(self) -> bool:
+        base, other = self.varied.base, self.varied.at(self.varied.nodes[1])
+        return base.assembly.numbering.clock.expressions != other.assembly.numbering.clock.expressions
+
+    def prescribed(self, t: Array, sides: Array) -> Array:
+        """Derivative (k, values) of the prescribed values at times (k,), conditions being read at the times `sides` (k,)."""
+        if not self._moves:
+            return np.zeros((len(t), len(self.varied.base.assembly.numbering.clock.expressions)))
+        at = np.column_stack([t, sides])
+        return self.varied.sum_of(lambda one: one.assembly.numbering.clock.values(at))[0]
+
+    def refuse_moving_breaks(self, t0: float) -> None:
+        """Raise DerivativeError where the number moves an instant at which an input of time jumps or has a kink."""
+        if not self._moves:
+            return
+        lines = [timeline(one.prepared.model, t0, self.varied.t_end)
+                 for one in (self.varied.base, self.varied.at(1), self.varied.at(self.varied.nodes[1]))]
+        edges = [None if line is None else np.concatenate([line.edges, line.stretches.kinks]) for line in lines]
+        if any((a is None) != (edges[0] is None) or (a is not None and not np.array_equal(a, edges[0])) for a in edges):  # type: ignore[arg-type]
+            refused(self.name, "it moves an instant at which an input of time jumps or has a kink, and steps do not move with such "
+                               "instants yet; give the input a smooth form, or compare runs")
+
+
+def refused(name: str, why: str) -> None:
+    """Raise the error that says why there is no derivative by a number."""
+    raise DerivativeError(f"there is no derivative by '{name}': {why}")
+
+
+def chart_of(name: str, base: Equations, t_end: float) -> Chart:
+    """The chart of a number by its name; DerivativeError where it has none."""
+    try:
+        varied = Varied(name, base, t_end)
+    except OptionError as error:
+        raise DerivativeError(str(error).replace("vary:", "derivatives:")) from error
+    for _ in range(ATTEMPTS):
+        _reach(varied)
+        if not all(varied.at(node).same_as(base) for node in varied.nodes):
+            refused(name, "with another value the scene has other equations, not only other numbers in them")
+        size = np.abs(base.inputs), np.abs(base.start)
+        (inputs, doubt), (start, other) = varied.sum_of(lambda one: one.inputs), varied.sum_of(lambda one: one.start)
+        off = max(_off(inputs, doubt, size[0], varied.distance), _off(start, other, size[1], varied.distance))
+        if off <= 1:
+            return Chart(varied, inputs, start)
+        varied._known.clear()
+        varied.distance /= CLOSER
+    refused(name, "what the scene makes of it is not smooth at its value")
+    raise AssertionError
+
+
+def _off(found: Array, doubt: Array, size: Array, distance: float) -> float:
+    return float(np.max(doubt / (AGREED * np.abs(found) + ROUNDING / distance * (1 + size)), initial=0.0))
+
+
+def _reach(varied: Varied) -> None:
+    """Choose nodes on one side where the scene cannot be made on both; DerivativeError where it can on none."""
+    problem: Exception | None = None
+    for nodes in (BOTH, ABOVE, BELOW):
+        try:
+            for node in nodes:
+                varied.at(node)
+            varied.nodes = nodes
+            return
+        except MbdaeError as error:
+            problem = problem or error
+    refused(varied.name, f"the scene cannot be made with a value near its own ({problem})")
