@@ -40,12 +40,13 @@ if TYPE_CHECKING:
 
 def _by(module: str, name: str) -> Callable[..., Any]:
     """A function that imports its module of this package at the first call."""
-    return lambda *args, **options: getattr(import_module(f"mbdae.show.{module}"), name)(*args, **options)
+    return lambda *args, **options: getattr(import_module(f"mbdae.{module}"), name)(*args, **options)
 
 
-ATTACHED.update(plot=_by("plots", "plot_results"), phase=_by("plots", "plot_phase"), orbit=_by("plots", "plot_orbit"),
-                animate=_by("animation", "animate"))
-READERS["color"] = _by("plots", "hexadecimal")
+ATTACHED.update(plot=_by("show.plots", "plot_results"), phase=_by("show.plots", "plot_phase"),
+                orbit=_by("show.plots", "plot_orbit"), animate=_by("show.animation", "animate"),
+                gradient=_by("derivatives.use", "gradient"), sensitivity=_by("derivatives.use", "sensitivity"))
+READERS["color"] = _by("show.plots", "hexadecimal")
 
 
 DEFAULT_OUTPUTS = 201

@@ -91,8 +91,8 @@ class Varied:
     name: str
     base: Equations
     t_end: float
-    value: float = field(init=False)
     nodes: tuple[int, ...] = BOTH
+    value: float = field(init=False)
     _known: dict[float, Equations] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -112,9 +112,15 @@ class Varied:
             self._known[node] = replace(self.base, prepared=prepared_from(scene, None, self.t_end))
         return self._known[node]
 
-    def sum_of(self, function: Callable[[Equations], Array]) -> tuple[Array, Array]:
-        """The derivative of what a function makes of the equations by the number, and its estimated error."""
-        values = np.array([function(self.at(node)) for node in self.nodes])
+    def closer(self, times: float) -> Varied:
+        """The same number with values that are nearer to its own, by the factor `times`."""
+        other = Varied(self.name, self.base, self.t_end, self.nodes)
+        other.distance = self.distance / times
+        return other
+
+    def sum_of(self, function: Callable[[Equations, int], Array]) -> tuple[Array, Array]:
+        """The derivative by the number of what a function makes of the equations at a node, and its estimated error."""
+        values = np.array([function(self.at(node), node) for node in self.nodes])
         weights, count = difference_weights(self.nodes), len(self.nodes) - 2
         less = np.zeros(len(weights))
         less[:count] = difference_weights(self.nodes[:count])
@@ -147,7 +153,7 @@ class Chart:
         if not self._moves:
             return np.zeros((len(t), len(self.varied.base.assembly.numbering.clock.expressions)))
         at = np.column_stack([t, sides])
-        return self.varied.sum_of(lambda one: one.assembly.numbering.clock.values(at))[0]
+        return self.varied.sum_of(lambda one, _: one.assembly.numbering.clock.values(at))[0]
 
     def refuse_moving_breaks(self, t0: float) -> None:
         """Raise DerivativeError where the number moves an instant at which an input of time jumps or has a kink."""
@@ -177,7 +183,7 @@ def chart_of(name: str, base: Equations, t_end: float) -> Chart:
         if not all(varied.at(node).same_as(base) for node in varied.nodes):
             refused(name, "with another value the scene has other equations, not only other numbers in them")
         size = np.abs(base.inputs), np.abs(base.start)
-        (inputs, doubt), (start, other) = varied.sum_of(lambda one: one.inputs), varied.sum_of(lambda one: one.start)
+        (inputs, doubt), (start, other) = varied.sum_of(lambda one, _: one.inputs), varied.sum_of(lambda one, _: one.start)
         off = max(_off(inputs, doubt, size[0], varied.distance), _off(start, other, size[1], varied.distance))
         if off <= 1:
             return Chart(varied, inputs, start)
