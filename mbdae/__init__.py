@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from mbdae.compare import compare
     from mbdae.compare.run import Run
     from mbdae.contracts import selftest
+    from mbdae.derivatives.use import at_end, integral, largest
     from mbdae.export import Export, export
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
@@ -77,19 +78,21 @@ _HOME = {
     "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "curve": "mbdae.inputs.measured",
-    "export": "mbdae.export", "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
+    "at_end": "mbdae.derivatives.use",
+    "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives.use", "largest": "mbdae.derivatives.use",
+    "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
     "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
 
 __all__ = [
     "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Box", "Classical", "Clearance", "Coulomb",
-    "Coupling", "Cylinder", "Cylindrical", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free",
+    "Coupling", "Cylinder", "Cylindrical", "DerivativeError", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free",
     "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError",
     "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
-    "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "audit", "compare", "curve", "export", "extremes",
-    "load", "measure_order", "params", "read_table", "report", "selftest", "sweep", "t", "table",
+    "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "at_end", "audit", "compare", "curve", "export", "extremes",
+    "integral", "largest", "load", "measure_order", "params", "read_table", "report", "selftest", "sweep", "t", "table",
 ]
 
 

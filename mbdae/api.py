@@ -116,7 +116,7 @@ class Scene(SceneData):
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
                  progress: Callable[..., None] | bool | None = None, checkpoint: Any = None, every: int | None = None,
-                 until: Any = None, record: Any = None) -> Result:
+                 until: Any = None, record: Any = None, derivatives: bool = False) -> Result:
         """Integrate the equations of motion to t_end (s), or to the event `until`.
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
@@ -135,6 +135,7 @@ class Scene(SceneData):
         steps between two checkpoints (default 1000). IDA and CVODE begin anew at each. Sampled controllers are refused.
         until: a condition on sensors that ends the run where it begins to hold, "J.angle > 1.0"; record: conditions whose
         instants are kept, "J.angle == 0" or a list; both as text or symbols (`sensor`), results in `events`.
+        derivatives: refuse a run that has none at once, with the reason (DerivativeError), for `r.gradient` and `r.sensitivity`.
         An option that cannot be used raises OptionError before anything is solved, a mistake in the scene SceneError, a start
         that does not satisfy the joints StartError, a solver that cannot go on SolverError.
 
@@ -154,16 +155,20 @@ class Scene(SceneData):
         said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
                        outputs=times, verify=verify, until=[c.name for c in watched.until],
                        record=[c.name for c in watched.record])
+        wanted = option("derivatives", derivatives, flag, "give True for a run whose derivatives are wanted, or False")
         with limited(wall), kept(keeper, said):
             return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,
-                                   DEFAULT_OUTPUTS if outputs is None else outputs)
+                                   DEFAULT_OUTPUTS if outputs is None else outputs, wanted)
 
     def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
-                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:
+                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any,
+                   derivatives: bool) -> Result:
         """`simulate` after its options have been checked."""
         prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
         prepared = prepared if prepared is not None else prepared_from(self, start, end)
         prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
+        if derivatives:
+            _by("derivatives.refusals", "refuse_scene")(prepared, start, bool(watched.until))
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
             job, taken = Job(prepared, own, accuracy, asked, times, continued=start is not None), method

@@ -8,6 +8,7 @@ import numpy as np
 
 from mbdae.errors import DerivativeError
 from mbdae.results.result import Result
+from mbdae.run.choice import prepared_from
 from mbdae.system.prepare import Prepared
 
 if TYPE_CHECKING:
@@ -17,10 +18,18 @@ if TYPE_CHECKING:
 #: largest y' of the run counts as a jump
 BESIDE, JUMP = 1e-9, 1e-5
 BISECTIONS = 60
+SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 
 
-def refuse_scene(prepared: Prepared) -> None:
-    """Raise DerivativeError for a scene whose runs have no derivatives."""
+def refuse_scene(prepared: Prepared, continued: Any = None, ends: bool = False) -> None:
+    """Raise DerivativeError for a scene whose runs have no derivatives; for runs that begin where another ended (`continued`), or
+    that end at an event."""
+    if continued is not None:
+        raise DerivativeError("there are no derivatives of a run that begins where another one ended (start=): what that state depends "
+                              "on is not known; run the scene from its own start")
+    if ends:
+        raise DerivativeError("there are no derivatives of a run that ends at an event (until=), whose time would move with the "
+                              "numbers; run to a fixed time, and record= the event")
     scene = prepared.model.scene
     if prepared.contacts:
         names = ", ".join(f"'{name}'" for name in dict.fromkeys(contact.item for contact in prepared.contacts))
@@ -41,6 +50,14 @@ def refuse_run(result: Result) -> None:
     if len(run.systems) > 1:
         raise DerivativeError(f"there are no derivatives of this run: the constraint rows in force change at t = "
                               f"{run.systems[1][0]:.6g} s; leave redundant joints out, or compare runs")
+    end = float(run.t[-1])
+    ended = [event.name for event in result.events if abs(event.time - end) <= 1e-12 * max(abs(end), 1.0)]
+    if ended:
+        refuse_scene(prepared, ends=True)
+    fresh = prepared_from(prepared.model.scene, None, end).start
+    for a, b in ((prepared.start.q, fresh.q), (prepared.start.u, fresh.u), (prepared.start.s, fresh.s)):
+        if prepared.start.t != fresh.t or np.any(np.abs(a - b) > SAME * np.max(np.abs(b), initial=1.0)):
+            refuse_scene(prepared, continued=True)
     if not run.complete:
         raise DerivativeError("there are no derivatives of a run that was stopped before its end, at an event or by an error: run to "
                               "a time instead")

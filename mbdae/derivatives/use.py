@@ -8,7 +8,7 @@ the run holds for its derivatives too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from mbdae.derivatives.chart import Chart, Equations, chart_of, refused
 from mbdae.derivatives.lists import Lists
 from mbdae.derivatives.refusals import refuse_jumps, refuse_run
 from mbdae.derivatives.steps import Tangent
-from mbdae.errors import DerivativeError, MbdaeError, OptionError, warn
+from mbdae.errors import DerivativeError, OptionError, warn
 from mbdae.formulations import form_of, system_for
 from mbdae.integrators.base import Asked
 from mbdae.integrators.dop853 import DOP853
@@ -175,6 +175,8 @@ class Along:
         return Result(at.prepared, replace(run, y=y, interpolant=moved, outputs=None, systems=()), None, self.result.t)  # type: ignore[arg-type]
 
 
+Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
+
 # -- runs at falling tolerances
 
 
@@ -219,24 +221,27 @@ class Refined:
             run = solver.run(self.system, Asked(float(self.result.solution.t[-1])))
         return Along(self.result, run, self.charts, self.lists)
 
-    def derivatives(self, read: Callable[[Along, int], tuple[Array, Array]]) -> list[Derivative]:
-        """The derivatives that `read` makes of a run and the number of a name, for every name."""
-        accuracy, count = self.result.accuracy.asked, range(len(self.charts))
-        along = self.level(0)
-        before = [read(along, k) for k in count]
+    def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
+        """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
+        accuracy = self.result.accuracy.asked
+        before = self._read(0, reads)
         for level in range(1, LEVELS):
-            along = self.level(level)
-            now = [read(along, k) for k in count]
-            errors = [_largest(a - b) + _largest(doubt) for (a, doubt), (b, _) in zip(now, before, strict=True)]
-            sizes = [_largest(a) for a, _ in now]
-            if accuracy is None or all(e <= accuracy * size for e, size in zip(errors, sizes, strict=True)):
+            now, found = self._read(level, reads), Derivatives()
+            for key, (value, doubt) in now.items():
+                found[key] = Derivative(value, _largest(value - before[key][0]) + _largest(doubt))
+            wrong = {key: one.error / (_largest(one.value) or 1.0) for key, one in found.items()}
+            if accuracy is None or max(wrong.values()) <= accuracy:
                 break
             before = now
-        for chart, error, size in zip(self.charts, errors, sizes, strict=True):
-            if accuracy is not None and error > TOLD * accuracy * size:
-                warn(f"the derivative by '{chart.name}' has an estimated error of {error:.1e}, {error / (size or 1):.1e} of its "
-                     f"largest value; accuracy {accuracy:g} was asked")
-        return [Derivative(float(a) if a.ndim == 0 else a, error) for (a, _), error in zip(now, errors, strict=True)]
+        for (what, name), share in wrong.items():
+            if accuracy is not None and share > TOLD * accuracy:
+                warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, {share:.1e} "
+                     f"of its largest value; accuracy {accuracy:g} was asked")
+        return found
+
+    def _read(self, level: int, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
+        along = self.level(level)
+        return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
 
 
 def _largest(values: Array) -> float:
@@ -256,7 +261,8 @@ def gradient(result: Result, of: Any, to: Any) -> Derivatives:
         found, doubt = along.of(k, lambda one: of.read(one, times))
         return np.asarray(weights @ found), np.asarray(np.abs(weights) @ doubt)
 
-    return Derivatives(zip(names, Refined(result, names).derivatives(read), strict=True))
+    found = Refined(result, names).derivatives({of.quantity: read})
+    return Derivatives((name, Derivative(float(one.value), one.error)) for (_, name), one in found.items())
 
 
 def sensitivity(result: Result, of: Sequence[Quantity], to: Any) -> Derivatives:
@@ -264,16 +270,14 @@ def sensitivity(result: Result, of: Sequence[Quantity], to: Any) -> Derivatives:
     names = names_of(to)
     if not of:
         raise OptionError("name one or more quantities, such as 'L8.force', whose derivatives over time are wanted")
-    sizes = [np.asarray(result(result.t[:1]).value(one)).size for one in of]
-    shapes = [np.asarray(result(result.t[:1]).value(one)).shape[1:] for one in of]
-    runs, found = Refined(result, names), Derivatives()
-    for quantity, shape in zip(of, shapes, strict=True):
-        def read(along: Along, k: int, quantity: Quantity = quantity) -> tuple[Array, Array]:
-            return along.of(k, lambda one: np.asarray(one.value(quantity)))
-        for name, one in zip(names, runs.derivatives(read), strict=True):
-            found[quantity, name] = one
-    del sizes, shape
-    return found
+    with result._silently():
+        for quantity in of:
+            result(result.t[:1]).value(quantity)  # raises the error of a quantity that is none
+
+    def reader(quantity: Quantity) -> Read:
+        return lambda along, k: along.of(k, lambda one: np.asarray(one.value(quantity)))
+
+    return Refined(result, names).derivatives({quantity: reader(quantity) for quantity in of})
 
 
 def names_of(to: Any) -> list[str]:
@@ -284,5 +288,3 @@ def names_of(to: Any) -> list[str]:
         raise OptionError(f"to = {shown(to)}: give one or more names of numbers, each once")
     return names
 
-
-__all__ = ["Derivative", "Derivatives", "MbdaeError", "Objective", "at_end", "gradient", "integral", "largest", "sensitivity"]
