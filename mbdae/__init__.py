@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from mbdae.compare import compare
     from mbdae.compare.run import Run
     from mbdae.contracts import selftest
-    from mbdae.derivatives.use import at_end, integral, largest
+    from mbdae.derivatives import at_end, integral, largest
     from mbdae.export import Export, export
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
@@ -78,8 +78,8 @@ _HOME = {
     "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "curve": "mbdae.inputs.measured",
-    "at_end": "mbdae.derivatives.use",
-    "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives.use", "largest": "mbdae.derivatives.use",
+    "at_end": "mbdae.derivatives",
+    "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives", "largest": "mbdae.derivatives",
     "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
     "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",

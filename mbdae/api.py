@@ -45,7 +45,7 @@ def _by(module: str, name: str) -> Callable[..., Any]:
 
 ATTACHED.update(plot=_by("show.plots", "plot_results"), phase=_by("show.plots", "plot_phase"),
                 orbit=_by("show.plots", "plot_orbit"), animate=_by("show.animation", "animate"),
-                gradient=_by("derivatives.use", "gradient"), sensitivity=_by("derivatives.use", "sensitivity"))
+                gradient=_by("derivatives", "gradient"), sensitivity=_by("derivatives", "sensitivity"))
 READERS["color"] = _by("show.plots", "hexadecimal")
 
 

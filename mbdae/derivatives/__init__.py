@@ -1,0 +1,290 @@
+"""Derivatives of what a result shows by numbers of its scene: `Result.gradient` and `Result.sensitivity`.
+
+The derivative of a run is that of its steps (`steps.Tangent`); that of a sensor follows by differences of what the sensor reads
+along the derivative of the states, in the scene with the number changed too, so that every sensor and expression has one. Its
+error is estimated by a run at a tenth of the tolerance, whose derivative is returned; the tolerance falls until the accuracy of
+the run holds for its derivatives too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.derivatives.chart import Chart, Equations, chart_of, refused
+from mbdae.derivatives.lists import Lists
+from mbdae.derivatives.refusals import refuse_jumps, refuse_run
+from mbdae.derivatives.steps import Tangent
+from mbdae.errors import DerivativeError, OptionError, warn
+from mbdae.formulations import form_of, system_for
+from mbdae.integrators.base import Asked
+from mbdae.integrators.dop853 import DOP853
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.solution import Solution
+from mbdae.results.quantities import Quantity
+from mbdae.results.result import Result
+from mbdae.run.choice import choose
+from mbdae.system.base import Array
+from mbdae.values import number, option, optional, sequence, shown, text
+
+FINER, LEVELS = 10.0, 4  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
+TOLD = 10.0  #: the error of a derivative, over the accuracy times its largest value, above which a warning is issued
+POINTS, POINT_WEIGHTS = np.polynomial.legendre.leggauss(8)
+NEAR = 1e-3  #: two maxima that differ by less than this share may change places, so that the largest has no derivative there
+#: share of a derivative to which the differences along the run have to agree, else they are taken closer, CLOSER times at most
+AGREED, CLOSER, ATTEMPTS = 1e-7, 8.0, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """value: of a gradient a number, of a sensitivity (outputs,) or (outputs, components), in units of the quantity over those of
+    the number; error: estimated largest error of the values, in the same unit."""
+
+    value: Any
+    error: float
+
+    def __repr__(self) -> str:
+        shape = np.shape(self.value)
+        said = f"{self.value:.9g}" if not shape else f"{' x '.join(map(str, shape))} values"
+        return f"<Derivative: {said}, error {self.error:.1e}>"
+
+
+class Derivatives(dict[Any, Derivative]):
+    """Derivatives by the names of the numbers, as they were given; of sensitivities by (quantity, name)."""
+
+    def __missing__(self, key: Any) -> Derivative:
+        raise OptionError(f"there is no derivative {shown(key)} among those asked for: {', '.join(map(str, self))}")
+
+
+@dataclass(frozen=True)
+class Objective:
+    """One number of a run: a sum of values of `quantity` at some times, with weights. kind: "integral", "end" or "largest"."""
+
+    quantity: Any
+    kind: str
+    smooth: float | None = None
+
+    def points(self, run: Result) -> tuple[Array, Array]:
+        """Times (k,) and weights (k,), with which the derivative of the objective is the sum over the derivatives of the
+        quantity."""
+        t = run.solution.t
+        if self.kind == "end":
+            return t[-1:], np.ones(1)
+        half = np.diff(t) / 2
+        times = ((t[1:] + t[:-1])[:, None] / 2 + half[:, None] * POINTS).ravel()
+        weights = (half[:, None] * POINT_WEIGHTS).ravel()
+        if self.kind == "integral":
+            return times, weights
+        if self.smooth is not None:
+            size = np.abs(values := self.read(run, times))
+            share = weights * np.exp((size - size.max(initial=0.0)) / (self.smooth * size.max(initial=0.0) or 1.0))
+            return times, np.sign(values) * share / share.sum()
+        peak = run.peak(self.quantity)
+        self._refuse_ties(run, np.unique(np.concatenate([times, t])), peak)
+        at = np.array([peak.t])
+        return at, np.sign(self.read(run, at))
+
+    def _refuse_ties(self, run: Result, times: Array, peak: Any) -> None:
+        size = np.abs(self.read(run, times))
+        tops = np.flatnonzero((size >= np.r_[-1.0, size[:-1]]) & (size > np.r_[size[1:], -1.0]))
+        others = [i for i in tops if abs(times[i] - peak.t) > 2 * np.diff(times).max() and size[i] > (1 - NEAR) * peak.value]
+        if others:
+            raise DerivativeError(f"the largest {shown(self.quantity)} has no derivative: it is nearly as large at t = "
+                                  f"{times[others[0]]:.6g} s as at t = {peak.t:.6g} s, so that the largest may change its place; "
+                                  "give mb.largest(..., smooth=1e-3)")
+
+    def read(self, run: Result, times: Array) -> Array:
+        """Values (k,) of the quantity at times (k,)."""
+        values = np.asarray(run(times).value(self.quantity))
+        if values.ndim > 1:
+            raise OptionError(f"{shown(self.quantity)} has components: name one, as in {shown(self.quantity)}[0], or norm(...)")
+        return values
+
+
+def integral(quantity: Quantity) -> Objective:
+    """The integral over the run of a quantity, "body.acceleration[1]**2": an objective for `Result.gradient`."""
+    return Objective(quantity, "integral")
+
+
+def at_end(quantity: Quantity) -> Objective:
+    """The value of a quantity at the end of the run: an objective for `Result.gradient`."""
+    return Objective(quantity, "end")
+
+
+def largest(quantity: Quantity, smooth: float | None = None) -> Objective:
+    """The largest magnitude of a quantity over the run, as `Result.peak` finds it: an objective for `Result.gradient`. smooth: a
+    mean is taken in its place in which values that are lower by this share of the largest count e times less; it has a derivative
+    also where two maxima may change places."""
+    optional("smooth", smooth, number, "give a share of the largest value, such as 1e-3", above=0)
+    return Objective(quantity, "largest", smooth)
+
+
+# -- one run with its tangent
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Interpolant of a run displaced by `by` times its derivative by number k of P."""
+
+    of: Any
+    tangent: Any
+    k: int
+    count: int
+    by: float
+
+    def value(self, t: Array) -> Array:
+        """Unknowns (k, n) at times (k,)."""
+        change = self.tangent.value(t).reshape(len(t), -1, self.count)[:, :, self.k]
+        return np.asarray(self.of.value(t) + self.by * change)
+
+    def derivative(self, t: Array) -> Array:
+        """Rates (k, n) of the unknowns at times (k,)."""
+        change = self.tangent.derivative(t).reshape(len(t), -1, self.count)[:, :, self.k]
+        return np.asarray(self.of.derivative(t) + self.by * change)
+
+
+class Along:
+    """A run and its derivatives by numbers of the scene."""
+
+    def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], lists: Lists, scale: Array) -> None:
+        self.result = Result(result.prepared, run, None, result.t)  # type: ignore[arg-type]
+        self.charts, self.run = charts, run
+        tangent = Tangent(run, lists, charts, scale)
+        refuse_jumps(tangent)
+        self.tangent = tangent.over_steps()
+
+    def of(self, k: int, read: Callable[[Result], Array]) -> tuple[Array, Array]:
+        """Derivative of what is read of a result by number k, and its estimated error by rounding and differences."""
+        varied = self.charts[k].varied
+        for _ in range(ATTEMPTS):
+            found, doubt = varied.sum_of(lambda one, node: read(self._moved(k, one, node * varied.distance)))
+            if not doubt.size or doubt.max() <= AGREED * np.abs(found).max() or not np.isfinite(doubt).all():
+                break
+            varied = varied.closer(CLOSER)
+        if not np.isfinite(found).all():
+            refused(varied.name, "what is read has no finite derivative by it")
+        return found, doubt
+
+    def _moved(self, k: int, at: Equations, by: float) -> Result:
+        run, count = self.run, len(self.charts)
+        moved = _Moved(run.interpolant, self.tangent, k, count, by)
+        y = run.y + by * self.tangent.y.reshape(len(run.t), -1, count)[:, :, k]
+        return Result(at.prepared, replace(run, y=y, interpolant=moved, outputs=None, systems=()), None, self.result.t)  # type: ignore[arg-type]
+
+
+Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
+
+# -- runs at falling tolerances
+
+
+class Refined:
+    """The run of a result and runs of the same equations with smaller tolerances."""
+
+    def __init__(self, result: Result, names: Sequence[str]) -> None:
+        refuse_run(result)
+        self.result, self.prepared, run = result, result.prepared, result.solution
+        self.solver, self.system = result.info.solver, run.systems[0][1] if run.systems else None
+        self._first: Solution | None = run
+        if not isinstance(self.solver, DOP853 | RadauIIA):
+            self._with_other_method()
+        elif self.system is None:
+            self.system = system_for(self.prepared, form_of(result.info.form), self.solver.highest_index)
+        system: Any = self.system
+        base = Equations(self.prepared, system.stated, tuple(self.prepared.mechanics.rows))
+        self.charts = [chart_of(name, base, float(run.t[-1])) for name in names]
+        for chart in self.charts:
+            chart.refuse_moving_breaks(float(run.t[0]))
+        self.lists = Lists(base.assembly)
+
+    def _with_other_method(self) -> None:
+        """Methods without derivatives: the run is repeated by one that has them."""
+        accuracy = self.result.accuracy.asked or 1e-6
+        choice = choose(self.prepared, self.prepared.model.scene, accuracy)
+        solver, form = choice.solver, choice.form
+        if not isinstance(solver, DOP853 | RadauIIA):
+            solver, form = RadauIIA(3), form
+        self.system = system_for(self.prepared, form, solver.highest_index)
+        self.solver, self._first = solver.at_accuracy(accuracy, self.system.label), None
+
+    def level(self, k: int) -> Along:
+        """The run at the tolerance of the result divided by FINER^k, with its derivatives."""
+        run, solver = self._first, self.solver
+        if k or run is None:
+            if solver.fixed:
+                solver = replace(solver, step=solver.step / FINER ** (k / 2))
+            else:
+                limit = solver.tightest.get(self.system.label, solver.tightest.get("", 1e-13))
+                solver = replace(solver, rtol=max(solver.tolerance / FINER**k, limit))
+            run = solver.run(self.system, Asked(float(self.result.solution.t[-1])))
+        return Along(self.result, run, self.charts, self.lists, self.system.scale)
+
+    def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
+        """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
+        accuracy = self.result.accuracy.asked
+        before = self._read(0, reads)
+        for level in range(1, LEVELS):
+            now, found = self._read(level, reads), Derivatives()
+            for key, (value, doubt) in now.items():
+                found[key] = Derivative(value, _largest(value - before[key][0]) + _largest(doubt))
+            wrong = {key: one.error / (_largest(one.value) or 1.0) for key, one in found.items()}
+            if accuracy is None or max(wrong.values()) <= accuracy:
+                break
+            before = now
+        for (what, name), share in wrong.items():
+            if accuracy is not None and share > TOLD * accuracy:
+                warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, {share:.1e} "
+                     f"of its largest value; accuracy {accuracy:g} was asked")
+        return found
+
+    def _read(self, level: int, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
+        along = self.level(level)
+        return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values), initial=0.0))
+
+
+def gradient(result: Result, of: Any, to: Any) -> Derivatives:
+    """`Result.gradient`."""
+    names = names_of(to)
+    if not isinstance(of, Objective):
+        raise OptionError(f"of = {shown(of)}: give an objective, mb.integral(...), mb.at_end(...) or mb.largest(...) of a quantity; "
+                          "derivatives over time are r.sensitivity(...)")
+    of.read(result, result.t[:1])  # raises the error of a quantity that is none
+
+    def read(along: Along, k: int) -> tuple[Array, Array]:
+        times, weights = of.points(along.result)
+        found, doubt = along.of(k, lambda one: of.read(one, times))
+        return np.asarray(weights @ found), np.asarray(np.abs(weights) @ doubt)
+
+    found = Refined(result, names).derivatives({of.quantity: read})
+    return Derivatives((name, Derivative(float(one.value), one.error)) for (_, name), one in found.items())
+
+
+def sensitivity(result: Result, of: Sequence[Quantity], to: Any) -> Derivatives:
+    """`Result.sensitivity`."""
+    names = names_of(to)
+    if not of:
+        raise OptionError("name one or more quantities, such as 'L8.force', whose derivatives over time are wanted")
+    with result._silently():
+        for quantity in of:
+            result(result.t[:1]).value(quantity)  # raises the error of a quantity that is none
+
+    def reader(quantity: Quantity) -> Read:
+        return lambda along, k: along.of(k, lambda one: np.asarray(one.value(quantity)))
+
+    return Refined(result, names).derivatives({quantity: reader(quantity) for quantity in of})
+
+
+def names_of(to: Any) -> list[str]:
+    """Names of numbers, from one text or a list of them."""
+    remedy = "give the name of a number, such as 'C.spring', or a list of names"
+    names = [to] if isinstance(to, str) else list(option("to", to, sequence, remedy, each=text))
+    if not names or len(set(names)) < len(names):
+        raise OptionError(f"to = {shown(to)}: give one or more names of numbers, each once")
+    return names
+

@@ -47,9 +47,11 @@ class Stage:
 
 
 class Tangent:
-    """The derivatives of a run's unknowns. run: its steps; equations: those of the run as lists; charts: of the numbers."""
+    """The derivatives of a run's unknowns. run: its steps; lists: the equations of the run; charts: of the numbers; scale (n,):
+    typical sizes of the unknowns."""
 
-    def __init__(self, run: Solution, lists: Lists, charts: Sequence[Chart]) -> None:
+    def __init__(self, run: Solution, lists: Lists, charts: Sequence[Chart], scale: Array) -> None:
+        self.scale = scale
         self.run, self.lists, self.charts, self.n = run, lists, charts, run.y.shape[1]
         self._rate = np.arange(lists.n) < self.n
         self._inputs = np.array([chart.inputs for chart in charts]).reshape(len(charts), -1)
@@ -130,8 +132,7 @@ class Tangent:
 
     def checked(self, i: int, y: Array) -> None:
         """Raise DerivativeError where a step that was repeated does not end where step i of the run did."""
-        size = np.abs(self.run.y).max(axis=0) + np.abs(np.diff(self.run.y, axis=0)).max(axis=0)
-        if np.any(np.abs(y - self.run.y[i + 1]) > REPEATED * np.where(size > 0, size, 1.0)):
+        if np.any(np.abs(y - self.run.y[i + 1]) > REPEATED * (np.abs(self.run.y).max(axis=0) + self.scale)):
             raise DerivativeError(f"the step of the run that ends at t = {self.run.t[i + 1]:.9g} s cannot be repeated from its start, "
                                   "so that it has no derivative")
 
