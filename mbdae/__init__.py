@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.inputs.measured import curve, read_table, table
+    from mbdae.inputs.sensed import number
     from mbdae.integrators.dop853 import DOP853
     from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.named import measure_order
@@ -81,6 +82,7 @@ _HOME = {
     "at_end": "mbdae.derivatives",
     "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives", "largest": "mbdae.derivatives",
     "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
+    "number": "mbdae.inputs.sensed",
     "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
@@ -92,7 +94,7 @@ __all__ = [
     "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
     "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "at_end", "audit", "compare", "curve", "export", "extremes",
-    "integral", "largest", "load", "measure_order", "params", "read_table", "report", "selftest", "sweep", "t", "table",
+    "integral", "largest", "load", "measure_order", "number", "params", "read_table", "report", "selftest", "sweep", "t", "table",
 ]
 
 

@@ -14,7 +14,7 @@ import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import timed
-from mbdae.inputs.sensed import paths
+from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, paths
 from mbdae.scene.record import encode, item_name, read, stored
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
@@ -157,6 +157,8 @@ def changed(scene: SceneData, name: str, value: Value, t_end: float = 1.0) -> tu
     if scene.problems:  # repeating only the recorded statements could give a scene without the problem
         raise SceneError(scene.problems)
     item, *keys = name.split(".")
+    if not keys and item in scene.numbers:
+        return _again(scene, _with_number(scene.statements, item, _of(value, scene.numbers[item])), name, value), 1.0
     if not keys:
         raise OptionError(f"vary: '{name}' names no number; add one of its arguments after a dot, such as '{name}.mass'")
     statements = copy.deepcopy(scene.statements)
@@ -169,9 +171,25 @@ def changed(scene: SceneData, name: str, value: Value, t_end: float = 1.0) -> tu
     else:
         factor = _set(call, statements[index][0], keys, value, name)
     statements[index] = _statement(scene, statements[index][0], call)
+    return _again(scene, statements, name, value), factor
+
+
+def _with_number(data: Any, name: str, value: float) -> Any:
+    """Recorded statements, nested plain data, with another value of a named number (`mb.number`)."""
+    if isinstance(data, dict) and "expression" in data:
+        e = read(data)
+        e = e.subs({s: se.Symbol(number_symbol(name, value)) for s in e.free_symbols if (named_by(s) or ("",))[0] == name})
+        return stored(e)
+    if isinstance(data, dict):
+        return {key: _with_number(part, name, value) for key, part in data.items()}
+    return [_with_number(part, name, value) for part in data] if isinstance(data, list) else data
+
+
+def _again(scene: SceneData, statements: list[Any], name: str, value: Value) -> SceneData:
+    """The scene with other statements."""
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
-        return replay(data, type(scene), Known(scene.own)), factor
+        return replay(data, type(scene), Known(scene.own))
     except MbdaeError as scene_problem:
         said = name if callable(value) else f"{name} = {value:g}"
         raise OptionError(f"vary: {said}: {scene_problem}") from scene_problem
@@ -325,6 +343,8 @@ def _descend(holder: Any, keys: list[str], value: Value, name: str) -> None:
         holder[key] = (entries * _ratio(_of(value, largest), largest, name, "the largest entry")).tolist()
     elif isinstance(old, dict) and "by" in old:
         raise OptionError(f"vary: '{name}' has values by coordinate; say {' or '.join(repr(f'{name}.{c}') for c in old['by'])}")
+    elif isinstance(old, dict) and "expression" in old and (named := sorted(numbers_in(read(old)))):
+        raise OptionError(f"vary: '{name}' is made of named numbers; name one: {', '.join(map(repr, named))}")
     elif isinstance(old, bool | str | dict):
         item = name.partition(".")[0]
         raise OptionError(f"vary: '{name}' stands for an expression, an object or a text, not for a number: vary the speed of a "
