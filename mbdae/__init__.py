@@ -79,22 +79,21 @@ _HOME = {
     "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "curve": "mbdae.inputs.measured",
-    "at_end": "mbdae.derivatives",
-    "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives", "largest": "mbdae.derivatives",
-    "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
-    "number": "mbdae.inputs.sensed",
-    "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
-    "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
+    "at_end": "mbdae.derivatives", "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives",
+    "largest": "mbdae.derivatives", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
+    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured",
+    "report": "mbdae.reports", "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
 
 __all__ = [
-    "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Box", "Classical", "Clearance", "Coulomb",
-    "Coupling", "Cylinder", "Cylindrical", "DerivativeError", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free",
-    "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError",
-    "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
-    "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
-    "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "at_end", "audit", "compare", "curve", "export", "extremes",
-    "integral", "largest", "load", "measure_order", "number", "params", "read_table", "report", "selftest", "sweep", "t", "table",
+    "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Box", "Classical", "Clearance",
+    "Coulomb", "Coupling", "Cylinder", "Cylindrical", "DerivativeError", "Distance", "EquilibriumError", "Export",
+    "FixedOrientation", "Force", "Free", "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic",
+    "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine",
+    "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section",
+    "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
+    "at_end", "audit", "compare", "curve", "export", "extremes", "integral", "largest", "load", "measure_order", "number",
+    "params", "read_table", "report", "selftest", "sweep", "t", "table",
 ]
 
 

@@ -168,7 +168,7 @@ class Scene(SceneData):
         prepared = prepared if prepared is not None else prepared_from(self, start, end)
         prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
         if derivatives:
-            _by("derivatives.refusals", "refuse_scene")(prepared, start, bool(watched.until))
+            _by("derivatives.chart", "refuse_scene")(prepared, start, bool(watched.until))
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
             job, taken = Job(prepared, own, accuracy, asked, times, continued=start is not None), method

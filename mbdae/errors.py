@@ -94,8 +94,7 @@ class SolverError(MbdaeError):
     """The integration stopped before its end.
 
     time: where it stopped (s); culprit: name of the unknown or equation that did not converge, if one is known;
-    solution: what was computed until then, or None.
-    """
+    solution: what was computed until then, or None."""
 
     def __init__(self, message: str, time: float, culprit: str = "", solution: Any = None) -> None:
         super().__init__(message)
@@ -142,8 +141,7 @@ ENDS = (KeyboardInterrupt, SystemExit, process.RaisedError, DiskError)  #: what 
 def interrupted(error: BaseException, text: str, solution: Any) -> None:
     """Say in a KeyboardInterrupt what it stopped, and attach what was computed until then as `solution` to it or another of ENDS.
 
-    The class of the exception stays: a script that does not catch it ends as Ctrl-C ends any script.
-    """
+    The class of the exception stays: a script that does not catch it ends as Ctrl-C ends any script."""
     if isinstance(error, KeyboardInterrupt):
         error.args = (text,)
     error.solution = solution  # type: ignore[attr-defined]
@@ -178,8 +176,7 @@ class EquilibriumError(MbdaeError):
     """No state at rest under the full loads was found.
 
     equilibrium: the last state at rest that was found, under the loads times `load_factor`; None where there is none.
-    load_factor: share of the loads it belongs to, 0 to 1.
-    """
+    load_factor: share of the loads it belongs to, 0 to 1."""
 
     def __init__(self, message: str, equilibrium: Any = None, load_factor: float = 0.0) -> None:
         super().__init__(message)
@@ -189,8 +186,7 @@ class EquilibriumError(MbdaeError):
 class SteadyError(MbdaeError):
     """The linearised equations depend on time in the frame asked for.
 
-    frozen: the linearisation with the coefficients of that instant; its eigenvalues decide nothing about stability.
-    """
+    frozen: the linearisation with the coefficients of that instant; its eigenvalues decide nothing about stability."""
 
     def __init__(self, message: str, frozen: Any = None) -> None:
         super().__init__(message)

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import Chart, Equations, chart_of, refused
+from mbdae.derivatives.chart import Chart, Equations, chart_of, refuse_run, refused
 from mbdae.derivatives.lists import Lists
-from mbdae.derivatives.refusals import refuse_jumps, refuse_run
-from mbdae.derivatives.steps import Tangent
+from mbdae.derivatives.steps import Tangent, refuse_jumps
 from mbdae.errors import DerivativeError, OptionError, warn
 from mbdae.formulations import form_of, system_for
 from mbdae.integrators.base import Asked
@@ -28,6 +27,7 @@ from mbdae.results.quantities import Quantity
 from mbdae.results.result import Result
 from mbdae.run.choice import choose
 from mbdae.system.base import Array
+from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option, optional, sequence, shown, text
 
 FINER, LEVELS = 10.0, 4  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
@@ -159,8 +159,12 @@ class Along:
     def of(self, k: int, read: Callable[[Result], Array]) -> tuple[Array, Array]:
         """Derivative of what is read of a result by number k, and its estimated error by rounding and differences."""
         varied = self.charts[k].varied
+
+        def moved(one: Equations, node: int) -> Array:
+            return read(self._moved(k, one, node * varied.distance))
+
         for _ in range(ATTEMPTS):
-            found, doubt = varied.sum_of(lambda one, node: read(self._moved(k, one, node * varied.distance)))
+            found, doubt = varied.sum_of(moved)
             if not doubt.size or doubt.max() <= AGREED * np.abs(found).max() or not np.isfinite(doubt).all():
                 break
             varied = varied.closer(CLOSER)
@@ -186,18 +190,21 @@ class Refined:
     def __init__(self, result: Result, names: Sequence[str]) -> None:
         refuse_run(result)
         self.result, self.prepared, run = result, result.prepared, result.solution
-        self.solver, self.system = result.info.solver, run.systems[0][1] if run.systems else None
+        self.solver, self.system = result.info.solver, self._system_of(run)
         self._first: Solution | None = run
         if not isinstance(self.solver, DOP853 | RadauIIA):
             self._with_other_method()
-        elif self.system is None:
-            self.system = system_for(self.prepared, form_of(result.info.form), self.solver.highest_index)
-        system: Any = self.system
-        base = Equations(self.prepared, system.stated, tuple(self.prepared.mechanics.rows))
+        base = Equations(self.prepared, self.system.stated, tuple(self.prepared.mechanics.rows))
         self.charts = [chart_of(name, base, float(run.t[-1])) for name in names]
         for chart in self.charts:
             chart.refuse_moving_breaks(float(run.t[0]))
         self.lists = Lists(base.assembly)
+
+    def _system_of(self, run: Solution) -> SceneSystem:
+        """The equations of the run; made again where it was stored."""
+        if run.systems and isinstance(run.systems[0][1], SceneSystem):
+            return run.systems[0][1]
+        return system_for(self.prepared, form_of(self.result.info.form), self.result.info.solver.highest_index)
 
     def _with_other_method(self) -> None:
         """Methods without derivatives: the run is repeated by one that has them."""
@@ -235,8 +242,8 @@ class Refined:
             before = now
         for (what, name), share in wrong.items():
             if accuracy is not None and share > TOLD * accuracy:
-                warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, {share:.1e} "
-                     f"of its largest value; accuracy {accuracy:g} was asked")
+                warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
+                     f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
         return found
 
     def _read(self, level: int, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
@@ -252,8 +259,8 @@ def gradient(result: Result, of: Any, to: Any) -> Derivatives:
     """`Result.gradient`."""
     names = names_of(to)
     if not isinstance(of, Objective):
-        raise OptionError(f"of = {shown(of)}: give an objective, mb.integral(...), mb.at_end(...) or mb.largest(...) of a quantity; "
-                          "derivatives over time are r.sensitivity(...)")
+        raise OptionError(f"of = {shown(of)}: give an objective, mb.integral(...), mb.at_end(...) or mb.largest(...) of a "
+                          "quantity; derivatives over time are r.sensitivity(...)")
     of.read(result, result.t[:1])  # raises the error of a quantity that is none
 
     def read(along: Along, k: int) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """What a named number of a scene changes: the numbers in its equations, its inputs of time and its start (the chart).
 
-The scene is stated again with the number a little smaller and larger, eight times, and what assembly makes of it is differentiated
-by differences of order 8. Nothing is integrated for this, and nothing is left out: whatever a number changes is among the slots
+The scene is stated again with the number a little smaller and larger, eight times; what assembly makes of it is differentiated by
+differences of order 8. Nothing is integrated for this, and nothing is left out: whatever a number changes is among the slots
 and data of the lists of operations, the values of the clock and the start, or it changes the equations themselves and is refused.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from mbdae.derivatives.lists import data_of, structure_of
 from mbdae.errors import DerivativeError, MbdaeError, OptionError
+from mbdae.results.result import Result
 from mbdae.run.choice import prepared_from
 from mbdae.study.statements import changed
 from mbdae.symbolic.tree_motion import Open
@@ -33,6 +34,7 @@ DISTANCE, CLOSER, ATTEMPTS = 4e-3, 8.0, 4
 #: the difference of the differences of order 8 and 6, relative to the derivative, up to which they are taken; rounding of what is
 #: differentiated counts ROUNDING times its size, over the distance
 AGREED, ROUNDING = 1e-8, 3e-15
+SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 
 
 def difference_weights(nodes: Sequence[int]) -> Array:
@@ -163,8 +165,8 @@ class Chart:
                  for one in (self.varied.base, self.varied.at(1), self.varied.at(self.varied.nodes[1]))]
         edges = [None if line is None else np.concatenate([line.edges, line.stretches.kinks]) for line in lines]
         if any((a is None) != (edges[0] is None) or (a is not None and not np.array_equal(a, edges[0])) for a in edges):  # type: ignore[arg-type]
-            refused(self.name, "it moves an instant at which an input of time jumps or has a kink, and steps do not move with such "
-                               "instants yet; give the input a smooth form, or compare runs")
+            refused(self.name, "it moves an instant at which an input of time jumps or has a kink, and steps do not move with "
+                               "such instants yet; give the input a smooth form, or compare runs")
 
 
 def refused(name: str, why: str) -> None:
@@ -209,3 +211,45 @@ def _reach(varied: Varied) -> None:
         except MbdaeError as error:
             problem = problem or error
     refused(varied.name, f"the scene cannot be made with a value near its own ({problem})")
+
+
+def refuse_scene(prepared: Prepared, continued: Any = None, ends: bool = False) -> None:
+    """Raise DerivativeError for a scene whose runs have no derivatives; for runs that begin where another ended (`continued`), or
+    that end at an event."""
+    if continued is not None:
+        raise DerivativeError("there are no derivatives of a run that begins where another one ended (start=): what that state "
+                              "depends on is not known; run the scene from its own start")
+    if ends:
+        raise DerivativeError("there are no derivatives of a run that ends at an event (until=), whose time would move with the "
+                              "numbers; run to a fixed time, and record= the event")
+    scene = prepared.model.scene
+    if prepared.contacts:
+        names = ", ".join(f"'{name}'" for name in dict.fromkeys(contact.item for contact in prepared.contacts))
+        raise DerivativeError(f"there are no derivatives of runs with contacts ({names}): steps do not move with the instants "
+                              "at which bodies touch yet, and derivatives would be wrong by per cents; take the contact or stop "
+                              "away where it does not touch, or compare runs")
+    if scene.controllers:
+        raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{scene.controllers[0].name}': what "
+                              "its function does is not known; state the control law by expressions (s.state, s.signal), or "
+                              "compare runs")
+
+
+def refuse_run(result: Result) -> None:
+    """Raise DerivativeError for a run without derivatives."""
+    prepared, run = result.prepared, result.solution
+    refuse_scene(prepared)
+    if not hasattr(run, "systems"):
+        raise DerivativeError("a state at rest has no derivatives yet; compare states at rest of two values")
+    if len(run.systems) > 1:
+        raise DerivativeError(f"there are no derivatives of this run: the constraint rows in force change at t = "
+                              f"{run.systems[1][0]:.6g} s; leave redundant joints out, or compare runs")
+    end = float(run.t[-1])
+    ended = [event.name for event in result.events if abs(event.time - end) <= 1e-12 * max(abs(end), 1.0)]
+    if ended:
+        refuse_scene(prepared, ends=True)
+    fresh = prepared_from(prepared.model.scene, None, end).start
+    for a, b in ((prepared.start.q, fresh.q), (prepared.start.u, fresh.u), (prepared.start.s, fresh.s)):
+        if prepared.start.t != fresh.t or np.any(np.abs(a - b) > SAME * np.max(np.abs(b), initial=1.0)):
+            refuse_scene(prepared, continued=True)
+    if not run.complete:
+        raise DerivativeError("there are no derivatives of a run that was stopped before its end: let it end")

@@ -25,7 +25,11 @@ from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array
 
 BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops
-REPEATED = 1e-6  #: largest distance of a repeated step from the run's, relative to the unknown's size; more: not the same equations
+REPEATED = 1e-6  #: largest distance of a repeated step from the run's, relative to the unknown's size
+#: y' is compared on both sides of an instant, this share of the run away from it; a difference of more than JUMP times the
+#: largest y' of the run counts as a jump
+BESIDE, JUMP = 1e-9, 1e-5
+BISECTIONS = 60
 LARGE = 400  #: number of unknowns of all stages of a step above which sparse linear algebra costs less
 
 A = np.zeros((16, 16))
@@ -62,14 +66,14 @@ class Tangent:
 
     def start(self) -> Array:
         """Derivatives (n, P) of the unknowns at the start; those of multipliers, which do not enter the next step, are 0."""
-        found = np.zeros((self.n, len(self.charts)))
+        found: Array = np.zeros((self.n, len(self.charts)))
         for k, chart in enumerate(self.charts):
             found[: len(chart.start), k] = chart.start
         return found
 
     def over_steps(self) -> Collocation:
         """The derivatives as polynomials over the steps, (n P) unknowns, numbers within unknowns."""
-        t, y = self.run.t, self.run.y
+        t = self.run.t
         steps = _Explicit(self) if self.explicit else _Implicit(self)
         states, inner = [self.start()], []
         for i in range(len(t) - 1):
@@ -127,14 +131,14 @@ class Tangent:
     def rates(self, stage: Stage, dy: Array) -> Array:
         """Derivatives (n, P) of y' for those of y, dy (n, P)."""
         matrix = np.where(self._rate, stage.fyp, stage.fy)
-        found: Array = -np.linalg.solve(matrix, stage.fp + stage.fy[:, : self.n] @ dy)[: self.n]
-        return found
+        found = -np.linalg.solve(matrix, stage.fp + stage.fy[:, : self.n] @ dy)[: self.n]
+        return np.asarray(found, dtype=float)
 
     def checked(self, i: int, y: Array) -> None:
         """Raise DerivativeError where a step that was repeated does not end where step i of the run did."""
         if np.any(np.abs(y - self.run.y[i + 1]) > REPEATED * (np.abs(self.run.y).max(axis=0) + self.scale)):
-            raise DerivativeError(f"the step of the run that ends at t = {self.run.t[i + 1]:.9g} s cannot be repeated from its start, "
-                                  "so that it has no derivative")
+            raise DerivativeError(f"the step of the run that ends at t = {self.run.t[i + 1]:.9g} s cannot be repeated from its "
+                                  "start, so that it has no derivative")
 
 
 class _Explicit:
@@ -205,3 +209,32 @@ def _solved(blocks: list[list[Array]], right: Array) -> Array:
     right = rows[:, None] * right
     found = splu(sp.csc_matrix(M)).solve(right) if len(M) > LARGE else np.linalg.solve(M, right)
     return np.asarray(columns[:, None] * found)
+
+
+def refuse_jumps(tangent: Tangent) -> None:
+    """Raise DerivativeError where y' jumps at an instant that depends on the motion, at which the derivative would jump too."""
+    run = tangent.run
+    system = run.systems[0][1] if run.systems else None
+    switches: Any = None if system is None else system.switches
+    if switches is None or not len(run.t) > 1:
+        return
+    kinks = np.array([kind == "kink" for kind in switches.kinds], dtype=bool)
+    if not kinks.any():
+        return
+    values = switches.arguments(run.t, run.y)[:, kinks]
+    names = [name for name, kink in zip(switches.names, kinks, strict=True) if kink]
+    size = np.abs(run.yp).max(axis=0) + 1e-300
+    for i, a in np.argwhere(values[1:] * values[:-1] < 0):
+        low, high = run.t[i], run.t[i + 1]
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            at = switches.arguments(np.array([middle]), run(np.array([middle])))[0, kinks][a]
+            low, high = (middle, high) if at * values[i, a] > 0 else (low, middle)
+        span = BESIDE * (run.t[-1] - run.t[0])
+        sides = [max(low - span, run.t[0]), min(high + span, run.t[-1])]
+        with tangent.within((run.t[i] + run.t[i + 1]) / 2):
+            before, after = (tangent.balance(t, run(np.array([t]))[0][: tangent.n])[0] for t in sides)
+        if np.any(np.abs(after - before) > JUMP * size[: len(before)]):
+            raise DerivativeError(f"there are no derivatives of this run: '{names[a]}' makes accelerations jump at t = "
+                                  f"{high:.6g} s, at an instant that depends on the motion, and derivatives do not pass such "
+                                  "jumps yet; state it by a function without jumps, such as tanh")

@@ -18,7 +18,8 @@ from mbdae.errors import OptionError
 from mbdae.scene.components import Classical, JointModel, Recursive
 from mbdae.scene.record import item_name
 from mbdae.scene.scene import SceneData
-from mbdae.study.statements import Pulse, call_of, changed, items_of, pulses, stated_number, varying
+from mbdae.study.pulses import Pulse, pulses, varying
+from mbdae.study.statements import call_of, changed, items_of, stated_number
 from mbdae.values import number, option, sequence, shown
 
 CHOICE = "chosen by mbdae"

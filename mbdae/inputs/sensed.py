@@ -167,15 +167,17 @@ def number_symbol(name: str, value: float) -> str:
     return f'number("{name}", {float(value)!r})'
 
 
-def numbers_in(value: Any) -> dict[str, float]:
-    """The named numbers in a value, an expression, a law or lists and mappings of these: name -> value."""
-    found: dict[str, float] = {}
+def numbers_in(value: Any, known: dict[str, float] | None = None) -> dict[str, float]:
+    """The named numbers in a value, an expression, a law or lists and mappings of these: name -> value. known: those found
+    before, to which they are added; BadValueError where one has two values."""
+    found, known = dict[str, float](), {} if known is None else known
     for part in _parts(value):
         for symbol_ in part.free_symbols:
             if (named := named_by(symbol_)) is not None:
                 name, size = named
-                if found.setdefault(name, size) != size:
-                    raise BadValueError(f"the number '{name}' has two values, {found[name]:g} and {size:g}")
+                if known.setdefault(name, size) != size:
+                    raise BadValueError(f"the number '{name}' has two values, {known[name]:g} and {size:g}")
+                found[name] = size
     return found
 
 

@@ -1,8 +1,8 @@
 """The language of inputs: expressions of time as text that keeps every digit, and the strict reader of that text.
 
 The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not
-(and, or, not, &, |, ~), Xor, pi, E, the time t, sensors by their paths, sensor("J.angle"), and named numbers, number("amplitude", 2.0). It
-may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
+(and, or, not, &, |, ~), Xor, pi, E, the time t, sensors by their paths, sensor("J.angle"), and named numbers,
+number("amplitude", 2.0). It may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
 knows these words only, and refuses expressions that would take long to calculate or produce huge numbers.
 """
 

@@ -238,7 +238,7 @@ class Result(OfRun, RunStates, ListsAttributes):
 
     def sensitivity(self, *of: Quantity, to: Any) -> Any:
         """Derivatives of quantities (see `value`) over the result's times by numbers of the scene, by (quantity, name): `.value`
-        (outputs,), of vectors (outputs, components), and `.error`, the estimated largest error of these values; see `gradient`."""
+        (outputs,), of vectors (outputs, components), and `.error`, the estimated largest error of these; see `gradient`."""
         return ATTACHED["sensitivity"](self, of, to)
 
     # -- energy, drift and rank

@@ -63,7 +63,8 @@ def reads(**readers: Reader) -> Callable[[F], F]:
             found = bound.arguments
             item = f"{kind} {_named(found.get('name', getattr(found.get('law'), 'name', None)))}"
             for p in parameters:
-                if p.name in found and _has_numbers(Argument(self, item, p.name), found[p.name]):
+                if p.name in found and _read(Argument(self, item, p.name), found[p.name],
+                                             lambda v: numbers_in(v, self.numbers), "give every value a name of its own", {}):
                     self._as_named |= found[p.name] if p.kind is p.VAR_KEYWORD else {p.name: found[p.name]}
                     found[p.name] = with_values(found[p.name])
                 if p.name in found and not (found[p.name] is None and p.default is None):
@@ -80,20 +81,6 @@ def _plain(arg: Argument, reader: Reader, parameter: inspect.Parameter, value: A
     if parameter.kind is not inspect.Parameter.VAR_POSITIONAL:
         return reader(arg, value)  # arguments in **further pass unchanged (as_given); they are read when the joint is known
     return tuple(reader(arg.part(f"{arg.option[:-1]} {i + 1}"), v) for i, v in enumerate(value))
-
-
-def _has_numbers(arg: Argument, value: Any) -> bool:
-    """Whether a value contains named numbers, which the scene then knows; a second value of one is a problem of the scene."""
-    try:
-        found = numbers_in(value)
-    except BadValueError as two_values:
-        arg.wrong(two_values, "give every value a name of its own")
-        return False
-    for name, size in found.items():
-        if arg.scene.numbers.setdefault(name, size) != size:
-            arg.wrong(f"the number '{name}' has two values, {arg.scene.numbers[name]:g} and {size:g}",
-                      "give every value a name of its own")
-    return bool(found)
 
 
 def _named(stated: Any) -> str:

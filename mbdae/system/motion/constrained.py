@@ -265,7 +265,7 @@ class Workspace:
                 del self._parts[name]
 
     def runner(self, part: Operations) -> Callable[[float, Array, Array], int]:
-        """A function (t, y (n,), y' (n,)) that fills in a state and runs operations, appended before the array was made, on it."""
+        """A function (t, y (n,), y' (n,)) that fills in a state and runs operations that were appended before `finish`."""
         table, kept = part.table(len(self.W))
         self._kept.append((table, kept))
         if part.widest > len(self._x):
