@@ -63,8 +63,8 @@ def reads(**readers: Reader) -> Callable[[F], F]:
             found = bound.arguments
             item = f"{kind} {_named(found.get('name', getattr(found.get('law'), 'name', None)))}"
             for p in parameters:
-                if p.name in found and _read(Argument(self, item, p.name), found[p.name],
-                                             lambda v: numbers_in(v, self.numbers), "give every value a name of its own", {}):
+                if p.name in found and _read(Argument(self, item, p.name), found[p.name], lambda v: numbers_in(v, self.numbers),
+                                             "give every value a name of its own", dict[str, float]()):
                     self._as_named |= found[p.name] if p.kind is p.VAR_KEYWORD else {p.name: found[p.name]}
                     found[p.name] = with_values(found[p.name])
                 if p.name in found and not (found[p.name] is None and p.default is None):

@@ -65,7 +65,8 @@ def _again(scene: SceneData, statements: list[Any], name: str, value: Value) -> 
     """The scene with other statements."""
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
-        return replay(data, type(scene), Known(scene.own))
+        made: SceneData = replay(data, type(scene), Known(scene.own))
+        return made
     except MbdaeError as scene_problem:
         said = name if callable(value) else f"{name} = {value:g}"
         raise OptionError(f"vary: {said}: {scene_problem}") from scene_problem

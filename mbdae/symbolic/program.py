@@ -28,6 +28,7 @@ class Program:
     def __init__(self) -> None:
         self.steps: dict[Expr, Expr] = {}
         self._names: dict[Expr, Expr] = {}
+        self._flattened: dict[Expr, Expr] = {}
 
     def let(self, e: Any) -> Expr:
         """The name of an expression, which becomes a step if it has none yet; numbers and plain symbols are returned
@@ -46,9 +47,14 @@ class Program:
         search for common subexpressions seconds."""
         if e.is_Number or isinstance(e, se.Symbol) or not e.args:
             return e
+        if e not in self._flattened:  # shared parts once: a tree's are shared in every level
+            self._flattened[e] = self._flat_now(e)
+        return self._flattened[e]
+
+    def _flat_now(self, e: Expr) -> Expr:
         args = [self._flat(a) for a in e.args]
         if isinstance(e, se.UnevaluatedExpr):
-            return self.let(args[0])
+            return self._named(args[0]) if args[0].args else args[0]
         if isinstance(e, se.Mul):
             args = [self._named(a) if isinstance(a, se.Add) else a for a in args]
         if type(e).__name__ in STEPPED:
