@@ -40,13 +40,17 @@ if TYPE_CHECKING:
 
 def _by(module: str, name: str) -> Callable[..., Any]:
     """A function that imports its module of this package at the first call."""
-    return lambda *args, **options: getattr(import_module(f"mbdae.{module}"), name)(*args, **options)
+    return lambda *args, **options: getattr(import_module(f"mbdae.show.{module}"), name)(*args, **options)
 
 
-ATTACHED.update(plot=_by("show.plots", "plot_results"), phase=_by("show.plots", "plot_phase"),
-                orbit=_by("show.plots", "plot_orbit"), animate=_by("show.animation", "animate"),
-                gradient=_by("derivatives", "gradient"), sensitivity=_by("derivatives", "sensitivity"))
-READERS["color"] = _by("show.plots", "hexadecimal")
+def _derivatives(name: str) -> Callable[..., Any]:
+    """A function of derivatives, which are imported at the first call."""
+    return lambda *args, **options: getattr(import_module("mbdae.derivatives"), name)(*args, **options)
+
+
+ATTACHED.update(plot=_by("plots", "plot_results"), phase=_by("plots", "plot_phase"), orbit=_by("plots", "plot_orbit"),
+                animate=_by("animation", "animate"), gradient=_derivatives("gradient"), sensitivity=_derivatives("sensitivity"))
+READERS["color"] = _by("plots", "hexadecimal")
 
 
 DEFAULT_OUTPUTS = 201
@@ -168,7 +172,7 @@ class Scene(SceneData):
         prepared = prepared if prepared is not None else prepared_from(self, start, end)
         prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
         if derivatives:
-            _by("derivatives.chart", "refuse_scene")(prepared, start, bool(watched.until))
+            _derivatives("refuse_scene")(prepared, start, bool(watched.until))
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
             job, taken = Job(prepared, own, accuracy, asked, times, continued=start is not None), method

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import Chart, Equations, chart_of, refuse_run, refused
+from mbdae.derivatives.chart import refuse_scene as refuse_scene
 from mbdae.derivatives.lists import Lists
 from mbdae.derivatives.steps import Tangent, refuse_jumps
 from mbdae.errors import DerivativeError, OptionError, warn
