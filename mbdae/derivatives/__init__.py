@@ -191,8 +191,8 @@ class Refined:
     def __init__(self, result: Result, names: Sequence[str]) -> None:
         refuse_run(result)
         self.result, self.prepared, run = result, result.prepared, result.solution
-        self.solver, self.system = result.info.solver, self._system_of(run)
         self._first: Solution | None = run
+        self.solver, self.system = result.info.solver, self._system_of(run)
         if not isinstance(self.solver, DOP853 | RadauIIA):
             self._with_other_method()
         base = Equations(self.prepared, self.system.stated, tuple(self.prepared.mechanics.rows))
@@ -204,8 +204,14 @@ class Refined:
     def _system_of(self, run: Solution) -> SceneSystem:
         """The equations of the run; made again where it was stored."""
         if run.systems and isinstance(run.systems[0][1], SceneSystem):
-            return run.systems[0][1]
-        return system_for(self.prepared, form_of(self.result.info.form), self.result.info.solver.highest_index)
+            system = run.systems[0][1]
+            if not system.numbering.stresses or system.stated.waves:
+                return system
+        form = form_of(self.result.info.form)
+        # derivatives follow all vibrations of beams, which steps may leave out of a run: velocities and forces contain them
+        if self.prepared.model.lines and hasattr(form, "waves"):
+            form, self._first = replace(form, waves=True), None
+        return system_for(self.prepared, form, self.result.info.solver.highest_index)
 
     def _with_other_method(self) -> None:
         """Methods without derivatives: the run is repeated by one that has them."""
@@ -233,7 +239,7 @@ class Refined:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
         accuracy = self.result.accuracy.asked
         before = self._read(0, reads)
-        for level in range(1, LEVELS):
+        for level in range(1, LEVELS - bool(self.prepared.model.lines)):  # beams take thousands of steps a run
             now, found = self._read(level, reads), Derivatives()
             for key, (value, doubt) in now.items():
                 found[key] = Derivative(value, _largest(value - before[key][0]) + _largest(doubt))

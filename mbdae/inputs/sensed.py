@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import json
+import sys
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Any
@@ -199,7 +200,7 @@ def _parts(value: Any) -> Iterator[Any]:
     if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.dtype == object):
         for part in value:
             yield from _parts(part)
-    elif type(value).__module__.partition(".")[0] in ("sympy", "symengine") and hasattr(value, "free_symbols"):
+    elif isinstance(value, se.Basic) or ("sympy" in sys.modules and isinstance(value, sys.modules["sympy"].Basic)):
         yield value
 
 

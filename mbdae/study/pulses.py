@@ -16,7 +16,7 @@ import symengine as se
 
 from mbdae.errors import OptionError
 from mbdae.inputs import timed
-from mbdae.inputs.sensed import paths
+from mbdae.inputs.sensed import paths, with_values
 from mbdae.scene.record import encode, read
 
 NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
@@ -95,7 +95,7 @@ class Varying:
         time = exact(old.begin) + exact(pace) * (timed.TIME - exact(new.begin))
         size = exact(new.strength / old.strength)
         for holder, key in list(_places(arguments, self.keys)):
-            e = timed.expression(read(holder[key]))
+            e = timed.expression(with_values(read(holder[key])))
             before = exact(float(timed.values(e, np.zeros(1))[0]))
             holder[key] = encode(before + size * (e.subs({timed.TIME: time}) - before))
 
@@ -107,7 +107,7 @@ def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: 
     *path, number = keys
     if number not in NUMBERS or number in arguments or number in arguments.get("law", {}).get("values", {}):
         return None
-    inputs = [timed.expression(read(holder[key])) for holder, key in _places(arguments, path)]
+    inputs = [timed.expression(with_values(read(holder[key]))) for holder, key in _places(arguments, path)]
     if not inputs:
         return None
     found = pulse_of(inputs, t_end)
@@ -119,7 +119,7 @@ def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: 
 
 def pulses(statements: Any, t_end: float) -> list[Pulse]:
     """The pulses of single expressions in statements, in a run of t_end (s)."""
-    alone = [timed.expression(read(holder[key])) for holder, key in _places(statements, ())]
+    alone = [timed.expression(with_values(read(holder[key]))) for holder, key in _places(statements, ())]
     return [found for e in alone if (found := pulse_of([e], t_end)) is not None]
 
 

@@ -13,7 +13,7 @@ import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import timed
-from mbdae.inputs.sensed import named_by, number_symbol, numbers_in
+from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, with_values
 from mbdae.scene.record import item_name, read, stored
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
@@ -178,7 +178,7 @@ def _set_speed(call: dict[str, Any], method: str, value: Value, name: str, coord
             before, new = abs(holder[key]), _of(value, holder[key])
             holder[key] = new
             return 1 / abs(_ratio(new, before, name, "the speed"))
-        e = timed.expression(read(holder[key]))
+        e = timed.expression(with_values(read(holder[key])))
         before = abs(float(timed.values(timed.derivatives(e)[1], np.zeros(1))[0]))
         factor = _ratio(_of(value, before), before, name, "the speed")
         holder[key] = stored(e.subs({timed.TIME: factor * timed.TIME}))
