@@ -26,6 +26,7 @@ from mbdae.run.conditions import conditions, ends_of_curves
 from mbdae.run.control import Controlled, plausible
 from mbdae.run.events import Watched
 from mbdae.run.job import Job
+from mbdae.run.stepper import Stepper
 from mbdae.scene.contacts import READERS
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
@@ -33,7 +34,7 @@ from mbdae.system.prepare import prepare
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start import Start
 from mbdae.threads import limited, single_threaded
-from mbdae.values import flag, number, of_class, option, optional
+from mbdae.values import flag, number, of_class, option, optional, sequence, text, whole
 
 if TYPE_CHECKING:
     from mbdae.analysis import Equilibrium, Floquet, Linearization
@@ -54,6 +55,7 @@ READERS["color"] = _by("plots", "hexadecimal")
 
 
 DEFAULT_OUTPUTS = 201
+MOST_STATES = 1_000_000  #: largest number of states that a stepper takes together
 START = "give a Result of this scene (mb.load reads one), an equilibrium, or None for the start of the scene"
 
 
@@ -113,6 +115,24 @@ class Scene(SceneData):
         from mbdae.analysis import floquet
 
         return floquet(self, period, at, count, accuracy)
+
+    def stepper(self, dt: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
+                form: Form | type[Form] | str | None = None, inputs: Sequence[str] | None = None, batch: int | None = None,
+                start: Result | None = None) -> Stepper:
+        """Steps of a loop of one's own: step.set(u=1.0), step.advance(), step["J.angle"], step.state, step.reset(state).
+
+        dt: length of a step, s, over which inputs are held: exactly, as by s.controller(every=dt). inputs: names of the inputs,
+        by default every s.signal(name, number); also outputs of a controller, which is then not called, and numbers of items that
+        may be driven, such as "J.torque" of s.revolute("J", ..., torque=0.0). batch: number of states that are stepped together.
+        accuracy, solver, form, start: as in `simulate`; the tolerance is that of its first run, and steps are not repeated:
+        `error` of the stepper estimates what came of it. Raises SceneError and OptionError as `simulate` does."""
+        accuracy = plausible(accuracy)
+        length = option("dt", dt, number, "give the length of a step, a positive number of seconds", above=0)
+        method, own = solver_of(solver) if solver is not None else None, form_of(form) if form is not None else None
+        optional("start", start, of_class, START, base=Result)
+        named = optional("inputs", inputs, sequence, "give a list of names of inputs, such as ['u', 'J.torque']", each=text)
+        count = optional("batch", batch, whole, "give a number of states from 1, or None for one", least=1, most=MOST_STATES)
+        return Stepper(self, length, accuracy, method, own, named, count, start)
 
     @with_text_when_interrupted
     @single_threaded

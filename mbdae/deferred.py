@@ -5,11 +5,13 @@ imported whole where their names are asked for."""
 
 from __future__ import annotations
 
+import re
 import sys
 from functools import cache
 from importlib import import_module
 from inspect import isabstract
-from pkgutil import walk_packages
+from pathlib import Path
+from pkgutil import ModuleInfo, walk_packages
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -19,7 +21,7 @@ from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["Later", "LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
            "cython_lapack", "dijkstra", "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse",
-           "maximum_flow", "median", "qr", "sp", "splu"]
+           "later", "maximum_flow", "median", "qr", "sp", "splu"]
 
 
 class Later:
@@ -47,6 +49,11 @@ class Later:
         return self._place[0] in sys.modules and isinstance(value, self._found())
 
 
+def later(module: str, *names: str) -> tuple[Later, ...]:
+    """Several functions or classes of one module, each imported at its first use."""
+    return tuple(Later(module, name) for name in names)
+
+
 if TYPE_CHECKING:
     import scipy.sparse as sp
     from scipy.linalg import cython_lapack, eigvals, qr
@@ -56,17 +63,13 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
 else:
 
-    sp = Later("scipy.sparse")
-    bmat, csc_matrix = Later("scipy.sparse", "bmat"), Later("scipy.sparse", "csc_matrix")
-    csr_matrix, identity = Later("scipy.sparse", "csr_matrix"), Later("scipy.sparse", "identity")
-    cython_lapack, qr = Later("scipy.linalg.cython_lapack"), Later("scipy.linalg", "qr")
-    eigvals = Later("scipy.linalg", "eigvals")
+    sp, cython_lapack = Later("scipy.sparse"), Later("scipy.linalg.cython_lapack")
+    bmat, csc_matrix, csr_matrix, identity = later("scipy.sparse", "bmat", "csc_matrix", "csr_matrix", "identity")
+    eigvals, qr = later("scipy.linalg", "eigvals", "qr")
     group_columns = Later("scipy.optimize._numdiff", "group_columns")
-    connected_components = Later("scipy.sparse.csgraph", "connected_components")
-    dijkstra = Later("scipy.sparse.csgraph", "dijkstra")
-    maximum_flow = Later("scipy.sparse.csgraph", "maximum_flow")
-    splu = Later("scipy.sparse.linalg", "splu")
-    eigsh, LinearOperator = Later("scipy.sparse.linalg", "eigsh"), Later("scipy.sparse.linalg", "LinearOperator")
+    connected_components, dijkstra, maximum_flow = later(
+        "scipy.sparse.csgraph", "connected_components", "dijkstra", "maximum_flow")
+    LinearOperator, eigsh, splu = later("scipy.sparse.linalg", "LinearOperator", "eigsh", "splu")
 
     def issparse(matrix: Any) -> bool:
         """Whether a matrix is sparse; False where SciPy's module of sparse matrices has not been imported yet."""
@@ -77,14 +80,23 @@ T = TypeVar("T")
 
 
 @cache
-def classes_in(folder: str, base: type[T]) -> tuple[type[T], ...]:
+def classes_in(folder: str, base: type[T], called: str = "") -> tuple[type[T], ...]:
     """The classes of a folder ("mbdae.integrators") that derive from `base` and leave nothing abstract, by name, without those
-    whose name begins with an underscore. A new one needs no more than its file there."""
+    whose name begins with an underscore. A new one needs no more than its file there. called: a word; files that have not been
+    imported are where their text has a class, or its `word`, with which the word begins, in small letters and digits."""
     top = import_module(folder)
-    modules = [import_module(found.name) for found in walk_packages(getattr(top, "__path__", ()), f"{folder}.")]
+    modules = [import_module(found.name) for found in walk_packages(getattr(top, "__path__", ()), f"{folder}.")
+               if not called or found.name in sys.modules or called.startswith(tuple(_words_of(found)))]
     found = {made.__name__: made for module in (top, *modules) for name, made in vars(module).items()
              if name[0] != "_" and isinstance(made, type) and issubclass(made, base) and not isabstract(made)}
     return tuple(made for _, made in sorted(found.items()))
+
+
+def _words_of(module: ModuleInfo) -> list[str]:
+    """Names and words of the classes that the file of a module states, in small letters."""
+    found = module.module_finder.find_spec(module.name, None)
+    text = Path(found.origin).read_text(encoding="utf-8") if found is not None and found.origin else ""
+    return [word.lower() for word in re.findall(r'^(?:class |    word: ClassVar\[str\] = ")([A-Za-z]\w*)', text, re.M)]
 
 
 def as_full(matrix: Any) -> Any:

@@ -34,7 +34,7 @@ from difflib import get_close_matches
 from functools import wraps
 from inspect import signature
 from pathlib import Path
-from types import FunctionType, TracebackType
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from mbdae import process
@@ -256,25 +256,11 @@ def _bound(function: Callable[..., Any]) -> bool:
     return next(iter(signature(function).parameters), "") in ("self", "cls")
 
 
-def of_user(found: TracebackType | None) -> TracebackType | None:
-    """A traceback without the lines of mbdae, which say nothing of what the user did; with them where MBDAE_TRACEBACK is set."""
-    if "MBDAE_TRACEBACK" in os.environ:
-        return found
-    package, kept = str(Path(__file__).parent), list[TracebackType]()
-    while found is not None:
-        kept += [found] if not found.tb_frame.f_code.co_filename.startswith(package) else []
-        found = found.tb_next
-    made: TracebackType | None = None
-    for part in reversed(kept):
-        made = TracebackType(made, part.tb_frame, part.tb_lasti, part.tb_lineno)
-    return made
-
-
 def of_user_alone(cause: BaseException | None) -> BaseException | None:
     """The cause of an error where lines of the user's own led to it, such as those of a law, without those of mbdae."""
     if cause is None or "MBDAE_TRACEBACK" in os.environ:
         return cause
-    own = of_user(cause.__traceback__)
+    own = process.of_user(cause.__traceback__)
     return None if own is None else cause.with_traceback(own)
 
 
@@ -288,7 +274,8 @@ def naming_arguments(function: Callable[P, T]) -> Callable[P, T]:
         try:
             return function(*args, **kwargs)
         except MbdaeError as error:
-            raise error.with_traceback(of_user(error.__traceback__)) from of_user_alone(error.__cause__)
+            own = of_user_alone(error.__cause__)
+            raise error.with_traceback(process.of_user(error.__traceback__)) from own
         except TypeError:
             owner = (args[0] if isinstance(args[0], type) else type(args[0])).__name__ if args and _bound(function) else ""
             name = owner if function.__name__ == "__init__" else ".".join(filter(None, (owner, function.__name__)))
@@ -311,11 +298,13 @@ def methods_naming_arguments(cls: type) -> None:
 
 
 class NamesArguments:
-    """Base of classes whose objects users get as results of calls: the public methods are decorated by `naming_arguments`."""
+    """Base of classes whose objects users get as results of calls: the public methods are decorated by `naming_arguments`. Arrays
+    that are computed once cannot be changed, since all who read them get the same ones."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         methods_naming_arguments(cls)
+        process.keep_unchanged(cls)
 
 
 class NamesAttributes:
@@ -343,7 +332,15 @@ class NamesAttributes:
 
 
 class ListsAttributes(NamesAttributes, NamesArguments):
-    """Base of results; objects without a text of their own are printed with the names of what they have."""
+    """Base of results; objects without a text of their own are printed with the names of what they have. What a user would set on
+    them would be read by some of their parts alone, so it is refused."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not name.startswith("_") and type(self).__module__.startswith("mbdae.") and process.from_user(1):
+            known = [n for n in dir(self) if not n.startswith("_")]
+            raise AttributeError(f"{self._called}: {'' if name in known else meant(name, known)}{name} cannot be set: a result "
+                                 "stays as it was computed; keep values of your own beside it")
+        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         known = [n for n in dir(self) if not n.startswith("_")]

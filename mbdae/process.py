@@ -31,6 +31,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache, wraps
 from threading import RLock, active_count, get_ident
+from types import TracebackType
 from typing import Any, ParamSpec, Self, TypeVar
 
 PATIENCE, LOOK = 10.0, 0.001  #: largest time (s) that forking waits for imports of other threads, and between two looks
@@ -154,6 +155,20 @@ class Heard:
 def from_user(level: int) -> bool:
     """Whether a function was called by code outside of mbdae. level: as of `sys._getframe`, counted from the caller."""
     return not sys._getframe(level + 1).f_globals.get("__name__", "").startswith(f"{OWN}.")
+
+
+def of_user(found: TracebackType | None) -> TracebackType | None:
+    """A traceback without the lines of mbdae, which say nothing of what the user did; with them where MBDAE_TRACEBACK is set."""
+    if "MBDAE_TRACEBACK" in os.environ:
+        return found
+    kept = list[TracebackType]()
+    while found is not None:
+        kept += [found] if not found.tb_frame.f_code.co_filename.startswith(os.path.dirname(__file__)) else []
+        found = found.tb_next
+    made = None
+    for part in reversed(kept):
+        made = TracebackType(made, part.tb_frame, part.tb_lasti, part.tb_lineno)
+    return made
 
 
 def heard() -> dict[int, Heard]:
@@ -317,3 +332,19 @@ def cold() -> Iterator[None]:
     finally:
         for (cell, _), kept in zip(_made, before, strict=True):
             cell[0] = kept
+
+
+def unchanging(value: T) -> T:
+    """The value, whose arrays cannot be changed from now on."""
+    for part in filter(lambda part: hasattr(part, "flags"), value if isinstance(value, tuple) else (value,)):
+        part.flags.writeable = False
+    return value
+
+
+def keep_unchanged(cls: type) -> None:
+    """Make arrays that properties of a class compute once such that cannot be changed: all who read them get the same ones."""
+    def unchanged(found: Callable[[Any], T]) -> Callable[[Any], T]:
+        return lambda owner: unchanging(found(owner))
+    for member in vars(cls).values():
+        if isinstance(member, cached_property):
+            member.func = unchanged(member.func)

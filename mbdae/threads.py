@@ -133,7 +133,8 @@ class Owner:
         return lock
 
     def alone(self, function: Callable[..., T], *args: Any) -> T:
-        """An evaluation, which other threads wait for."""
+        """An evaluation, which other threads wait for; WallClockError where the time of the present call is over."""
+        check("the equations were evaluated")
         lock = self.taken()
         try:
             return function(*args)

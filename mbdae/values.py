@@ -305,6 +305,18 @@ def _range(least: float, above: float, most: float) -> str:
     return f"more than {above:g}, at most {most:g}" if above > least else f"between {least:g} and {most:g}"
 
 
+class Stated(dict[str, Any]):
+    """Values of a statement by name, which cannot be changed."""
+
+    def _refuse(self, *_: Any, **__: Any) -> Any:
+        raise AttributeError(f"{dict(self)} is part of a statement, which alone counts: give other values there, or by mb.sweep")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> Any:
+        return dict, (dict(self),)
+
+
 class AsStated(NamesAttributes):
     """Base of the items of a scene: what would be set on them after their statement would be no part of it, so it is refused."""
 
@@ -318,7 +330,7 @@ class AsStated(NamesAttributes):
                                  f"it there, in a function that makes the scene; for many values mb.sweep(scene, "
                                  f"{{'{vars(self)['name']}.{name}': [...]}}, t_end=...), for joint models "
                                  f"scene.replace(...)")
-        super().__setattr__(name, value)
+        super().__setattr__(name, Stated(value) if type(value) is dict else value)
 
 
 def fixed(values: Any) -> Any:

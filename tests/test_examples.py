@@ -313,3 +313,34 @@ def test_the_gearbox_keeps_its_ratio():
 
     r = gearbox_torques.run()
     np.testing.assert_allclose(r["S"].rate, 4 * r["C"].rate, rtol=1e-9, atol=1e-12)
+
+
+def test_swing_up_comes_upright():
+    import gym_pendulum as example
+
+    assert example.nearest(example.scene().stepper(example.DT), 0.1) < 0.2
+
+
+def test_gymnasiums_own_checker_accepts_the_environment():
+    checker = pytest.importorskip("gymnasium.utils.env_checker")
+    import gym_pendulum as example
+
+    checker.check_env(example.environment(), skip_render_check=True)
+
+
+def test_co_simulation_is_of_order_one_in_its_step():
+    import hydraulic_cylinder as example
+
+    exact = example.scene(together=True).simulate(example.t_end, accuracy=1e-8)["slide"].displacement[-1]
+    coarse, fine = (example.coupled(dt)[0] - exact for dt in (4e-4, 2e-4))
+    assert coarse / fine == pytest.approx(2, rel=0.02)
+    assert abs(fine) < 1e-3 * exact
+    assert example.coupled(2e-4)[1].error < 1e-6  # of the motion under the forces as they were held
+
+
+def test_a_loop_in_real_time_holds_the_rod_upright():
+    import real_time as example
+
+    step, margin = example.run(2.0)
+    assert abs(step["pin.angle"]) < 0.05
+    assert margin < 1

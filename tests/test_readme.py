@@ -80,13 +80,13 @@ def test_laws_of_the_contributing_guide_work(monkeypatch):
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("mbdae ")])
 def test_commands_are_understood(command, monkeypatch, tmp_path):
     """Parsed and their files found; `check` runs, the others are run by `.ci/run` and tests/test_cli.py."""
-    from mbdae.cli import _parser
+    from mbdae.cli.parser import make_parser
 
     if command == "mbdae --version":
         with pytest.raises(SystemExit, match=r"^0$"):
             main(["--version"])
         return
-    arguments = _parser().parse_args(shlex.split(command)[1:])
+    arguments = make_parser().parse_args(shlex.split(command)[1:])
     if arguments.command.__name__ == "validate":
         assert all((ROOT / "validation" / name).is_dir() for name in arguments.claims)
         return

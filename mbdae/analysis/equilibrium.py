@@ -13,9 +13,10 @@ import scipy.sparse as sp
 
 from mbdae.analysis.frame import body_of, motion_in_words
 from mbdae.analysis.plane import LOOK, DenseStiffness, Tangent, looked_at
+from mbdae.analysis.state import at_kinks, kinks
 from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
-from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments
+from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments, warn
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy, RunInfo
@@ -125,8 +126,8 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     way. Where the scene has no stiffness without its loads, or they lead to a state whose stiffness is negative, a stable
     state is searched under the full loads.
     progress(load_factor, iterations) is called after every step. out_of_plane: whether the stability of a planar scene with beams
-    or free bodies against motions out of its plane is looked at; an AccuracyWarning tells where these grow. Raises
-    EquilibriumError where there is no such state.
+    or free bodies against motions out of its plane is looked at; an AccuracyWarning tells where these grow, and where a law has a
+    kink exactly there. Raises EquilibriumError where there is no such state.
     """
     refuse_sampled(scene, "equilibrium")
     body = body_of(scene, frame if frame is not None else scene.ground)
@@ -135,8 +136,9 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     look = option("out_of_plane", out_of_plane, flag, LOOK)
     statics = Statics(Rest(prepare(scene), body))
     statics.check_steady(statics.begin)
-    path = _Path(statics, told or (lambda factor, iterations: None))
-    found = path.run()
+    found = _Path(statics, told or (lambda factor, iterations: None)).run()
+    if kinked := kinks(statics.mechanics, (found.prepared.start.t, *(part[0] for part in found._states)), resting=True):
+        warn(at_kinks(kinked, "the stiffness and the number of unstable directions"))
     if look:
         found.out_of_plane = looked_at(found.prepared, found.frame)
     return found
@@ -151,7 +153,13 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     unresisted = statics.soft_motions(statics.tangent(point))
     if unresisted:
         raise EquilibriumError(f"the state at rest is not the only one: nothing resists {unresisted[0]}; {STOP_IT}", result)
-    _refuse_other_branch(result)
+    # raises where a redundant row is not satisfied: the rows that are used allow motions that all rows together do not
+    m, q, t = result.prepared.with_all_rows, result.prepared.start.q[None], np.array([result.prepared.start.t])
+    off = np.abs(m.position_residual(t, q)[0])
+    if m.redundant and np.max(off) > OFF * max(1.0, result.prepared.length):
+        row = m.rows[int(np.argmax(off))].name
+        raise EquilibriumError(f"the search for a state at rest ended where the redundant constraint {row} is violated by "
+                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", result)
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
@@ -160,16 +168,6 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
         raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {motion}; loads or joints change with "
                                f"time as seen in that frame; give another frame=", result)
     return result
-
-
-def _refuse_other_branch(found: Equilibrium) -> None:
-    """Raises where a redundant row is not satisfied: the rows that are used allow motions that all rows together do not."""
-    m, q, t = found.prepared.with_all_rows, found.prepared.start.q[None], np.array([found.prepared.start.t])
-    off = np.abs(m.position_residual(t, q)[0])
-    if m.redundant and np.max(off) > OFF * max(1.0, found.prepared.length):
-        row = m.rows[int(np.argmax(off))].name
-        raise EquilibriumError(f"the search for a state at rest ended where the redundant constraint {row} is violated by "
-                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)
 
 
 def as_result(statics: Statics, point: Point) -> Equilibrium:
@@ -309,7 +307,12 @@ class _Path:
             self.progress(point.load_factor, point.iterations)
             if size <= CONVERGED:
                 return point
-        unheld_motion = self._unheld(point)
+        s = self.statics
+        T = s.tangent(point)
+        force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
+        soft = s.soft_motions(T)
+        unheld_motion = f"nothing resists {soft[0]}" if soft else (
+            f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
         raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'iteration')}: {unheld_motion}; "
                                f"{STOP_IT}, or start the scene nearer to its state at rest")
 
@@ -320,7 +323,8 @@ class _Path:
         found = s.stiffness(T)
         pull = float(np.max(acceleration_scale(s.mechanics, s.rest.t, s.q(point), s.u(point), s.s(point))))
         if isinstance(found, DenseStiffness):
-            values = _eigenvalues((found.reduced + found.reduced.T) / 2, T.N.T @ W @ T.N)
+            K = (found.reduced + found.reduced.T) / 2
+            values = np.asarray(scipy.linalg.eigh(K, T.N.T @ W @ T.N, eigvals_only=True)) if len(K) else np.zeros(1)
             shift = max(0.0, -1.5 * values[0]) if values[0] < -1e-9 * abs(values[-1]) else 0.0
             unit = max(abs(values[0]), abs(values[-1]), pull)
         else:
@@ -334,15 +338,3 @@ class _Path:
                 return x
             shift = max(3 * shift, 1e-8 * unit)
         return np.full(T.K.shape[0], np.nan)
-
-    def _unheld(self, point: Point) -> str:
-        s = self.statics
-        T = s.tangent(point)
-        force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
-        soft = s.soft_motions(T)
-        return f"nothing resists {soft[0]}" if soft else (
-            f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
-
-
-def _eigenvalues(K: Array, metric: Array) -> Array:
-    return np.asarray(scipy.linalg.eigh(K, metric, eigvals_only=True)) if len(K) else np.zeros(1)

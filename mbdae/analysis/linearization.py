@@ -14,9 +14,9 @@ from mbdae.analysis.pencil import Pencil, complete_system
 from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
 from mbdae.analysis.spectrum import Reduced, Structure, errors_of, free_basis, reduced, spectrum
-from mbdae.analysis.state import pencil_at, pencil_with_errors, structure
+from mbdae.analysis.state import at_kinks, kinks, pencil_at, pencil_with_errors, sides, structure
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
-from mbdae.errors import OptionError, SteadyError, naming_arguments
+from mbdae.errors import OptionError, SteadyError, naming_arguments, warn
 from mbdae.formulations import Index3
 from mbdae.notation import counted
 from mbdae.results.result import Result
@@ -45,11 +45,15 @@ class Linearization(OnMesh, Modes[Mode]):
     equations (energy, pairs of roots on the imaginary axis, free motions); None where rounding leaves it open. It speaks of the
     motions that the scene has: of a planar one, those in its plane. out_of_plane: "stable" or "unstable" for those that leave
     the plane, None where these were not looked at.
+    sides: () where laws are smooth at the state. Where some have a kink exactly there (a contact that just touches, a corner of a
+    curve), the linear equations on either side of it, of all kinks that one motion crosses together, are two linearizations;
+    `stable` is None then, as the roots of one side do not tell what grows.
     """
 
     errors: Array
     stable: bool | None
     out_of_plane: str | None = None
+    sides: tuple[Linearization, ...] = ()
 
     def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None,
                  known: Structure) -> None:
@@ -103,15 +107,10 @@ class Linearization(OnMesh, Modes[Mode]):
         """Damping ratios (modes,)."""
         return np.array([mode.damping for mode in self.modes])
 
-    @cached_property
-    def _metric(self) -> Any:
-        """(nu, nu) mass matrix in the frame's components, from M of the nodes."""
-        return self.pencil.C.T @ (self.pencil.C.T @ self.prepared.mechanics.mass.T).T
-
     def shares(self, vector: Array) -> dict[str, float]:
         """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
         m = self.prepared.mechanics
-        return shares(m, self._metric, motion(m, vector))
+        return shares(m, self.pencil.C.T @ (self.pencil.C.T @ self.prepared.mechanics.mass.T).T, motion(m, vector))
 
     def __str__(self) -> str:
         name = f"'{self.prepared.model.scene.name}'{self._plane}"
@@ -138,8 +137,9 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     at: a Result (its end), (Result, t), an equilibrium, or None for the start of the scene. Departures are resolved along
     the frame's axes: the ground for a shaft in anisotropic bearings, a rotating body for blades on a hub. count: lowest
     modes only (default: all; with beams the lowest 20). out_of_plane: whether the stability of a planar scene with beams or
-    free bodies against motions out of its plane is looked at, once; an AccuracyWarning tells where these grow. Raises
-    SteadyError, with the equations of that instant as `.frozen`, where they depend on time in that frame.
+    free bodies against motions out of its plane is looked at, once; an AccuracyWarning tells where these grow, and where laws
+    have a kink exactly at the state. Raises SteadyError, with the equations of that instant as `.frozen`, where they depend on
+    time in that frame.
     """
     refuse_sampled(scene, "linearize")
     count = optional("count", count, whole, "give the number of lowest modes, 1 or more, or None for all", least=1)
@@ -151,8 +151,15 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     system = complete_system(m, Index3().spec())
     z = _stresses(at, m, start)
     state = (start.t, start.q, start.u, start.s, z)
-    p = pencil_with_errors(system, m, axes, state, not isinstance(at, Equilibrium))
-    found = Linearization(prepared, axes, start.t, p, count, structure(system, m, axes, state))
+
+    def made(*state: Any) -> Linearization:
+        p = pencil_with_errors(system, m, axes, state, not isinstance(at, Equilibrium))
+        return Linearization(prepared, axes, start.t, p, count, structure(system, m, axes, state))
+
+    found = made(*state)
+    if kinked := kinks(m, state[:4]):
+        found.sides, found.stable = tuple(made(start.t, *beside, z) for beside in sides(state[:4], kinked[0][1])), None
+        warn(at_kinks(kinked, "the roots"))
     found._finer = finer(partial(linearize, frame=axes.name, count=count, out_of_plane=False), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
     change = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)

@@ -18,8 +18,9 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
-from mbdae.analysis.orbit import Departures, check_return, departures, followed, propagated
+from mbdae.analysis.orbit import Departures, Return, check_return, departures, followed, propagated
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
+from mbdae.analysis.state import at_kinks
 from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
 from mbdae.formulations import system_for
 from mbdae.notation import counted
@@ -71,8 +72,8 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     axes = np.eye(3)
     prepared: Prepared
 
-    def __init__(self, prepared: Prepared, period: float, found: Monodromy, basis: Array, departure: float) -> None:
-        self.prepared, self.period, self.departure = prepared, period, departure
+    def __init__(self, prepared: Prepared, period: float, found: Monodromy, basis: Array, returned: Return) -> None:
+        self.prepared, self.period, self.departure, self._smooth = prepared, period, returned.off, not returned.kinks
         self.t, self.steps, self.monodromy, self.unresolved = prepared.start.t, found.steps, found.matrix, found.unresolved
         self.multipliers, self.errors = found.values, found.errors / period
         self.exponents = exponents(found.values, period)
@@ -89,7 +90,9 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     def stable(self) -> bool | None:
         """False where a multiplier found is larger than 1 by more than its error; True where none is: by the numbers, or
         because multipliers lie in pairs mu, 1 / mu, and one alone on the unit circle cannot leave it, nor 1 that of a motion
-        shifted along itself; None where the errors leave it open."""
+        shifted along itself; None where the errors leave it open, and where the motion stays at a kink of a law."""
+        if not self._smooth:
+            return None
         growth, off = self.exponents.real, self.errors
         if np.any(growth > off):
             return False
@@ -190,7 +193,9 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     directions = departures(prepared, system, returned, period)
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
-    made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
+    made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned)
+    if returned.kinks:
+        warn(at_kinks(returned.kinks, "the multipliers"))
     made._finer = finer(partial(floquet, period=period, count=count, accuracy=accuracy), scene, at)
     return made
 
@@ -234,7 +239,16 @@ def _converged(system: SceneSystem, directions: Departures, period: float, steps
             before, steps = None, 2 * steps
             continue
         if before is not None:
-            now = _compared(now, before)
+            # the finer one of two results, with its errors from the difference to the coarser one. Nearly equal
+            # roots with nearly the same vector count as one multiple root: its mean is compared, which is more
+            # accurate than the single roots
+            a, b, V = now.values, before.values, now.vectors
+            b = b[linear_sum_assignment(np.abs(a[:, None] - b))[1]]
+            group = (np.abs(a[:, None] - a) <= NEAR * np.abs(a)) & (np.abs(V.conj().T @ V) > 1 - NEAR)
+            number = np.maximum(np.sum(group, axis=1), 1)
+            size = np.maximum(np.abs(a), np.finfo(float).tiny)
+            change = np.abs(group @ (a - b)) / number / size / GAIN
+            now = replace(now, change=change, errors=change + np.abs(a - group @ a / number) / size + now.rounding)
             asked = (np.arange(len(now.values)) < count) & (np.abs(now.values) > LOST * np.max(np.abs(now.values), initial=0.0))
             worst, last = (float(np.max(found.change[asked], initial=0.0)) for found in (now, before))
             if worst <= accuracy or 2 * steps > MOST or (worst < ROUND and worst > last / 2):
@@ -250,18 +264,6 @@ def _in_steps(system: SceneSystem, directions: Departures, period: float, steps:
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
     unknown = np.full(len(values), np.inf)
     return Monodromy(matrix, steps, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order])
-
-
-def _compared(fine: Monodromy, coarse: Monodromy) -> Monodromy:
-    """The finer one of two results, with its errors from the difference to the coarser one. Nearly equal roots with nearly the
-    same vector count as one multiple root: its mean is compared, which is more accurate than the single roots."""
-    a, b, V = fine.values, coarse.values, fine.vectors
-    b = b[linear_sum_assignment(np.abs(a[:, None] - b))[1]]
-    group = (np.abs(a[:, None] - a) <= NEAR * np.abs(a)) & (np.abs(V.conj().T @ V) > 1 - NEAR)
-    number = np.maximum(np.sum(group, axis=1), 1)
-    size = np.maximum(np.abs(a), np.finfo(float).tiny)
-    change = np.abs(group @ (a - b)) / number / size / GAIN
-    return replace(fine, change=change, errors=change + np.abs(a - group @ a / number) / size + fine.rounding)
 
 
 def _judged(found: Monodromy, asked: Array, worst: float, accuracy: float) -> Monodromy:

@@ -18,6 +18,7 @@ from scipy.sparse.linalg import splu
 from mbdae.analysis.frame import attitude, position
 from mbdae.analysis.pencil import acting, derivatives
 from mbdae.analysis.spectrum import free_basis
+from mbdae.analysis.state import kinks
 from mbdae.errors import OptionError, SteadyError
 from mbdae.integrators.collocation_tables import CollocationTable
 from mbdae.integrators.dense import Collocation
@@ -76,15 +77,20 @@ def _systems(run: Solution, system: SceneSystem, t: Array) -> list[SceneSystem]:
     return systems_at(run, t, system)  # type: ignore[return-value]
 
 
+LATER = 0.37  #: part of the period after which a motion that is at a kink at its start is looked at again
+
+
 @dataclass(frozen=True)
 class Return:
     """A motion that repeats: its largest relative distance from the start after the period, the numbers of the internal
-    states that act on it, the steps an adaptive run took, and -1 for unknowns (n,) of quaternions that changed their sign."""
+    states that act on it, the steps an adaptive run took, -1 for unknowns (n,) of quaternions that changed their sign, and the
+    items at whose kinks the motion stays: at its start and later."""
 
     off: float
     acting: Indices
     steps: int
     sign: Array
+    kinks: list[tuple[str, Array]]
 
 
 def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Return:
@@ -103,7 +109,18 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
         raise SteadyError(f"the equations do not repeat after period = {period:.9g} s, although the motion does: "
                           f"{changed_equation}; give a period after which loads and prescribed motions repeat too (a force "
                           f"that grows with every turn never does)")
-    return Return(off, acting, run.stats.steps, sign)
+    return Return(off, acting, run.stats.steps, sign, _stays_at(prepared, run, period))
+
+
+def _stays_at(prepared: Prepared, run: Solution, period: float) -> list[tuple[str, Array]]:
+    """The items at whose kinks a motion is at its start and at a time inside the period: what crosses a kink does no harm."""
+    times = run.t[0] + period * np.array([0.0, LATER])
+    found: list[tuple[str, Array]] = []
+    for t, *state in zip(times, *prepared.states(times, run(times)), strict=True):
+        found = kinks(prepared.mechanics, (float(t), *state))
+        if not found:
+            break
+    return found
 
 
 def acting_states(system: SceneSystem, run: Solution) -> Indices:
@@ -227,7 +244,11 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
     m, nb, y = prepared.mechanics, system.numbering, system.y0
     nq, nu, acting = nb.nq, nb.nu, returned.acting
     Fy = derivatives(system, system.t0, y, system.yp0)[0].tocsr()
-    _refuse_rigid(system, Fy)
+    z = np.flatnonzero(np.array(system.kinds) == "z")
+    rigid = z[np.asarray(abs(Fy[z][:, z]).sum(axis=1)).ravel() == 0] if len(z) else z
+    if len(rigid):
+        raise OptionError(f"floquet needs finite stiffnesses of all beams, and the one that belongs to {system.names[rigid[0]]} "
+                          f"is infinite; give that beam a section with finite ones")
     q = prepared.states(np.array([system.t0]), y[None])[0][0]
     H = np.array([m.rates(q, e)[nb.of_positions] for e in np.eye(m.nu)[nb.of_velocities]]).T
     length = m.velocity_units[nb.of_velocities]
@@ -247,14 +268,6 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
                           f"at the start, where {expected} are expected: the position is singular; start at another instant "
                           f"of the motion (at=(result, t))")
     return Departures(T, back * returned.sign, units, Q, nu)
-
-
-def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
-    z = np.flatnonzero(np.array(system.kinds) == "z")
-    rigid = z[np.asarray(abs(Fy[z][:, z]).sum(axis=1)).ravel() == 0] if len(z) else z
-    if len(rigid):
-        raise OptionError(f"floquet needs finite stiffnesses of all beams, and the one that belongs to {system.names[rigid[0]]} "
-                          f"is infinite; give that beam a section with finite ones")
 
 
 def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:

@@ -1,7 +1,7 @@
 """Stiffness and damping law by law: whether their sum is positive, where rounding hides the small ones beside the large ones.
 
 The equations linearised at a state, with the errors that the rounding of its numbers causes, and what is known of them beside
-their numbers.
+their numbers; and kinks there: a contact that just touches, play that just closes, a corner of a curve, |x| at 0.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from mbdae.analysis.frame import RotatingFrame, dynamics, free_shifts, stresses_of
 from mbdae.analysis.pencil import ROUNDED, Basis, Pencil, basis, pencil, with_errors
 from mbdae.analysis.roots import EPS, sign
-from mbdae.analysis.spectrum import Structure
+from mbdae.analysis.spectrum import Structure, free_basis
 from mbdae.scene.models import not_joined
+from mbdae.symbolic.outputs import loads, position
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.right_hand_side import state_rates
+from mbdae.system.assembled.right_hand_side import state_rate_outputs, state_rates
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 
@@ -178,3 +179,61 @@ def _moving(m: Mechanics, p: Any) -> NDArray[np.bool_]:
         own = slice(node.u, node.u + node.kind.sizes[1])
         found[own] = np.max(np.abs(p[own]), initial=0.0) > least
     return found
+
+
+#: displacements to both sides of a state, in the scene's length or rad (velocities: per second), between which slopes are
+#: compared, and how many directions
+BESIDE, DIRECTIONS = (1e-8, 1e-9), 2
+#: a law has a kink where its slopes on both sides differ by more than this part of the larger one, at both distances: the second
+#: is the smallest ratio of the differences to what they are at a kink, where smooth laws have 0.1 and those of Hertz 0.3
+KINK, LASTS = 1e-3, 0.6
+#: a difference is rounding up to this many times what changes of all numbers of the state by ULP make
+ROUNDING = 1e4
+
+
+def kinks(m: Mechanics, state: tuple[float, Array, Array, Array], resting: bool = False) -> list[tuple[str, Array]]:
+    """The items whose laws have a kink or a jump exactly at a state (t, q, u, s), in motions that the constraints allow, each
+    with a direction (nq + nu + ns,) that leads across it. resting: velocities stay as they are."""
+    t, q, u, s = state
+    units, rng, found = m.velocity_units, np.random.default_rng(17), dict[str, Array]()
+    free = np.diag(units) if m.model.lines else free_basis(m.constraint_jacobian(np.array([t]), q[None])[0], units)
+    for _ in range(DIRECTIONS if free.shape[1] else 0):
+        moved, faster = free @ rng.uniform(-1, 1, free.shape[1]), free @ rng.uniform(-1, 1, free.shape[1])
+        along = [m.rates(q, moved), faster * (not resting), state_rates(m, t, q, moved, s)]
+        parts = np.array([0.0, *(side * step for step in BESIDE for side in (1, -1)), *np.zeros(SAMPLES + 1)])
+        states = [x + parts[:, None] * d for x, d in zip((q, u, s), along, strict=True)]
+        for x in states:
+            any_way = rng.uniform(-1, 1, (SAMPLES + 1, x.shape[1])) * (1 + np.abs(x[0]))
+            x[5:] += np.array([[ULP]] * SAMPLES + [[BESIDE[0]]]) * any_way
+        for outputs in (loads, position, *(() if resting else (state_rate_outputs,))):
+            for g, _, values in m.evaluate(outputs, np.full(len(parts), t), states[0], states[1], states[2]):
+                for i, instance in enumerate(m.model.groups[g].instances):
+                    if _bent(values[:, i]):
+                        found.setdefault(instance.item, np.concatenate(along))
+    return list(found.items())
+
+
+def _bent(values: Array) -> bool:
+    """Whether values (n, k) at a state, at both `BESIDE` distances from it on either side, at SAMPLES states that rounding makes
+    of it, and at one as far from it as the former whatever constraints allow, have a kink or a jump there."""
+    apart = values[1:] - values[0]
+    *size, noise, wide = np.max(np.abs(apart), axis=1, initial=0.0)[[0, 1, 2, 3, -2, -1]]
+    if noise > KINK * wide:
+        return bool(max(size[2:]) > LASTS * max(size[:2]))
+    noise = ROUNDING * noise
+    far, near = (float(np.max(np.abs(apart[k] + apart[k + 1]), initial=0.0)) for k in (0, 2))
+    part = BESIDE[1] / BESIDE[0]
+    return far > max(KINK * max(size[:2]), noise) and near > LASTS * part * far
+
+
+def sides(state: tuple[float, Array, Array, Array], across: Array) -> list[list[Array]]:
+    """q, u, s on both sides of a state, along a direction of `kinks`."""
+    at = np.cumsum([len(x) for x in state[1:3]])
+    return [[x + side * BESIDE[0] * d for x, d in zip(state[1:], np.split(across, at), strict=True)] for side in (1, -1)]
+
+
+def at_kinks(found: list[tuple[str, Array]], what: str) -> str:
+    """A warning of kinks at a state; what: which numbers are those of one side."""
+    names = " and ".join(f"'{name}'" for name, _ in found[:3]) + " and others" * (len(found) > 3)
+    return (f"{names} {'has' if len(found) == 1 else 'have'} a kink exactly at this state (as a contact that just touches, play "
+            f"that just closes, a corner of a curve): {what} are those of one side of it, and do not tell what grows")

@@ -81,7 +81,9 @@ class Statics:
         y[: m.nq], y[self.kinds == "s"] = rest.start.q, rest.start.s
         self.unbalanced = np.zeros(self.system.n)
         self.begin = self.with_reactions(self.at_rest(Point(y, np.zeros(self.system.n), 0.0)))
-        self.unbalanced = self._unloaded(self.begin)
+        out = self._residual(self.system, self.begin) - self._residual(self.loads, self.begin)
+        out[self.kinds == "lambda"] = 0.0
+        self.unbalanced = out
 
     def q(self, point: Point) -> Array:
         """Positions (nq,) of a point."""
@@ -110,21 +112,11 @@ class Statics:
         system.residual(self.t, point.y, point.yp, out)
         return out
 
-    def _unloaded(self, point: Point) -> Array:
-        """F (n,) without the applied loads, constraints left out."""
-        out = self._residual(self.system, point) - self._residual(self.loads, point)
-        out[self.kinds == "lambda"] = 0.0
-        return out
-
     def _inertia(self, point: Point) -> Array:
         """(nu,) inertial and gyroscopic forces of rest in the frame, as on the left-hand side of the equations."""
         m = self.mechanics
-        out = np.asarray(m.mass @ point.yp[m.nq : m.nq + m.nu])
-        for g, p, values in m.evaluate(gyroscopic, self.rest.t, self.q(point)[None], self.u(point)[None]):
-            for o, target in enumerate(p.targets):
-                for i in range(values.shape[1]):
-                    out[m.numbering.velocity(target, g, i)] += values[0, i, o]
-        return out
+        gyrating = m.forces(gyroscopic, self.rest.t, self.q(point)[None], self.u(point)[None])[0]
+        return np.asarray(m.mass @ point.yp[m.nq : m.nq + m.nu] + gyrating)
 
     def with_reactions(self, point: Point) -> Point:
         """The point with the multipliers that balance all forces, as far as constraints can; below load factor 1 they balance

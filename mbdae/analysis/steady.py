@@ -168,15 +168,11 @@ class Rest:
     def velocities(self, q: Array) -> Array:
         """u (nu,): every node turns with the frame, and its body spins relative to it as at the start, about axes of the body."""
         u = self._coordinate_rates.copy()
-        if not self._turning:
+        if not (self.frame.turns or any(np.any(spin) for _, spin in self._spins)):
             return u
         for node, spin in self._spins:
             self._turn(node, q, u, self.frame.rate + attitude(node, q) @ spin)
         return u
-
-    @cached_property
-    def _turning(self) -> bool:
-        return self.frame.turns or any(np.any(spin) for _, spin in self._spins)
 
     @cached_property
     def _spins(self) -> list[tuple[Node, Array]]:
@@ -248,9 +244,6 @@ class Rest:
             off = velocity(node, u) - np.cross(self.frame.rate, position(node, q) - self.center)
             if np.linalg.norm(off) > size * self.model.length:
                 return f"'{node.name}' moves there at {np.linalg.norm(off):.4g} m/s"
-        return self._driven(q, u, size)
-
-    def _driven(self, q: Array, u: Array, size: float) -> str | None:
         if not self.mechanics.m:
             return None
         rate = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]

@@ -131,8 +131,7 @@ class Audit:
             [r.equation, r.verdict, _shown(r.residual), escaped(r.said)] for r in self.equations])]))
         for section in dict.fromkeys(r.printed.section for r in self.equations):
             rows_in = [r for r in self.equations if r.printed.section == section]
-            inside = [b for r in rows_in for b in _blocks(r)]
-            blocks.append(Section(section or "Equations", [*inside, _symbols(rows_in)]))
+            blocks.append(Section(section or "Equations", [*[b for r in rows_in for b in _blocks(r)], _symbols(rows_in)]))
         if self.claims:
             table = [[c.claimed.words, str(c.claimed.count), _counted(c), c.verdict] for c in self.claims]
             blocks.append(Section("Claimed numbers", [Table(["what", "claimed", "counted", "verdict"], table)]))

@@ -73,8 +73,7 @@ def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: b
 
 def statement(s: Relation, letters: Letters = _NONE) -> str:
     """A statement in LaTeX."""
-    relation = " = " if s.relation == "=" else r" \le "
-    return relation.join(formula(side, letters) for side in s.sides)
+    return (" = " if s.relation == "=" else r" \le ").join(formula(side, letters) for side in s.sides)
 
 
 def formula(node: Node, letters: Letters = _NONE, level: int = 0) -> str:
@@ -91,24 +90,20 @@ def formula(node: Node, letters: Letters = _NONE, level: int = 0) -> str:
         rows = r" \\ ".join(" & ".join(formula(p, letters) for p in row.parts) for row in parts)
         return rf"\begin{{bmatrix}} {rows} \end{{bmatrix}}"
     if kind in ("cross", "transposed"):
-        return _marked(node, letters)
+        transposed = node.kind == "transposed"
+        inner = node.parts[0] if transposed else node
+        tilde = inner.kind == "cross"
+        base = inner.parts[0] if tilde else inner
+        if base.kind == "symbol":
+            return name(base.value, letters, transposed, tilde)
+        text = rf"\widetilde{{{formula(base, letters, 2)}}}" if tilde else formula(base, letters, 2)
+        return f"{{{text}}}^{{T}}" if transposed else text
     if kind == "power":
         return f"{{{formula(parts[0], letters, 2)}}}^{{{formula(parts[1], letters)}}}"
     if kind == "inverse":
         return rf"\frac{{1}}{{{formula(parts[0], letters)}}}"
     text = _sum(node, letters) if kind in ("sum", "neg") else _product(node, letters)
     return rf"\left({text}\right)" if level > (0 if kind in ("sum", "neg") else 1) else text
-
-
-def _marked(node: Node, letters: Letters) -> str:
-    transposed = node.kind == "transposed"
-    inner = node.parts[0] if transposed else node
-    tilde = inner.kind == "cross"
-    base = inner.parts[0] if tilde else inner
-    if base.kind == "symbol":
-        return name(base.value, letters, transposed, tilde)
-    text = rf"\widetilde{{{formula(base, letters, 2)}}}" if tilde else formula(base, letters, 2)
-    return f"{{{text}}}^{{T}}" if transposed else text
 
 
 def _sum(node: Node, letters: Letters) -> str:
@@ -255,31 +250,24 @@ class Carried:
         """Attitude "Q", Euler parameters "P" and motion vectors of l, from those of k and the coordinates of the state."""
         found = np.array(self.function([complex(self._input(place, k, state)) for place in self.inputs]), dtype=complex)
         q, u, up = found[:7, None], found[7:13, None], found[13:, None]
-        Q = _rotation(q[3:])
+        P = q[3:]
+        w, e = P[0, 0], P[1:]
+        x, y, z = e[:, 0]
+        Q = (2 * w * w - 1) * np.eye(3) + 2 * e @ e.T + 2 * w * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         return {"Q": Q, "P": q[3:], "x": q[:3], "v": u[:3], "w": Q @ u[3:], "a": up[:3], "alpha": Q @ up[3:]}
 
     def _input(self, place: tuple[Any, ...], k: dict[str, Value], state: Any) -> Value:
         head, j, i = place
         if head == "number":
-            return _number(i, state)
+            # value of a parameter of the joint; parameters of its points and axes make them coincide with those
+            # of the bodies
+            side, _, what = i.partition("_")
+            if side not in ("k", "l") or not what:
+                return float(state.positive(f"parameter {i}"))
+            return float(what in ("Qx1", "Qy2", "Qz3", "P0"))
         if j < 0:
             return state.coordinates[self.coordinates[-j - 1]][("q", "u", "up").index(head)]
         if head in ("wu", "wq"):
             return 0.0
         moves, turns = {"q": ("x", k["P"]), "u": ("v", k["Q"].T @ k["w"]), "up": ("a", k["Q"].T @ k["alpha"])}[head]
         return k[moves][i, 0] if i < 3 else turns[i - 3, 0]
-
-
-def _number(name: str, state: Any) -> float:
-    """Value of a parameter of the joint; parameters of its points and axes make them coincide with those of the bodies."""
-    side, _, what = name.partition("_")
-    if side not in ("k", "l") or not what:
-        return float(state.positive(f"parameter {name}"))
-    return float(what in ("Qx1", "Qy2", "Qz3", "P0"))
-
-
-def _rotation(P: Value) -> Value:
-    """Rotation matrix (3, 3) of Euler parameters (4, 1) of unit length."""
-    w, e = P[0, 0], P[1:]
-    x, y, z = e[:, 0]
-    return (2 * w * w - 1) * np.eye(3) + 2 * e @ e.T + 2 * w * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

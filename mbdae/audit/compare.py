@@ -232,8 +232,7 @@ def compared(statement: Relation, states: ComparedStates) -> Compared:
 
 def _vanishing(statement: Relation, states: ComparedStates) -> bool:
     """Whether a quantity of the statement is zero in the states of the joint but not in free ones: its terms remain untested."""
-    symbols = statement.symbols() & set(states.equation.scope.symbols)
-    return _smaller(symbols, states.free, states.joint)
+    return _smaller(statement.symbols() & set(states.equation.scope.symbols), states.free, states.joint)
 
 
 def vanishing(names: Iterable[str], states: ComparedStates, others: ComparedStates) -> bool:

@@ -243,7 +243,10 @@ def _call(node: Node, at: Source) -> Value:
         first, last = map(int, ends)
         return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
     if name == "integral":
-        return _integral(node, at)
+        low, high = (_number(evaluate(p, at)) for p in node.parts[2:])
+        middle, half = (low + high) / 2, (high - low) / 2
+        inside = [evaluate(node.parts[0], at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
+        return half * sum(w * v for w, v in zip(_WEIGHTS, inside, strict=True))
     values = [evaluate(p, at) for p in parts]
     if name in _REAL and at.scale is None and not isinstance(values[0], se.Basic):
         real, condition = _REAL[name]
@@ -268,21 +271,13 @@ def _partial(e: Node, by: Node, at: Source) -> Value:
     wanted = np.shape(at.value(by.value))
     if not wanted:
         return along(0)
-    columns = [np.reshape(along(i), (-1, 1)) for i in range(wanted[0] * wanted[1])]
-    return np.hstack(columns)
+    return np.hstack([np.reshape(along(i), (-1, 1)) for i in range(wanted[0] * wanted[1])])
 
 
 #: nodes and weights of the tanh-sinh rule on (-1, 1), accurate also for integrands with steep ends, as sqrt(x) at 0
 _T = np.arange(-62, 63) * 0.05
 _NODES = np.tanh(np.pi / 2 * np.sinh(_T))
 _WEIGHTS = 0.05 * np.pi / 2 * np.cosh(_T) / np.cosh(np.pi / 2 * np.sinh(_T)) ** 2
-
-
-def _integral(node: Node, at: Source) -> Value:
-    low, high = (_number(evaluate(p, at)) for p in node.parts[2:])
-    middle, half = (low + high) / 2, (high - low) / 2
-    inside = [evaluate(node.parts[0], at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
-    return half * sum(w * v for w, v in zip(_WEIGHTS, inside, strict=True))
 
 
 def _transposed(node: Node, at: Source) -> Value:

@@ -81,8 +81,7 @@ def _row(env: Env, rows: str, of: str) -> Value:
 
 @phrase("multipliers of rows {rows} of {name}", "multiplier of row {rows} of {name}")
 def _multiplier(env: Env, rows: str, of: str) -> Value:
-    wanted = _rows(env, of, rows)[1]
-    return _stack([env.motion.number(f"multiplier {row}") + 0j for row in wanted])
+    return _stack([env.motion.number(f"multiplier {row}") + 0j for row in _rows(env, of, rows)[1]])
 
 
 @phrase("parameter {name} of {name2}")
@@ -135,9 +134,7 @@ def _coordinate_of_states(env: Env, name: str) -> Value:
 @phrase("energy of {name}", vanishes=False)
 def _energy(env: Env, of: str) -> Value:
     """Potential energy of a law between the bodies, or of a normal law at the penetration of the state, J."""
-    if part_class(of, env.scope.own):
-        return potential(env, of)
-    return law(env, of).number(law(env, of).d.energy)
+    return potential(env, of) if part_class(of, env.scope.own) else law(env, of).number(law(env, of).d.energy)
 
 
 @phrase("force of rows {rows} of {name} on {parts}", "force of row {rows} of {name} on {parts}", side="left")
@@ -196,17 +193,13 @@ register({
 # -- laws on a line (beams), evaluated at the section
 
 
-def _line(cls: Any) -> tuple[LineDerived, Any]:
-    structure = Structure(absent=frozenset({"damping"} & set(cls.params)))
-    return derive_line(cls, structure, NodeKind.SPATIAL), cls.symbolic(structure)
-
-
 def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, Any]], wanted: str) -> Value:
     """Values of named quantities that a law on a line states at the section."""
     cls: Any = law_class(of, env.scope.own)
     if cls is None or not issubclass(cls, LineLaw):
         raise AuditError(f"an audit knows no law on a line, as of beams, with the name '{of}'; {GIVE_OWN_CLASS.format(of)}")
-    line, stated_law = _line(cls)
+    structure = Structure(absent=frozenset({"damping"} & set(cls.params)))
+    line, stated_law = derive_line(cls, structure, NodeKind.SPATIAL), cls.symbolic(structure)
     values = env.motion.once(("line", cls), lambda: _point(env, stated_law))
     known = stated(line, stated_law)
     for name in names(wanted):

@@ -290,8 +290,7 @@ def missing_term(equation: Printed, states: ComparedStates, scope: Scope, name: 
     """The missing term, linear in the vector `name`, which the text does not name, and its rows and columns in the last side;
     None where no single term fits. scope: the symbols of the text with this vector."""
     (statement,) = equation.statements
-    wide = replace(equation, scope=scope)
-    envs = replace(states, equation=wide).joint
+    envs = replace(states, equation=replace(equation, scope=scope)).joint
     gaps = [evaluate(statement.sides[0], e) - evaluate(statement.sides[-1], e) for e in envs]
     if np.ndim(gaps[0]) == 0:
         return None

@@ -13,9 +13,7 @@ import warnings
 from argparse import Namespace
 from collections.abc import Sequence
 
-from mbdae.cli.parser import make_parser as _parser
-from mbdae.cli.streams import READER_GONE, OutputLostError, UsageError, json_alone, usable_streams
-from mbdae.cli.userfile import place_in
+from mbdae.cli.streams import READER_GONE, OutputLostError, Stops, UsageError, json_alone, usable_streams
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
 SIGINT = 2
@@ -35,12 +33,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parsed_and_run(words: list[str]) -> int:
-    from mbdae.cli.streams import Stops
-
     with Stops() as stops:
         a = Namespace(json="--json" in words, debug="--debug" in words, file=None, written=[], stdout=sys.stdout)
         try:
-            _parser().parse_args(words, a)
+            from mbdae.cli.parser import make_parser  # here, where a signal is answered
+
+            make_parser().parse_args(words, a)
             with json_alone(a), contextlib.ExitStack() as a.stack, warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)  # the printed result contains these warnings
                 return int(a.command(a))
@@ -60,6 +58,8 @@ def _parsed_and_run(words: list[str]) -> int:
 
 def _judged(a: Namespace, error: Exception) -> tuple[int, str]:
     """Exit code and message for an error."""
+    from mbdae.cli.userfile import place_in
+
     place = place_in(error, a.file)
     if isinstance(error, MbdaeError):
         return (2 if isinstance(error, OptionError) else 1), f"{error}{f' ({place})' if place else ''}"

@@ -45,7 +45,15 @@ def run(a: argparse.Namespace) -> int:
     with closing(bar()) as shown, _partial_kept(a, out, t_end):
         r = scene.simulate(t_end, **options, progress=shown)
     try:
-        final = _write_result(a, r, measure, out)
+        # write the result and a plot of the measure to the folder, if given; returns the last value of the measure
+        if out is not None:
+            stem = Path(a.file).stem
+            r.save(out / f"{stem}.npz")
+            a.written.append(str(out / f"{stem}.npz"))
+            if measure:
+                r.plot(measure, path=out / f"{stem}.png")
+                a.written.append(str(out / f"{stem}.png"))
+        final = r.read(measure)[-1].tolist() if measure else None
     except OptionError:  # nothing could be written: print the result before the error
         if not a.json:
             print(repr(r))
@@ -232,18 +240,6 @@ def _report_text(document: Any, format_: str) -> str:
 def _saved(a: argparse.Namespace, document: Any, format_: str) -> str | None:
     """Write a document where --out names a place; returns the name of its file, else None."""
     return None if a.out is None else str(document.save(_report_path(a, format_)))
-
-
-def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path | None) -> Any:
-    """Write the result and a plot of the measure to the folder, if given; returns the last value of the measure."""
-    if out is not None:
-        stem = Path(a.file).stem
-        r.save(out / f"{stem}.npz")
-        a.written.append(str(out / f"{stem}.npz"))
-        if measure:
-            r.plot(measure, path=out / f"{stem}.png")
-            a.written.append(str(out / f"{stem}.png"))
-    return r.read(measure)[-1].tolist() if measure else None
 
 
 def _write_and_print(a: argparse.Namespace, found: Any, writers: dict[str, Any], out: Path | None, name: str) -> None:

@@ -31,9 +31,14 @@ class UsageError(Exception):
 # -- Signals that end a command as Ctrl-C does, so that what was computed is saved
 
 
-#: signals that end a process: the first is sent by `kill`, `timeout` and batch systems, the second by a terminal that is closed,
-#: the third by Ctrl-Break
-NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
+#: signals that end a process: the first is Ctrl-C, the second is sent by `kill`, `timeout` and batch systems, the third by a
+#: terminal that is closed, the fourth by Ctrl-Break
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+
+
+class StoppedBySignal(KeyboardInterrupt):
+    """A signal came. Where KeyboardInterrupt itself leaves code that was given to `exec` as text, as by dataclasses while they
+    are imported, Python ends its process by SIGINT in the end, whatever its exit code is."""
 
 
 class Stops:
@@ -54,7 +59,7 @@ class Stops:
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
             for number in (getattr(signal, name) for name in NAMES if hasattr(signal, name)):
-                if signal.getsignal(number) == signal.SIG_DFL:
+                if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
                     self._before[number] = signal.signal(number, self._stop)
         return self
 
@@ -64,7 +69,7 @@ class Stops:
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         self.number = number
-        raise KeyboardInterrupt
+        raise StoppedBySignal
 
 
 READER_GONE = 141  #: exit code of a process that SIGPIPE ends, as in `mbdae ... | head -1`
@@ -109,8 +114,7 @@ def usable_streams() -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:
-                nothing = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
-                stack.enter_context(_instead(name, nothing))
+                stack.enter_context(_instead(name, stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
             elif isinstance(getattr(sys, name), io.TextIOWrapper):
                 getattr(sys, name).reconfigure(errors="backslashreplace")
         stack.enter_context(_instead("stdout", _Checked(sys.stdout)))
@@ -120,16 +124,12 @@ def usable_streams() -> Iterator[None]:
             finally:
                 sys.stdout.flush()
         except OutputLostError:
-            _drop_output()
+            # discard buffered output, so that Python does not try to write it at exit
+            with contextlib.suppress(OSError, ValueError, AttributeError):
+                nothing = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nothing, sys.stdout.fileno())
+                os.close(nothing)
             raise
-
-
-def _drop_output() -> None:
-    """Discard buffered output, so that Python does not try to write it at exit."""
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nothing, sys.stdout.fileno())
-        os.close(nothing)
 
 
 @contextlib.contextmanager

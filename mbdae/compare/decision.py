@@ -26,8 +26,7 @@ def reaches(row: Any, accuracy: float) -> bool:
 
 def tied(row: Any, best: Any) -> bool:
     """Whether the clock does not tell the CPU times of two runs apart."""
-    apart = (row.cpu_s or 0.0) - (best.cpu_s or 0.0)
-    return apart <= (row.cpu_spread_s or 0.0) + (best.cpu_spread_s or 0.0)
+    return (row.cpu_s or 0.0) - (best.cpu_s or 0.0) <= (row.cpu_spread_s or 0.0) + (best.cpu_spread_s or 0.0)
 
 
 def quartiles(times: Sequence[float]) -> tuple[float, float]:

@@ -129,7 +129,22 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
     for axis, (work, title) in zip(axes, PANELS, strict=True):
         for i, label in enumerate(labels):
             _line(axis, [row for row in w.runs if row.label == label and not row.loose], work, i, names[i])
-        _dress(axis, w, title)
+        # label the ticks at 1, 2 and 5 times every power of ten with plain numbers; only the powers of ten where
+        # there are many
+        from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+        low, high = axis.get_xlim()
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,)))
+        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.set_xlabel(title)
+        axis.grid(True, which="major", color="0.9")
+        axis.spines[["top", "right"]].set_visible(False)
+        if w.reference.difference:
+            low = axis.get_ylim()[0]
+            if w.reference.difference > low:
+                axis.axhspan(low, w.reference.difference, color="0.94", zorder=0, label=BELOW)
+                axis.set_ylim(bottom=low)
     told = escaped(f"error: {w.what}") if w.measure is not None else "error of the whole motion"
     for axis in axes if stacked else axes[:1]:
         axis.set_ylabel("\n".join(textwrap.wrap(told, 48)))
@@ -191,28 +206,6 @@ def own_look(i: int) -> tuple[dict[str, Any], str]:
     beyond these every method still has a combination of its own."""
     colours = (*COLOURS, *FURTHER)
     return style(i) | {"color": colours[i % len(colours)]}, MARKERS[(i + i // len(colours)) % len(MARKERS)]
-
-
-def _dress(axis: Any, w: ComparisonData, title: str) -> None:
-    _ticks(axis)
-    axis.set_xlabel(title)
-    axis.grid(True, which="major", color="0.9")
-    axis.spines[["top", "right"]].set_visible(False)
-    if w.reference.difference:
-        low = axis.get_ylim()[0]
-        if w.reference.difference > low:
-            axis.axhspan(low, w.reference.difference, color="0.94", zorder=0, label=BELOW)
-            axis.set_ylim(bottom=low)
-
-
-def _ticks(axis: Any) -> None:
-    """Label the ticks at 1, 2 and 5 times every power of ten with plain numbers; only the powers of ten where there are many."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    low, high = axis.get_xlim()
-    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,)))
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.xaxis.set_minor_formatter(NullFormatter())
 
 
 class Comparison(ComparisonData):

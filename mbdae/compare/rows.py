@@ -55,8 +55,7 @@ class Split:
     def _made(self, run: Run, form: Form, solver: Solver) -> dict[str, float]:
         """CPU time from the scene to finished equations with empty caches, s."""
         with cold(), measured() as spent:
-            scene = run.scene or with_models(self.problem.scene, run)
-            warm(system_for(prepare(scene, t_end=self.problem.t_end), form))
+            warm(system_for(prepare(run.scene or with_models(self.problem.scene, run), t_end=self.problem.t_end), form))
         return {"derive_s": spent.get("derive", 0.0), "compile_s": spent.get("compile", 0.0), "start_s": spent["other"]}
 
     def _after(self, form: Form, solver: Solver, solution: Solution, equations: Equations) -> tuple[float | None, float | None]:

@@ -160,8 +160,7 @@ class Case:
 
     def rows(self, values: Values) -> tuple[Array, Array]:
         """g (points, rows) and G (points, rows, velocities of all frames one after the other)."""
-        points = len(next(iter(values.values())))
-        found = np.zeros((points, 0))
+        found = np.zeros((len(next(iter(values.values()))), 0))
         if self._rows.targets:
             with np.errstate(invalid="ignore", divide="ignore"):  # rows may be undefined in states that violate them
                 found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
@@ -184,22 +183,18 @@ class Case:
             finite = np.isfinite(g).all(axis=1) & np.isfinite(G).all(axis=(1, 2))  # states with other values stay as they are
             G[~finite], g[~finite] = 0.0, 0.0
             steps = np.array([np.linalg.lstsq(A, -b, rcond=1e-12)[0] for A, b in zip(G, g, strict=True)])
-            values = self._displaced(values, steps)
+            values, start = dict(values), 0
+            for f in self.d.frames:
+                part = steps[:, start : start + f.kind.sizes[1]]
+                start += f.kind.sizes[1]
+                if f.kind.by_quaternion:
+                    n = f.kind.translations
+                    P = columns(f.q[n:], values)
+                    new = np.hstack([part[:, :n], turned(P, part[:, n:]) - P])
+                else:
+                    new = part
+                values |= {str(s): values[str(s)] + new[:, i] for i, s in enumerate(f.q)}
         return values
-
-    def _displaced(self, values: Values, steps: Array) -> Values:
-        out, start = dict(values), 0
-        for f in self.d.frames:
-            part = steps[:, start : start + f.kind.sizes[1]]
-            start += f.kind.sizes[1]
-            if f.kind.by_quaternion:
-                n = f.kind.translations
-                P = columns(f.q[n:], values)
-                new = np.hstack([part[:, :n], turned(P, part[:, n:]) - P])
-            else:
-                new = part
-            out |= {str(s): values[str(s)] + new[:, i] for i, s in enumerate(f.q)}
-        return out
 
 
 def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Iterator[Measured]:

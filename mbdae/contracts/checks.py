@@ -173,8 +173,7 @@ def reciprocity(case: Case) -> Iterator[Measured]:
     size = max((float(np.max(np.abs(c))) for c in F.values()), default=0.0)
     for direction, name in enumerate(("force x", "force y", "force z", "moment x", "moment y", "moment z")):
         if not d.frames[0].kind.flat or direction in (0, 1, 5):
-            u = rigid_velocities(d, values, direction)
-            yield name, float(np.max(np.abs(power_on(case, F, u)))) / max(1.0, size)
+            yield name, float(np.max(np.abs(power_on(case, F, rigid_velocities(d, values, direction))))) / max(1.0, size)
 
 
 def invariance(case: Case) -> Iterator[Measured]:
@@ -211,8 +210,7 @@ def _moved_multipliers(case: Case, values: Values) -> Values:
         still = state | {str(s): np.zeros_like(state[str(s)]) for f in d.frames for s in f.u}
         moving = case.evaluate(velocity, state).real - case.evaluate(velocity, still).real
         speeds.append(moving.reshape(m, -1, m).transpose(1, 0, 2))
-    power_ = speeds[0] @ columns(d.multipliers, values)[..., None]
-    moved_ = np.linalg.solve(speeds[1], power_)[..., 0]
+    moved_ = np.linalg.solve(speeds[1], speeds[0] @ columns(d.multipliers, values)[..., None])[..., 0]
     return {str(s): moved_[:, i] for i, s in enumerate(d.multipliers)}
 
 

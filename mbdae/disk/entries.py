@@ -4,6 +4,26 @@ A digest of what a law states: equal for equal expressions in all processes, dif
 
 Numbers enter bit by bit, symbols by their names, functions by their kinds. Values that a digest might not cover completely
 (functions of SymPy, objects of a user's classes) have none.
+
+The key of an entry is a hash of everything that it depends on:
+
+statement: what the law answers on its frames: rows, coordinates, energies, forces, gaps, rates and starts of states, losses; of
+    a joint whose friction follows from its reactions, the forces it states for the very reactions that were derived.
+    Expressions are hashed node by node, numbers bit by bit. Names of classes, files and scenes are not in it: a law that is
+    edited has another key, and laws that state the same share one
+structure: kinds of nodes and structure of axes; absent parameters, parameters that depend on time; options; plain attributes of
+    the class
+outputs: the function of mbdae that selects them, by name; outputs of other packages are derived every time
+tree: its shape, the motion of every joint, the keys of its laws
+mbdae: a hash of all its Python sources. They are read where a file is new or has changed, by size, number and times of content
+    and of change, so that a development checkout is seen too
+releases: symengine with the size of its library (LLVM is in it), NumPy, Python
+machine: system, processor, its instructions
+
+What cannot be told completely (a function of one's own class in SymPy, an object of another kind) has no key and is derived and
+compiled in every process. Methods of laws that are replaced show in what the law states; other functions of mbdae that are
+replaced while Python runs are not seen: whoever does that sets `MBDAE_CACHE=off`. mbdae's own tests share a folder that lasts
+for one run of them, and keep off it while they replace what derives or compiles (`tests/conftest.py`).
 """
 
 from __future__ import annotations

@@ -107,12 +107,25 @@ def _tex_block(block: Block, level: int, files: Mapping[int, str]) -> str:
     if isinstance(block, Paragraph):
         return _text(block.text)
     if isinstance(block, Equation):
-        return _tex_equation(block)
+        tag, body = f" \\tag{{{block.number}}}" if block.number is not None else "", displayed(block.latex)
+        note = f"\n\n{{\\small {_text(block.note)}}}" if block.note else ""
+        return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
     if isinstance(block, Table):
-        return _tex_table(block)
+        columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(block))
+        head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in block.head)
+        rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in block.rows)
+        caption = f"{_text(block.caption)}\n\n" if block.caption else ""
+        below = r"\hline\noalign{\smallskip}"
+        body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
+        size = "small" if len(block.head) < 6 else "scriptsize"
+        return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
     if isinstance(block, Code):
         return f"{{\\small\n\\begin{{verbatim}}\n{verbatim(block.text)}\n\\end{{verbatim}}}}"
-    return _tex_picture(block, files)
+    name = files.get(id(block))
+    if isinstance(block.content, Drawing):
+        return f"\\begin{{center}}\n{signs(block.content.tikz())}\n\n{_text(block.caption)}\n\\end{{center}}"
+    shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
+    return f"{shown}{_text(block.caption)}"
 
 
 def displayed(formula: str) -> str:
@@ -120,23 +133,6 @@ def displayed(formula: str) -> str:
     lines = folded(signs(formula), LETTERS, lambda part: max(width(part), 2 * extent(part)))
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
     return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if max(map(extent, lines)) > WIDEST else body
-
-
-def _tex_equation(equation: Equation) -> str:
-    tag, body = f" \\tag{{{equation.number}}}" if equation.number is not None else "", displayed(equation.latex)
-    note = f"\n\n{{\\small {_text(equation.note)}}}" if equation.note else ""
-    return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
-
-
-def _tex_table(table: Table) -> str:
-    columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(table))
-    head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
-    rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
-    caption = f"{_text(table.caption)}\n\n" if table.caption else ""
-    below = r"\hline\noalign{\smallskip}"
-    body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
-    size = "small" if len(table.head) < 6 else "scriptsize"
-    return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
 
 
 def _shares(table: Table) -> list[float]:
@@ -157,21 +153,12 @@ def _letters(word: str) -> float:
     return width(word) + sum(0.8 * part.count("_") for formula, part in split_text(word) if not formula)
 
 
-def _tex_picture(picture: Picture, files: Mapping[int, str]) -> str:
-    name = files.get(id(picture))
-    if isinstance(picture.content, Drawing):
-        return f"\\begin{{center}}\n{signs(picture.content.tikz())}\n\n{_text(picture.caption)}\n\\end{{center}}"
-    shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
-    return f"{shown}{_text(picture.caption)}"
-
-
 # -- A document as Markdown with mathematics between dollar signs
 
 
 def markdown(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
     """The Markdown text of a document; `files`: name of the file of a picture by the picture's id."""
-    parts = [f"# {_plain(title)}", *(_markdown_block(block, 2, files or {}) for block in blocks)]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join([f"# {_plain(title)}", *(_markdown_block(block, 2, files or {}) for block in blocks)]) + "\n"
 
 
 def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:
@@ -182,28 +169,20 @@ def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:
     if isinstance(block, Paragraph):
         return _plain(block.text)
     if isinstance(block, Equation):
-        return _markdown_equation(block)
+        lines = folded(block.latex)
+        tag = f" \\tag{{{block.number}}}" if block.number is not None else ""
+        body = lines[0] if len(lines) == 1 else "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}"
+        note = f"\n\n{_plain(block.note)}" if block.note else ""
+        return f"$$\n{body}{tag}\n$$" + note
     if isinstance(block, Table):
-        return _markdown_table(block)
+        head = "| " + " | ".join(map(_cell, block.head)) + " |\n|" + "---|" * len(block.head)
+        rows = "\n".join("| " + " | ".join(map(_cell, row)) + " |" for row in block.rows)
+        caption = f"{_plain(block.caption)}\n\n" if block.caption else ""
+        return f"{caption}{head}\n{rows}"
     if isinstance(block, Code):
         return f"```text\n{block.text}\n```"
     name, caption = files.get(id(block)), _plain(block.caption)
     return f"![{caption}]({name})" if name else f"*Picture: {caption}*"
-
-
-def _markdown_equation(equation: Equation) -> str:
-    lines = folded(equation.latex)
-    tag = f" \\tag{{{equation.number}}}" if equation.number is not None else ""
-    body = lines[0] if len(lines) == 1 else "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}"
-    note = f"\n\n{_plain(equation.note)}" if equation.note else ""
-    return f"$$\n{body}{tag}\n$$" + note
-
-
-def _markdown_table(table: Table) -> str:
-    head = "| " + " | ".join(map(_cell, table.head)) + " |\n|" + "---|" * len(table.head)
-    rows = "\n".join("| " + " | ".join(map(_cell, row)) + " |" for row in table.rows)
-    caption = f"{_plain(table.caption)}\n\n" if table.caption else ""
-    return f"{caption}{head}\n{rows}"
 
 
 def _cell(text: str) -> str:
@@ -253,29 +232,26 @@ class Document(NamesArguments):
         file: Path = option("path", path, file_to_write, "write .html, .md, .tex or .pdf into a folder that exists",
                             suffixes=(".html", ".md", ".tex", ".pdf"))
         if file.suffix.lower() == ".pdf":
-            return self._typeset(file)
+            # compile the document's LaTeX to a PDF; OptionError without a TeX installation
+            compiler = next((found for found in map(shutil.which, COMPILERS) if found), None)
+            if compiler is None:
+                raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or "
+                                  f"{INSTALL_TEX}")
+            with TemporaryDirectory() as folder:
+                self.save(Path(folder) / "report.tex")
+                command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
+                for _ in range(2):  # the second run knows the column widths of the tables
+                    done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
+                if done.returncode:
+                    output = done.stdout.decode(errors="replace")
+                    last_output = output.partition("\n! ")[2][:300] or output[-300:].strip() or "it printed nothing"
+                    raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {last_output}; write .tex, or "
+                                      f"{INSTALL_TEX}")
+                return write_file(file, (Path(folder) / "report.pdf").read_bytes())
         writers: dict[str, Callable[[], str]] = {
             ".html": self.to_html, ".md": lambda: self._with_pictures(file), ".tex": lambda: self._with_pictures(file),
         }
         return write_file(file, writers[file.suffix.lower()]())
-
-    def _typeset(self, file: Path) -> Path:
-        """Compile the document's LaTeX to a PDF; OptionError without a TeX installation."""
-        compiler = next((found for found in map(shutil.which, COMPILERS) if found), None)
-        if compiler is None:
-            raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or "
-                              f"{INSTALL_TEX}")
-        with TemporaryDirectory() as folder:
-            self.save(Path(folder) / "report.tex")
-            command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
-            for _ in range(2):  # the second run knows the column widths of the tables
-                done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
-            if done.returncode:
-                output = done.stdout.decode(errors="replace")
-                last_output = output.partition("\n! ")[2][:300] or output[-300:].strip() or "it printed nothing"
-                raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {last_output}; write .tex, or "
-                                  f"{INSTALL_TEX}")
-            return write_file(file, (Path(folder) / "report.pdf").read_bytes())
 
     def _with_pictures(self, file: Path) -> str:
         """Markdown or LaTeX text of the document, after its pictures were written to the same folder (LaTeX cannot include SVG:

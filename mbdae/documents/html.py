@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from html import escape
 
-from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Section, Table
 from mbdae.documents.formulas import split_text, tokens
 from mbdae.documents.mathml import GREEK, FormulaError, display, inline
 
@@ -165,12 +165,22 @@ class _Writer:
         if isinstance(block, Paragraph):
             return f"<p>{_text(block.text)}</p>\n"
         if isinstance(block, Equation):
-            return _equation(block, explained(block.latex, self.symbols))
+            hint = explained(block.latex, self.symbols)
+            number = f'<div class="number">({escape(str(block.number))})</div>' if block.number is not None else ""
+            note = f'<div class="note">{_text(block.note)}</div>\n' if block.note else ""
+            shown = f' title="{escape(hint)}"' if hint else ""
+            tex = f'<details class="tex"><summary>TeX</summary><code>{escape(block.latex, quote=False)}</code></details>'
+            return f'<div class="equation"{shown}><div class="lines">{display(block.latex)}</div>{number}{tex}</div>\n{note}'
         if isinstance(block, Table):
             return self.table(block)
         if isinstance(block, Code):
             return f"<pre>{escape(block.text, quote=False)}</pre>\n"
-        return _picture(block)
+        if isinstance(block.content, bytes):
+            data = b64encode(block.content).decode()
+            shown = f'<img alt="{escape(_plain(block.caption))}" src="data:image/png;base64,{data}">'
+        else:
+            shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", str(block.file))
+        return f"<figure>{shown}<figcaption>{_text(block.caption)}</figcaption></figure>\n"
 
     def section(self, section: Section, level: int) -> str:
         """HTML of a heading and its blocks."""
@@ -199,20 +209,3 @@ class _Writer:
             return f"<details><summary>{_text(table.caption)}</summary>{inside}</details>\n"
         return (f'{caption}<div class="scroll" role="region" aria-label="{label}" tabindex="0"><table><thead>'
                 f"<tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n")
-
-
-def _equation(equation: Equation, hint: str) -> str:
-    number = f'<div class="number">({escape(str(equation.number))})</div>' if equation.number is not None else ""
-    note = f'<div class="note">{_text(equation.note)}</div>\n' if equation.note else ""
-    shown = f' title="{escape(hint)}"' if hint else ""
-    tex = f'<details class="tex"><summary>TeX</summary><code>{escape(equation.latex, quote=False)}</code></details>'
-    return f'<div class="equation"{shown}><div class="lines">{display(equation.latex)}</div>{number}{tex}</div>\n{note}'
-
-
-def _picture(picture: Picture) -> str:
-    if isinstance(picture.content, bytes):
-        data = b64encode(picture.content).decode()
-        shown = f'<img alt="{escape(_plain(picture.caption))}" src="data:image/png;base64,{data}">'
-    else:
-        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", str(picture.file))
-    return f"<figure>{shown}<figcaption>{_text(picture.caption)}</figcaption></figure>\n"

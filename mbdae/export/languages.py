@@ -23,8 +23,7 @@ def _infix(operator: str) -> Callable[..., str]:
 
 def _calls(names: str) -> dict[str, Callable[..., str]]:
     """Writers of functions by name. names: separated by blanks, "Abs=fabs" where the language has another name than symengine."""
-    pairs = (name.partition("=") for name in names.split())
-    return {own: called(theirs or own) for own, _, theirs in pairs}
+    return {own: called(theirs or own) for own, _, theirs in (name.partition("=") for name in names.split())}
 
 
 #: functions and relations with equal syntax in C, CasADi and SymPy (_EQUAL); with them those common to C and CasADi (_NUMERIC)
@@ -174,7 +173,7 @@ class _File:
         self.parts: list[str] = []
 
     def text(self) -> str:
-        bodies = [self._function(f) for f in self.program.functions.values()]
+        bodies = [self._function(f) for f in self.program.functions.values()]  # which appends to `parts`
         body = "\n".join([*self.parts, *bodies])
         place = Path(mbdae.native.__file__)
         known = "".join(place.with_name(f"{name}.inc").read_text(encoding="utf-8") for name in ("factors", "lookup"))

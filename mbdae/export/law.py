@@ -38,21 +38,13 @@ def _equations(d: Derived) -> OutputTable:
     return [*of.dynamics(d), *(of.kinematics(d) if isinstance(d.law, Element) else ()), *of.position(d), *of.state_rows(d)]
 
 
-def _energy(d: Derived) -> OutputTable:
-    return [(("energy",), d.energy)]
-
-
-def _gamma(d: Derived) -> OutputTable:
-    return of.acceleration(d) if d.rows else []
-
-
 #: name of a function -> its outputs and their meaning
 FUNCTIONS: dict[str, tuple[Callable[[Derived], OutputTable], str]] = {
     "forces": (of.dynamics, "generalised forces of the law on the velocities of its frames, left-hand side of M u' + ... = 0"),
-    "energy": (_energy, "potential energy; of a body its kinetic energy"),
+    "energy": (lambda d: [(("energy",), d.energy)], "potential energy; of a body its kinetic energy"),
     "rows": (of.position, "constraint rows g = 0"),
     "row_rates": (of.velocity, "dg/dt = G u + g_t"),
-    "row_accelerations": (_gamma, "d2g/dt2 at zero accelerations"),
+    "row_accelerations": (lambda d: of.acceleration(d) if d.rows else [], "d2g/dt2 at zero accelerations"),
     "G": (of.jacobian_G, "entries of the constraint Jacobian by the velocities"),
     "states": (of.state_rows, "s' - rate = 0 of the internal states"),
     "kinematics": (lambda d: of.kinematics(d) if isinstance(d.law, Element) else [], "q' - H(q) u = 0"),
@@ -69,7 +61,18 @@ def law_program(what: Any, frames: Any, options: Mapping[str, Any]) -> Program:
     if issubclass(law, LineLaw):
         kind = NodeKind.PLANAR if frames and "planar" in frames[0] else NodeKind.SPATIAL
         return _of_line(title, derive_line(law, structure, kind), values, law)
-    return _of_frames(title, derive(law, structure, _sides(law, structure, frames)), values)
+    d = derive(law, structure, _sides(law, structure, frames))
+    found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
+    made: MadeFunctions = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
+                  if any(e != 0 for e in p.expressions)}
+    derived, symbols = linearised_plan(d, _equations, Open.ALL), of.input_symbols(d)
+    if derived.jacobian_places:
+        stated, by = _named(d, derived.targets), dict(symbols)
+        entries = [Entry(f"d {stated[row].name} / d {by[t]}", "") for row, t in derived.jacobian_places]
+        meaning = "derivatives of forces, kinematics, rows and states by x, where they do not vanish"
+        made["jacobian"] = derived.jacobian, entries, meaning
+    units = _units(d)
+    return _program(title, made, {str(s): units.get(t, "") for t, s in symbols}, d.law, values)
 
 
 def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, Mapping[str, Any]]:
@@ -105,20 +108,6 @@ def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...
     own = [NodeKind.ROTATION if name in units and units[name].unit == "rotation" else NodeKind.COORDINATE
            for name in law_.own_coordinates]
     return tuple((kind, Axes.NORMAL if kind.flat else Axes.GENERAL) for kind in kinds) + tuple((k, Axes.GENERAL) for k in own)
-
-
-def _of_frames(title: str, d: Derived, values: Mapping[str, Any]) -> Program:
-    found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
-    made: MadeFunctions = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
-                  if any(e != 0 for e in p.expressions)}
-    derived, symbols = linearised_plan(d, _equations, Open.ALL), of.input_symbols(d)
-    if derived.jacobian_places:
-        stated, by = _named(d, derived.targets), dict(symbols)
-        entries = [Entry(f"d {stated[row].name} / d {by[t]}", "") for row, t in derived.jacobian_places]
-        meaning = "derivatives of forces, kinematics, rows and states by x, where they do not vanish"
-        made["jacobian"] = derived.jacobian, entries, meaning
-    units = _units(d)
-    return _program(title, made, {str(s): units.get(t, "") for t, s in symbols}, d.law, values)
 
 
 def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:

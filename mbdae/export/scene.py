@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -44,14 +43,17 @@ def scene_program(scene: Any, form: Form | None) -> Program:
     # trees that are evaluated joint by joint have no function to export: their joints are exported as kinematic ones
     if prepared.all_bodies.moved.ordered:
         prepared = prepare(scene.replace(*(c.name for c in prepared.model.recursive), model=Kinematic()))
-    chosen = form if form is not None else default_form(prepared)
-    system = system_for(prepared, chosen)
+    system = system_for(prepared, form if form is not None else default_form(prepared))
     full = getattr(system, "full", system.assembly)  # the formulation with multipliers, where they are eliminated
     assembly = Assembly(full.model, full.numbering.rows, full.spec, False, prepared.all_bodies.moved.opened(prepared.model))
     made = _Made(assembly, system.n, assembly.moved.written(assembly.model))
     program = made.program(f"{scene.name}, form {system.label}", system)
     if full is system.assembly:
-        made.as_integrated(program, system.equations)
+        e, rows = made.e, list(map(Entry, system.equations, row_units(made.assembly)))
+        program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(made.n), made.part(e.residual_part))
+        made._jacobian(program, made.rows, made.columns, e.fy + np.arange(2 * e.nnz), made.part(e.jacobian_part))
+        if e.rates_part.steps:
+            made._rates(program, e.rates, made.part(e.rates_part))
     else:
         made.eliminated(program)
     _joint_forces(made, program, prepared, full is not system.assembly)
@@ -71,7 +73,7 @@ class _Made:
         self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)
         self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
         self.signals, self.signal_pairs = signal_entries(self.numbering)
-        self.numbers, pattern = self.numbering.workspace(1)[0], assembly.pattern
+        self.numbers, pattern = self.numbering.workspace(), assembly.pattern
         assert pattern is not None  # trees that are evaluated joint by joint were replaced above
         self.rows, self.columns = pattern.indices, np.repeat(np.arange(assembly.n), np.diff(pattern.indptr))
 
@@ -89,14 +91,6 @@ class _Made:
         vectors = {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)}
         vectors |= {"signals": tuple(self.signals)} if self.signals else {}
         return Program(title, self.operations, vectors, slots, self.numbers)
-
-    def as_integrated(self, program: Program, names: Sequence[str]) -> None:
-        """Add F, its Jacobian, and the right-hand side where there is one."""
-        e, rows = self.e, list(map(Entry, names, row_units(self.assembly)))
-        program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(self.n), self.part(e.residual_part))
-        self._jacobian(program, self.rows, self.columns, e.fy + np.arange(2 * e.nnz), self.part(e.jacobian_part))
-        if e.rates_part.steps:
-            self._rates(program, e.rates, self.part(e.rates_part))
 
     def _jacobian(self, program: Program, rows: Any, columns: Any, at: Any, part: Operations) -> None:
         entries = [Entry(f"d F[{r}] / d {of}[{c}]", "") for of in ("y", "y'") for r, c in zip(rows, columns, strict=True)]
@@ -191,7 +185,12 @@ def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated:
         program.missing["joint_forces"] = str(error)
         return
     out = part.zeros(6 * len(items))
-    _emit_reactions(part, nb, base, out, items)
+    for g, group in enumerate(nb.model.groups):
+        p, active = plan(group.derived, reaction_outputs), [i for i, one in enumerate(group.instances) if one.item in items]
+        if p.targets and active:
+            values = p.kernel.emit(part, nb.gather(g, p.all_inputs, active) + base)
+            to = [[out + 6 * items.index(group.instances[i].item) + t[1] for t in p.targets] for i in active]
+            part.add(to, values)
     names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
              for i in range(3)]
     program.add("joint_forces", "force and torque (about the joint) on body l, inertial components", arguments, names,
@@ -240,14 +239,3 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
     moved.motion(part, nb, to)
     place = {name: nb.start["s"] + i for i, name in enumerate(nb.states.values())}
     return [*found, *((every.start["s"] + i, place[name]) for i, name in enumerate(every.states.values()))]
-
-
-def _emit_reactions(part: Operations, nb: Numbering, base: int, out: int, items: list[str]) -> None:
-    """Add the reactions of all laws to the outputs of their items. base: the first slot of the numbering `nb` in the work array;
-    out: the first slot of the outputs, six per item."""
-    for g, group in enumerate(nb.model.groups):
-        p, active = plan(group.derived, reaction_outputs), [i for i, one in enumerate(group.instances) if one.item in items]
-        if p.targets and active:
-            values = p.kernel.emit(part, nb.gather(g, p.all_inputs, active) + base)
-            to = [[out + 6 * items.index(group.instances[i].item) + t[1] for t in p.targets] for i in active]
-            part.add(to, values)

@@ -256,8 +256,7 @@ def _equations(program: Program, f: Function) -> list[str]:
         return rebuilt(whole, rule)
 
     for a, e in zip(left, (*(e for _, e in d.steps), *d.outputs), strict=True):
-        short = parted(se.sympify(e))
-        lines.append(f"{a} = {writer.scalar(short)}")
+        lines.append(f"{a} = {writer.scalar(parted(se.sympify(e)))}")
     return lines
 
 

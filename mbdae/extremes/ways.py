@@ -44,8 +44,7 @@ class Way:
 def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:
     """The given runs, or all that apply to the scene, followed by mbdae's own choice."""
     if runs is not None:
-        chosen = checked_runs(runs)
-        return [Way(_label(run), run) for run in chosen] + [Way(CHOICE, None)]
+        return [Way(_label(run), run) for run in checked_runs(runs)] + [Way(CHOICE, None)]
     found: list[Way] = []
     for name, models, free in _models(problem):
         listed = [replace(run, model=models) for run in shipped_runs(free)]

@@ -47,8 +47,7 @@ def breaks(expressions: Iterable[Expr], t0: float, t1: float, same: float = SAME
             continue
         edges = _merged(edges, np.concatenate([np.zeros(0), *(p.jumps for p in tables_within(e, t0, t1, tolerance))]), same)
         for kind, u in switches(e):
-            found = _zeros(u, edges) if kind == "zero" else _integers(u, edges)
-            edges = _merged(edges, found, same)
+            edges = _merged(edges, _zeros(u, edges) if kind == "zero" else _integers(u, edges), same)
     return edges[1:-1]
 
 

@@ -121,10 +121,6 @@ def _sympy_function(name: str) -> Any:
     return getattr(sympy, name)
 
 
-def _symengine_function(name: str) -> Any:
-    return getattr(se, name)
-
-
 class Timed:
     """An operation with its arguments; operation "": the time itself."""
 
@@ -146,7 +142,7 @@ class Timed:
         if not self._operation:
             return TIME
         args = [a._symengine_() if type(a) is Timed else se.sympify(a) for a in self._args]
-        return _carried_out(self._operation, args, _symengine_function)
+        return _carried_out(self._operation, args, lambda name: getattr(se, name))
 
     def __getattr__(self, name: str) -> Any:
         if name in FUNCTIONS:  # np.sin(x) of an object x calls x.sin()

@@ -186,15 +186,10 @@ def _power(node: Node, args: list[Bounds]) -> Bounds:
     exponent = node.expression.args[1]
     if not exponent.is_number:
         low, high = args[0]
-        return _exponential(_product((np.log(np.maximum(low, 0.0)), np.log(np.maximum(high, 0.0))), (a, b)))
+        u = _product((np.log(np.maximum(low, 0.0)), np.log(np.maximum(high, 0.0))), (a, b))
+        return np.exp(u[0]), np.exp(u[1])
     n, (low, high) = float(exponent), args[0]
-    if n < 0:
-        return _inverse(_positive_power(low, high, -n))
-    return _positive_power(low, high, n)
-
-
-def _exponential(u: Bounds) -> Bounds:
-    return np.exp(u[0]), np.exp(u[1])
+    return _inverse(_positive_power(low, high, -n)) if n < 0 else _positive_power(low, high, n)
 
 
 def _positive_power(low: Any, high: Any, n: float) -> Bounds:
@@ -264,16 +259,12 @@ def _table(node: Node, args: list[Bounds]) -> Bounds:
     return table_range(found.table, found.order, *args[0], args[-1][0])
 
 
-def _compare(node: Node, args: list[Bounds]) -> Any:
-    return _COMPARE[node.name](args[0][0], args[1][0])  # in conditions the time is `SIDE`, one instant: both bounds are equal
-
-
 _RULES: dict[str, Callable[[Node, list[Any]], Any]] = {
     "Add": _add, "Mul": _multiply, "Pow": _power, "tan": _tangent, "cosh": _cosh, "acos": _acos, "Piecewise": _piecewise,
     "cos": lambda _, args: _cosine(*args[0]), "sin": lambda _, args: _cosine(args[0][0] - np.pi / 2, args[0][1] - np.pi / 2),
     "And": lambda _, args: np.logical_and.reduce(args), "Or": lambda _, args: np.logical_or.reduce(args),
     "Not": lambda _, args: ~args[0], "Xor": lambda _, args: np.logical_xor.reduce(args),
-    **dict.fromkeys(_RISING, _rising), **dict.fromkeys(_COMPARE, _compare),
+    **dict.fromkeys(_RISING, _rising), **dict.fromkeys(_COMPARE, lambda node, args: _COMPARE[node.name](args[0][0], args[1][0])),
 }
 
 

@@ -96,7 +96,18 @@ def pieces(table: Table, order: int, x0: float, x1: float, tolerance: float) -> 
     if not s.range > 0:
         return Pieces(*np.zeros((3, 0)))
     allowed = max(tolerance, FINEST) * s.range
-    ends = _joined(s, allowed)
+    # indices in `at` (m,) of the ends of joined segments: blocks of 2^k segments, halved until a polynomial follows each
+    n = len(s.at) - 1
+    level, begin, done = (n - 1).bit_length(), np.zeros(1, dtype=np.intp), [np.array([0, n], dtype=np.intp)]
+    while level and len(begin):
+        end, good = np.minimum(begin + 2**level, n), np.ones(len(begin), dtype=bool)
+        for count in sorted({min(SOME, 2**level), 2**level}):  # a few segments exclude most large blocks
+            good[good] = _of_blocks(s, level, begin[good], end[good], count) <= allowed
+        done += [begin[good], end[good]]
+        level, begin = level - 1, begin[~good]
+        begin = np.sort(np.concatenate([begin, begin + 2**level]))
+        begin = begin[begin < n]
+    ends = distinct(np.concatenate([*done, begin, np.minimum(begin + 1, n)]))
     inner = ends[1:-1]
     width = np.minimum(s.at[ends[1:-1]] - s.at[ends[:-2]], s.at[ends[2:]] - s.at[ends[1:-1]]) / 2
     single = (np.diff(ends)[:-1] == 1) & (np.diff(ends)[1:] == 1)
@@ -121,21 +132,6 @@ def _across(s: _Samples, point: Index, width: Array, most: int) -> Array:
     shares = np.arange(most) / max(most - 1, 1)
     chosen = np.hstack([point[:, None] - 1 - (left * shares).astype(np.intp), point[:, None] + (right * shares).astype(np.intp)])
     return s.deviation(low, high, chosen)
-
-
-def _joined(s: _Samples, allowed: float) -> Index:
-    """Indices in `at` (m,) of the ends of joined segments: blocks of 2^k segments, halved until a polynomial follows each."""
-    n = len(s.at) - 1
-    level, begin, done = (n - 1).bit_length(), np.zeros(1, dtype=np.intp), [np.array([0, n], dtype=np.intp)]
-    while level and len(begin):
-        end, good = np.minimum(begin + 2**level, n), np.ones(len(begin), dtype=bool)
-        for count in sorted({min(SOME, 2**level), 2**level}):  # a few segments exclude most large blocks
-            good[good] = _of_blocks(s, level, begin[good], end[good], count) <= allowed
-        done += [begin[good], end[good]]
-        level, begin = level - 1, begin[~good]
-        begin = np.sort(np.concatenate([begin, begin + 2**level]))
-        begin = begin[begin < n]
-    return distinct(np.concatenate([*done, begin, np.minimum(begin + 1, n)]))
 
 
 def _of_blocks(s: _Samples, level: int, begin: Index, end: Index, count: int) -> Array:
@@ -260,24 +256,20 @@ def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     sign = next((s for s in (";", ",", "\t") if s in kept[0][1]), None)
     split = [row if sign else " ".join(row).split() for row in csv.reader((line for _, line in kept), delimiter=sign or " ")]
     if not sign:
-        split[0] = _with_units(split[0])
+        # names of columns from words, where a word in brackets is the unit of the name before it
+        found: list[str] = []
+        for word in split[0]:
+            if found and word.startswith(("[", "(")):
+                found[-1] += f" {word}"
+            else:
+                found.append(word)
+        split[0] = found
     return [_plain(h.strip()) for h in split[0]], [(i, row) for (i, _), row in zip(kept[1:], split[1:], strict=True)]
 
 
 def _plain(head: str) -> str:
     """A name without the apostrophe by which it is no formula to spreadsheets (`Result.to_csv` writes it)."""
     return head[1:] if head[:1] == "'" and head[1:2] in FORMULAS else head
-
-
-def _with_units(words: list[str]) -> list[str]:
-    """Names of columns from words, where a word in brackets is the unit of the name before it."""
-    found: list[str] = []
-    for word in words:
-        if found and word.startswith(("[", "(")):
-            found[-1] += f" {word}"
-        else:
-            found.append(word)
-    return found
 
 
 def _column(place: Path, head: Sequence[str], name: str) -> int:
@@ -332,11 +324,8 @@ def _function(name: str, order: int) -> Any:
     class AppliedTable(AppliedUndef):  # type: ignore[misc]
         """A table as a function in SymPy: with derivatives and, where the argument is a number, a value."""
 
-        def fdiff(self, argindex: int = 1) -> Any:
-            return _function(name, order + 1)(*self.args)
-
         def _eval_derivative(self, s: Any) -> Any:
-            return self.fdiff() * self.args[0].diff(s)
+            return _function(name, order + 1)(*self.args) * self.args[0].diff(s)
 
         def _eval_evalf(self, prec: int) -> Any:
             import sympy

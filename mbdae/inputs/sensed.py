@@ -19,7 +19,7 @@ import symengine as se
 from mbdae.errors import OptionError
 from mbdae.inputs import tables
 from mbdae.inputs.text import FUNCTIONS
-from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow
+from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow, without_powers
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, option, shown, text
 from mbdae.values import number as finite
@@ -32,7 +32,7 @@ HUGE = 100.0  #: a number times an exponential is put into the exponent if the m
 def rewritten(value: Any) -> Expr:
     """An expression in functions the kernels compile; refuses expressions without a value or a derivative."""
     if isinstance(value, se.Basic) and is_plain(value):
-        return without_overflow(one_sided(value))
+        return _with_powers(without_overflow(one_sided(value)))
     import sympy
 
     value = sympy.sympify(value)
@@ -48,7 +48,15 @@ def rewritten(value: Any) -> Expr:
             raise BadValueError(f"{shown(piecewise)} has no value where none of its conditions holds; end it with (value, True)")
     if value.has(sympy.I):
         raise BadValueError(f"{shown(value)} contains the imaginary unit: give a real expression")
-    return without_overflow(_with_exponents(*_exponents(_without_steps(value))))
+    return _with_powers(without_overflow(_with_exponents(*_exponents(_without_steps(value)))))
+
+
+def _with_powers(e: Expr) -> Expr:
+    """The expression; refuses powers of 0 and of negative numbers with an exponent that varies."""
+    for node in filter(without_powers, nodes(e)):
+        raise BadValueError(f"{shown(node)} is a power of a number that is not positive: no real number for most exponents; "
+                            "state it by cases")
+    return e
 
 
 def is_plain(e: Expr) -> bool:

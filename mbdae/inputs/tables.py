@@ -260,9 +260,7 @@ def from_data(name: str, data: Any) -> None:
 def named(name: str) -> Lookup | None:
     """The table that a function name stands for; None where there is none."""
     found = _NAME.fullmatch(name)
-    if found is None or found[1] not in _KNOWN:
-        return None
-    return Lookup(_KNOWN[found[1]], int(found[2] or 0))
+    return None if found is None or found[1] not in _KNOWN else Lookup(_KNOWN[found[1]], int(found[2] or 0))
 
 
 def in_cases(found: Lookup, x: Expr, number: Callable[[float], Expr] = se.RealDouble) -> Expr:

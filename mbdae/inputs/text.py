@@ -231,7 +231,15 @@ class _Reader:
             rest = self._pair(right, self._next())
             return _Read(se.And(found.e, rest.e), _bounded(found.bits + rest.bits))
         right = _value(self._expression(_STRENGTH[sign] - 1))
-        return _power(_value(left), right)
+        # a power whose result is not too large: 9**9**9 would take for ever
+        base = _value(left)
+        times = 1
+        if right.e.is_number:
+            size = abs(float(right.e))
+            if not size <= MOST_BITS:
+                raise ValueError(f"the exponent {shown(right.e)} is no number up to {MOST_BITS} in magnitude: use a smaller one")
+            times = math.ceil(size) or 1
+        return _Read(base.e**right.e, _bounded(base.bits * times + right.bits))
 
     def _named(self, name: str) -> _Read:
         if self._next() != "(" or self.tokens[self.at][0] != "sign":
@@ -299,17 +307,6 @@ def _condition(part: _Read) -> _Read:
     if not is_condition(part.e):
         raise ValueError(f"{shown(part.e)} stands beside and, or, not, &, | or ~, where a condition such as t > 1 is expected")
     return part
-
-
-def _power(base: _Read, exponent: _Read) -> _Read:
-    """A power whose result is not too large: 9**9**9 would take for ever."""
-    times = 1
-    if exponent.e.is_number:
-        size = abs(float(exponent.e))
-        if not size <= MOST_BITS:
-            raise ValueError(f"the exponent {shown(exponent.e)} is no number up to {MOST_BITS} in magnitude: use a smaller one")
-        times = math.ceil(size) or 1
-    return _Read(base.e**exponent.e, _bounded(base.bits * times + exponent.bits))
 
 
 def _finite(number: float) -> float:

@@ -35,7 +35,12 @@ def expression(value: Any, sensors: bool = False, named: bool = False) -> Expr:
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if type(value) is Timed:
-        value = _of_symengine(value)
+        # the expression in symengine, or in SymPy where SymPy has to rewrite it or to refuse it
+        try:
+            found = value._symengine_()
+        except Exception:  # a division by zero, a number that symengine does not know: SymPy says what is wrong
+            found = se.nan
+        value = found if is_plain(found) else value._sympy_()
     if callable(value) and not isinstance(value, type) and not hasattr(value, "free_symbols"):
         raise BadValueError(f"{shown(value)} is a function of Python: write what it returns as an expression of mb.t, with the "
                             f"functions of SymPy, such as 2*sympy.sin(3*mb.t)")
@@ -60,15 +65,6 @@ def expression(value: Any, sensors: bool = False, named: bool = False) -> Expr:
         return canonical(plain)
     except ValueError as reason:
         raise BadValueError(f"{shown(value)} cannot be used as an expression of mb.t: {reason}") from reason
-
-
-def _of_symengine(value: Timed) -> Any:
-    """The expression in symengine, or in SymPy where SymPy has to rewrite it or to refuse it."""
-    try:
-        found = value._symengine_()
-    except Exception:  # a division by zero, a number that symengine does not know: SymPy says what is wrong
-        found = se.nan
-    return found if is_plain(found) else value._sympy_()
 
 
 def _with_usual_tables(e: Expr) -> Expr:

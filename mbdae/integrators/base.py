@@ -19,7 +19,7 @@ from mbdae.integrators.record import Record
 from mbdae.integrators.solution import Interpolant, Solution, Stats, said
 from mbdae.integrators.stored_runs import active
 from mbdae.system.base import Array, System
-from mbdae.threads import came
+from mbdae.threads import came, limited
 from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
 DEFAULT_ACCURACY = 1e-6
@@ -174,12 +174,18 @@ class Solver(ABC):
                          begin=begin, share=share)
         if doubt := system.doubt(asked.t_end - float(system.t0)):
             warn(doubt)
-        return said(self.run(system, asked))
+        with limited(asked.max_wall if begin is None else None):
+            return said(self.run(system, asked))
 
     def run(self, system: System, asked: Asked) -> Solution:
         """`solve` with options that have been read."""
         with system.owner.running():
-            check_start(system)
+            start = np.empty(system.n)
+            system.residual(system.t0, system.y0, system.yp0, start)
+            if not np.isfinite(start).all():
+                row = int(np.flatnonzero(~np.isfinite(start))[0])
+                raise OptionError(f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0:g} s: check its "
+                                  "parameters and the start values it uses")
             solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
             solver.check(system)
             what = f"{solver!r} of {system.label} to {asked.t_end!r} s"
@@ -187,11 +193,11 @@ class Solver(ABC):
             with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
                           asked.begin, asked.stop, record, asked.impacts) as loop, (
                               nullcontext() if record is None else record.guarding(loop)):
-                solver._between_breaks(loop, asked)
+                solver.between_breaks(loop, asked)
                 came(solution := loop.solution())
             return solution
 
-    def _between_breaks(self, loop: StepLoop, asked: Asked) -> None:
+    def between_breaks(self, loop: StepLoop, asked: Asked) -> None:
         """Integrate from one break of the inputs of time to the next, with consistent values at the beginning of each part."""
         system, h0, share, further = loop.system, asked.h0, asked.share, asked.edges
         line = None
@@ -220,7 +226,7 @@ class Solver(ABC):
                     if loop.stopped:
                         return
                     self._begin(loop, end, longest, sampler, begin == a != system.t0)
-                    self._part(loop, h0 if begin == system.t0 else None if begin == a else loop.longest)
+                    self._part(loop, h0 if begin == system.t0 else None)
         finally:
             system.read_at(None)
 
@@ -288,16 +294,6 @@ class Asked:
         )
 
 
-def check_start(system: System) -> None:
-    """Raise OptionError for a system whose residual is not finite at its start."""
-    start = np.empty(system.n)
-    system.residual(system.t0, system.y0, system.yp0, start)
-    if not np.isfinite(start).all():
-        row = int(np.flatnonzero(~np.isfinite(start))[0])
-        raise OptionError(f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0:g} s: check its "
-                          "parameters and the start values it uses")
-
-
 def end_after(t0: float, t_end: Any) -> float:
     """t_end (s), which has to be after the start."""
     end: float = option("t_end", t_end, number, f"give a time in s after the start t = {t0:g} s", above=t0)
@@ -333,9 +329,7 @@ def set_tolerances(solver: Any) -> None:
 
 def _magnitudes(value: Any) -> float | tuple[float, ...]:
     """Read atol: one positive number, or a sequence of them as a tuple."""
-    if not several(value):
-        return number(value, above=0)
-    return tuple(sequence(value, number, above=0)) or number(value)
+    return number(value, above=0) if not several(value) else tuple(sequence(value, number, above=0)) or number(value)
 
 
 def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:

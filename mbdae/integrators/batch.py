@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,39 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
         points = _Points.of(system, starts, {} if numbers is None else numbers)
         with points.restored():
             return _Run(system, method, asked, points, tell).result()
+
+
+class Together:
+    """k states of the same equations, which DOP853 takes from one instant to the next in a native call, every one by the steps of
+    a run of its own. y (k, n): the states."""
+
+    def __init__(self, system: System, solver: DOP853, k: int) -> None:
+        self._equations, self._edges = rates_of(system), np.array([0.0, 1.0])
+        atol = absolute_tolerance(system, solver.tolerance, solver.atol)
+        self._method = Explicit(self._equations, METHOD, np.zeros(0), solver.tolerance, atol)
+        none = np.zeros(0, dtype=np.int64)
+        self._kept = Kept(0.0, 1.0, np.tile(system.y0, (k, 1)), np.zeros(0), np.zeros(1), none, np.zeros((k, 0)))
+        self.y = self._kept.starts
+
+    def bounded(self, share: float | None) -> Self:
+        """Steps are at most this part of the time between two instants; None: they are not bounded."""
+        if share is not None:
+            self._method.bound(self._edges, share)
+            self._edges = self._method._edges
+        return self
+
+    def to(self, begin: float, end: float) -> bool:
+        """Take all from `begin` to `end` (s), and return whether none stopped; where one does, y stays as it was."""
+        kept = self._kept
+        self._edges[:] = begin, end
+        kept.again(begin, end)
+        while kept.done < len(self.y):
+            self._method.go_on(kept)
+            self._equations.raise_error()
+        if kept.code.any():
+            return False
+        self.y[:] = kept.last
+        return True
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,11 @@ STAYS, LEAST, TENTH = 30.0, 1e-4, 0.1
 #: HALVINGS: number of bisections that locate a change of sign in the step; JUMPS: the equations jump there where their residuals
 #: change by more than this fraction of their change in the whole step
 HALVINGS, JUMPS = 40, 1e-3
+#: a run is examined where its last 2000 steps are less than SHARE of it, so that it needs more than 1e5: at SAMPLES of them, it
+#: is sought whether the equations jump within BESIDE steps on either side. They do at 33 to 40 of 40 in motions that switch
+#: without end, at none in fast vibrations or where they jump with time; SAMPLES - SPARED are enough. BISECTIONS of that distance
+#: locate a jump; a change of a residual by less than SLIGHT of it is round-off
+SHARE, SAMPLES, SPARED, BESIDE, BISECTIONS, SLIGHT = 2e-2, 40, 10, 10, 25, 1e-6
 
 #: number of a kink -> number of changes of sign of its argument until now, and the time (s) of the first
 Counts = dict[int, tuple[float, float]]
@@ -93,3 +98,43 @@ class Chattering:
         for i, part in enumerate(parts):
             self.system.residual(t + part * h, y[i + 1], (y[-1] - y[0]) / h, out[i])
         return out
+
+
+def stalled(system: System, t: Array, y: Array, yp: Array, span: float) -> str | None:
+    """The text of an error about equations that jump where the last steps stay, found without being told where that is; None
+    where they do not. t (m+1,), y and yp (m+1, n): the last steps; span: length of the run, s."""
+    if t[-1] - t[0] > SHARE * span:
+        return None
+    spared, steps = SPARED, len(t) - 1
+    for k in range(steps // SAMPLES, steps + 1, steps // SAMPLES):
+        spared -= not _jumps_beside(system, t[k], y[k - 1], y[k], t[k] - t[k - 1])
+        if spared < 0:
+            return None
+    turns = np.abs(np.diff(yp, axis=0)).sum(axis=0) / (np.abs(yp).max(axis=0) + np.finfo(float).tiny)
+    return (f"{steps} steps took {t[-1] - t[0]:.1e} s, all of them where the equations jump: there the motion is driven back "
+            f"from both sides without end, most of all {system.names[int(np.argmax(turns))]}; give the jump a width, as in "
+            "tanh(x/width), or end the run there")
+
+
+def _jumps_beside(system: System, t: float, first: Array, last: Array, h: float) -> bool:
+    """Whether the equations jump on the straight line through the ends of a step of h (s), within BESIDE steps of it."""
+    def F(part: float) -> Array:
+        system.residual(t, first + part * (last - first), (last - first) / h, out := np.empty(system.n))
+        return out
+
+    a, b = -float(BESIDE), 1.0 + BESIDE
+    system.residual(t, first, np.zeros(system.n), size := np.empty(system.n))
+    try:
+        with np.errstate(all="ignore"):
+            at_a, at_b = F(a), F(b)
+            whole = np.abs(at_b - at_a)
+            whole[~(whole > SLIGHT * np.abs(size))] = np.inf
+            for _ in range(BISECTIONS):
+                at_middle = F(middle := (a + b) / 2)
+                if np.max(np.abs(at_middle - at_a) / whole) > np.max(np.abs(at_b - at_middle) / whole):
+                    b, at_b = middle, at_middle
+                else:
+                    a, at_a = middle, at_middle
+            return bool(np.any(np.abs(at_b - at_a) > whole / 2))
+    except Exception:  # functions of a user's own need not be defined beside the motion
+        return False

@@ -68,8 +68,7 @@ class StageNewton(Stages):
             if k > 4 and theta > 2.0:
                 break
             previous = norm
-        noisy = theta > 0.3 and norm <= self.noise(weights)
-        return self._finished(noisy, limit, theta, norm, h)
+        return self._finished(theta > 0.3 and norm <= self.noise(weights), limit, theta, norm, h)
 
     def _finished(self, converged: bool, iterations: int, theta: float, norm: float, h: float) -> Outcome:
         if converged:
@@ -160,8 +159,7 @@ class CollocationStep:
     def weights(self, h: float) -> Array:
         """Weights (n,) of unknowns in norms: (h/T)^(k-1) / tolerance for an unknown of index k, T the motion's characteristic
         time."""
-        power = (h / self.system.time) ** (np.asarray(self.system.index) - 1.0)
-        return np.asarray(power / self._tolerance(self.y))
+        return np.asarray((h / self.system.time) ** (np.asarray(self.system.index) - 1.0) / self._tolerance(self.y))
 
     def _tolerance(self, y: Array) -> Array:
         return self.demand.rtol * np.abs(y) + self.demand.atol

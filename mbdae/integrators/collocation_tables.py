@@ -91,8 +91,7 @@ class CollocationTable:
 
     def values(self, theta: Array) -> Array:
         """Weights (..., s) of the increments in the collocation polynomial at theta (...) of the step."""
-        k = np.arange(1, len(self.c) + 1)
-        return np.asarray(theta[..., None] ** k @ self.V_inv)
+        return np.asarray(theta[..., None] ** np.arange(1, len(self.c) + 1) @ self.V_inv)
 
     def slopes(self, theta: Array) -> Array:
         """Weights (..., s) of the increments in the derivative of the collocation polynomial with respect to theta."""
@@ -119,8 +118,7 @@ def collocation_table(nodes: Any, order: int) -> CollocationTable:
     pairs = np.asarray(values[upper], dtype=complex)
     T, T_inv = _real_transformation(vectors, is_real, upper)
     gamma0 = 1 / float(real[0]) if len(real) else 1 / float(np.abs(pairs[0]))
-    start = gamma0 * (k == 1)
-    e = np.asarray(-np.linalg.solve((c[:, None] ** (k - 1)).T, start) @ A_inv, dtype=float)
+    e = np.asarray(-np.linalg.solve((c[:, None] ** (k - 1)).T, gamma0 * (k == 1)) @ A_inv, dtype=float)
     b = np.asarray(A[-1] if c[-1] == 1.0 else np.linalg.solve((c[:, None] ** (k - 1)).T, 1 / k), dtype=float)
     return CollocationTable(p, c, A, b, A_inv, real, pairs, T, T_inv, gamma0, e, np.asarray(V_inv, dtype=float))
 

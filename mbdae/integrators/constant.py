@@ -116,8 +116,7 @@ def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[fl
         try:
             solve(width)
         except StepFailedError as error:
-            text = f"a step of {width:g} s fails, try another step: {error}"
-            raise loop.failure(text, error.culprit) from error
+            raise loop.failure(f"a step of {width:g} s fails, try another step: {error}", error.culprit) from error
         loop.stats.shortened += not whole
         if watch is not None:
             watch.look(t1, step.reached(), step.inside)

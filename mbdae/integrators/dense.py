@@ -235,8 +235,21 @@ class Joined:
         return out
 
 
-def joined(parts: list[Any]) -> Collocation | Joined:
-    """One interpolant for a run from those of its parts, between breaks; each part ends with the values before the break."""
+def piecewise(dense: Callable[..., Any], breaks: dict[int, tuple[Array, Array]], t: Array, y: Array, yp: Array,
+              pieces: Any) -> Any:
+    """One interpolant over the m steps of a run, t (m+1,), y and yp (m+1, n), from those of its parts by `Solver.dense`. breaks:
+    number of a step -> y and yp before a restart there, with which a part that ends there ends."""
+    parts, first = list[Any](), 0
+    for last in [*breaks, len(t) - 1]:
+        piece = slice(first, last + 1)
+        own_y, own_yp = y[piece], yp[piece]
+        if last in breaks:
+            own_y, own_yp = own_y.copy(), own_yp.copy()
+            own_y[-1], own_yp[-1] = breaks[last]
+        parts.append(dense(t[piece], own_y, own_yp, pieces[first:last]))
+        first = last
+    if len(parts) == 1:
+        return parts[0]
     if not all(isinstance(part, Collocation) for part in parts):
         return Joined(parts)
     t = np.concatenate([*(part.t[:-1] for part in parts), parts[-1].t[-1:]])

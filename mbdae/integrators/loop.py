@@ -12,16 +12,17 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import ENDS, OptionError, SolverError, WallClockError, interrupted, keeping
-from mbdae.integrators.dense import joined
+from mbdae.errors import ENDS, ChatteringError, OptionError, SolverError, WallClockError, interrupted, keeping
+from mbdae.integrators.dense import piecewise
 from mbdae.integrators.kept_rows import Rows
 from mbdae.integrators.record import Record
-from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
+from mbdae.integrators.solution import Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import check, one_thread
 
 PROGRESS_PERIOD = 0.1
 FIRST_LOOK = 16  #: number of steps after which `stop` is asked for the first time whether a run may end early
+STALL = 2000  #: number of steps after which it is asked for the first time whether a run hardly advances (`chattering.stalled`)
 
 
 class StepLoop:
@@ -51,11 +52,10 @@ class StepLoop:
         self.stats = Stats()
         self._output_times = output_times
         self._max_wall = np.inf if max_wall is None else max_wall
-        self._max_residuals = max_residuals
-        self._begin = begin
+        self._max_residuals, self._begin = max_residuals, begin
         self._stop, self.stopped, self._next_look = stop, False, FIRST_LOOK
-        self._progress = progress
-        self._next_progress = 0.0
+        self._next_stall = STALL + 1
+        self._progress, self._next_progress = progress, 0.0
         self._t = array("d", [float(system.t0)])
         self._y = Rows("y", np.array(system.y0, dtype=float))
         self._yp = Rows("yp", np.array(system.yp0, dtype=float))
@@ -79,12 +79,6 @@ class StepLoop:
         return self._t[-1] - self._t[-2] if len(self._t) > 1 else 0.0
 
     @property
-    def longest(self) -> float | None:
-        """Longest step since the last restart, s; None where no step was made since."""
-        steps = np.diff(self._t[self._restarted :])
-        return float(steps.max()) if len(steps) else None
-
-    @property
     def state(self) -> tuple[Array, Array]:
         """y and yp (n,) of the last accepted step."""
         return self._y.tail[-1], self._yp.tail[-1]
@@ -101,18 +95,16 @@ class StepLoop:
         if isinstance(error, MemoryError):
             raise self.failure("the memory is used up: loosen the accuracy, or make the run shorter", "") from error
         if isinstance(error, ENDS):
-            self._interrupted(error)
+            # attach the solution so far to an exception that ends the call (Ctrl-C, one raised by a user's
+            # handler, a full disk)
+            with keeping(None, "a second time, while what was computed was put together: it is lost"):
+                solution = self.solution()
+            where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
+            interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", solution)
         elif isinstance(error, SolverError):
             error.solution = self.solution() if error.solution is None else error.solution
         elif error is not None:
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g} s (steps made: {self.stats.steps})")
-
-    def _interrupted(self, error: BaseException) -> None:
-        """Attach the solution so far to an exception that ends the call (Ctrl-C, one raised by a user's handler, a full disk)."""
-        with keeping(None, "a second time, while what was computed was put together: it is lost"):
-            solution = self.solution()
-        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
-        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", solution)
 
     def _clock(self) -> None:
         self.stats.wall_s = time.perf_counter() - self._wall + self._before[1]
@@ -208,10 +200,22 @@ class StepLoop:
         if self.stats.residuals > self._max_residuals:
             raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are too "
                                "small to reach the end in it; loosen the accuracy or, if max_residuals was given, raise it", "")
+        if len(self._t) >= self._next_stall and not self.solver.fixed:
+            self._look_for_a_stall()
         if self._progress is not None and now - self._wall >= self._next_progress:
             self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()
             self._progress(self.t, self.run_end, self.stats)
+
+    def _look_for_a_stall(self) -> None:
+        """ChatteringError where the run hardly advances because its equations jump; asked whenever steps have grown by half."""
+        from mbdae.integrators.chattering import stalled
+
+        first, self._next_stall = len(self._t) - STALL - 1, len(self._t) * 3 // 2
+        y, yp = (np.array(part.since(first)[: STALL + 1]) for part in (self._y, self._yp))
+        found = stalled(self.system, np.array(self._t[first:]), y, yp, self.run_end - float(self.first_system.t0))
+        if found is not None:
+            raise self.failure(found, "", ChatteringError)
 
     def failure(self, message: str, culprit: str, kind: type[SolverError] = SolverError) -> SolverError:
         """A SolverError with the time, the culprit (name of an unknown or equation) and the solution so far."""
@@ -325,7 +329,7 @@ class StepLoop:
         del self._t[len(self._pieces) + 1 :]
         t = np.array(self._t)
         y, yp = self._y.array(len(t)), self._yp.array(len(t))
-        interpolant = self._interpolant(t, y, yp, self._pieces.array(len(t) - 1))
+        interpolant = piecewise(self.solver.dense, self._breaks, t, y, yp, self._pieces.array(len(t) - 1))
         outputs = None
         if self._output_times is not None:
             times = self._output_times[self._output_times <= t[-1]]
@@ -333,17 +337,3 @@ class StepLoop:
         complete = bool(t[-1] >= self.run_end)
         names = tuple(self._systems[0][1].names)
         return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant, tuple(self._systems))
-
-    def _interpolant(self, t: Array, y: Array, yp: Array, pieces: Any) -> Interpolant:
-        """The interpolant over all steps; a polynomial that ends at a break has the values before the break there."""
-        ends = [*self._breaks, len(t) - 1]
-        parts, first = [], 0
-        for last in ends:
-            piece = slice(first, last + 1)
-            own_y, own_yp = y[piece], yp[piece]
-            if last in self._breaks:
-                own_y, own_yp = own_y.copy(), own_yp.copy()
-                own_y[-1], own_yp[-1] = self._breaks[last]
-            parts.append(self.solver.dense(t[piece], own_y, own_yp, pieces[first:last]))
-            first = last
-        return parts[0] if len(parts) == 1 else joined(parts)

@@ -96,8 +96,7 @@ def _separator(graph: Any, weight: Index) -> tuple[Index, Index, Index] | None:
     orders the vertices: the difference of their distances from two far vertices, w and u, or w and v. Along each coordinate the
     lightest separator is found; the one with the smaller ratio of its weight to that of the smaller side is returned."""
     found, least = None, np.inf
-    u = int(np.argmax(_distances(graph, 0)))
-    from_u = _distances(graph, u)
+    from_u = _distances(graph, int(np.argmax(_distances(graph, 0))))
     from_v = _distances(graph, int(np.argmax(from_u)))
     from_w = _distances(graph, int(np.argmax(np.minimum(from_u, from_v))))
     for coordinate in (from_w - from_u, from_w - from_v):

@@ -27,16 +27,17 @@ from mbdae.values import function, instance, option, optional, plain, sequence, 
 REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
 
 
-def solvers() -> tuple[type[Solver], ...]:
-    """The solvers of the package: every class in its folder that derives from `Solver`."""
-    return classes_in("mbdae.integrators", Solver)
+def solvers(called: str = "") -> tuple[type[Solver], ...]:
+    """The solvers of the package: every class in its folder that derives from `Solver`. called: a word; others than those with
+    such a name may be left out, so that they are not imported."""
+    return classes_in("mbdae.integrators", Solver, called)
 
 
 @cache
-def solver_words() -> dict[str, Solver]:
+def solver_words(called: str = "") -> dict[str, Solver]:
     """All solvers with default options, by their names on the command line: "ida", "radau", "radau2", "cvodebdf"."""
     found: dict[str, Solver] = {}
-    for made in solvers():
+    for made in solvers(called):
         word = made.word or plain(made.__name__)
         for variant in made.variants():
             found.setdefault(word, made())
@@ -45,10 +46,10 @@ def solver_words() -> dict[str, Solver]:
 
 
 @cache
-def _full_names() -> dict[str, Solver]:
+def _full_names(called: str) -> dict[str, Solver]:
     """All solvers by their labels without punctuation, in small letters: "radauiia3", "generalizedalpha"."""
-    by_label = {plain(variant.label): variant for made in solvers() for variant in made.variants()}
-    return {plain(made.__name__): made() for made in solvers()} | by_label
+    by_label = {plain(variant.label): variant for made in solvers(called) for variant in made.variants()}
+    return {plain(made.__name__): made() for made in solvers(called)} | by_label
 
 
 @cache
@@ -65,10 +66,13 @@ def solver_of(value: Any, name: str = "solver", remedy: str = REMEDY) -> Solver:
     """The solver that an object, a class (the user's own too) or a name stands for; OptionError with the known names."""
     if isinstance(value, Solver):  # the list of all would import them
         return value
-    meant = _full_names().get(plain(value), value) if isinstance(value, str) else value
-    if isinstance(meant, str) and (own := _elsewhere().get(plain(meant))):
+    word = plain(value) if isinstance(value, str) else ""
+    for called in (word, "") if word else ():  # the files that have the name alone, then all
+        if meant := _full_names(called).get(word, solver_words(called).get(word)):
+            return meant
+    if own := _elsewhere().get(word):
         raise OptionError(f"{name} = {shown(value)} is a method of other programs; its counterpart here is {' or '.join(own)}")
-    found: Solver = option(name, meant, instance, remedy, base=Solver, known=solver_words())
+    found: Solver = option(name, value, instance, remedy, base=Solver, known=solver_words())
     return found
 
 

@@ -83,7 +83,17 @@ class Adaptive:
             step.run.watch(None if closely or watch.contacts is None else watch.contacts.given())
         before = None if watch is None else step.run.control()
         made = self._made(solved)
-        self._warn()
+        # warn, once per run, where the error estimate consists of round-off: the tolerance is then not met
+        noise, h = self.control.noise, self.control.noise_h
+        if noise and not self.warned:
+            self.warned = True
+            warnings.warn(
+                f"round-off exceeds the tolerance at t = {self.control.noise_t:.6g} s (step {h:.1e} s, rtol = {self.rtol:g}), so "
+                f"that is not met: loosen rtol to {10 * noise * self.rtol:.0e}, or, in a scene, draw the bodies nearer to "
+                "the origin of coordinates",
+                AccuracyWarning,
+                stacklevel=5,
+            )
         count = len(made.t)
         kept = self._kept(watch, made, before) if watch is not None and before is not None and count else count
         if kept:
@@ -136,27 +146,22 @@ class Adaptive:
             kept += one
         self.rows = min(max(2 * self.rows, FEW), self.most) if kept == count else 1
         if kept < count:
-            self._go_back(made, times, increments, kept, closely, before)
+            control, loop = self.control, self.loop
+            if closely:
+                control.h, control.rejected = control.tried, control.careful
+            else:
+                control.h, control.rejected = float(times[kept + 1] - times[kept]), False
+            if kept:
+                width = times[kept] - times[kept - 1]
+                before = increments[kept - 1], width, width, made.errors[kept - 1]
+            y, yp = (made.y[kept - 1], made.yp[kept - 1]) if kept else loop.state
+            self.step.run.back(y, yp, before)
+            loop.stats.rejected += closely
             self.control.landing = landing
         elif closely and watch.stiffness_changed():
             self.step.renew()
             watch.jacobian_at(float(times[-1]), states[-1])
         return kept
-
-    def _go_back(self, made: AcceptedSteps, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
-        """Return to the last stored step. times, increments: of all `made` steps, of which the first `kept` are stored; closely:
-        whether the next one was examined by itself; before: state of the step control before the block."""
-        control, loop = self.control, self.loop
-        if closely:
-            control.h, control.rejected = control.tried, control.careful
-        else:
-            control.h, control.rejected = float(times[kept + 1] - times[kept]), False
-        if kept:
-            width = times[kept] - times[kept - 1]
-            before = increments[kept - 1], width, width, made.errors[kept - 1]
-        y, yp = (made.y[kept - 1], made.yp[kept - 1]) if kept else loop.state
-        self.step.run.back(y, yp, before)
-        loop.stats.rejected += closely
 
     def first_step(self) -> float:
         """A small first step (s) from the rates at the start; the step control then enlarges the steps."""
@@ -198,19 +203,6 @@ class Adaptive:
     def _too_small(self, h: float, failure: str, culprit: str) -> SolverError:
         text = f"the step became too small (h = {h:.2e} s): {failure}{self._nearest_contact()}; {REMEDY}"
         return self.loop.failure(text, culprit)
-
-    def _warn(self) -> None:
-        """Warn, once per run, where the error estimate consists of round-off: the tolerance is then not met."""
-        noise, h = self.control.noise, self.control.noise_h
-        if noise and not self.warned:
-            self.warned = True
-            warnings.warn(
-                f"round-off exceeds the tolerance at t = {self.control.noise_t:.6g} s (step {h:.1e} s, rtol = {self.rtol:g}), so "
-                f"that is not met: loosen rtol to {10 * noise * self.rtol:.0e}, or, in a scene, draw the bodies nearer to "
-                "the origin of coordinates",
-                AccuracyWarning,
-                stacklevel=6,
-            )
 
     def _nearest_contact(self) -> str:
         return "" if self.watch is None else self.watch.nearest()
@@ -259,14 +251,11 @@ class CollocationMethod(Solver):
         if self.step is None:
             Adaptive(self, self.table, self.atol, system, loop).run(h0)
         else:
-            self._constant(system, loop, self.step)
-
-    def _constant(self, system: System, loop: StepLoop, h: float) -> None:
-        tolerance, target = (ROUND, TARGET) if self.newton is None else (self.newton, 1.0)
-        demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
-        step = CollocationStep(system, self.table, loop.stats, demand, estimate=False)
-        with step.run:
-            constant_steps(loop, h, step, step.solve_surely, self.table.c[self.table.c < 1])
+            tolerance, target = (ROUND, TARGET) if self.newton is None else (self.newton, 1.0)
+            demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
+            step = CollocationStep(system, self.table, loop.stats, demand, estimate=False)
+            with step.run:
+                constant_steps(loop, self.step, step, step.solve_surely, self.table.c[self.table.c < 1])
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """The collocation polynomials, or polynomials through y and y' at ends of steps where these have a higher order."""

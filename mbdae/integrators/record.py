@@ -123,11 +123,7 @@ def _is_object(value: Any) -> bool:
     kind = type(value)
     constant = isinstance(value, CONSTANT) or (is_dataclass(value) and kind.__dataclass_params__.frozen)
     named = isinstance(value, tuple | type) or isroutine(value)
-    return kind.__module__.startswith(OWN) and not constant and not named and not _is_loop(value)
-
-
-def _is_loop(value: Any) -> bool:
-    return hasattr(value, "run_end")  # a StepLoop is no part of the state of a method, since `Record` stores its steps
+    return kind.__module__.startswith(OWN) and not constant and not named and not hasattr(value, "run_end")
 
 
 def _holds_object(value: Tree) -> bool:

@@ -15,7 +15,9 @@ import numpy as np
 
 from mbdae.deferred import distinct
 from mbdae.errors import ListsAttributes, OptionError, warn
+from mbdae.process import unchanging
 from mbdae.system.base import Array, System
+from mbdae.threads import check
 from mbdae.values import array, option, shown
 
 
@@ -73,6 +75,10 @@ class Method(Protocol):
     def label(self) -> str:
         """Short name for messages."""
 
+    @property
+    def fixed(self) -> bool:
+        """Whether its steps are constant."""
+
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Interpolant over the accepted steps."""
 
@@ -106,6 +112,10 @@ class Solution(ListsAttributes):
     interpolant: Interpolant
     systems: tuple[tuple[float, System], ...] = ()
 
+    def __post_init__(self) -> None:
+        for name in ("t", "y", "yp"):
+            object.__setattr__(self, name, unchanging(np.asarray(getattr(self, name)).view()))
+
     def __getstate__(self) -> dict[str, Any]:
         """The state for a copy or pickle: everything but the equations (`systems`)."""
         return vars(self) | {"systems": ()}
@@ -131,6 +141,7 @@ class Solution(ListsAttributes):
         return times
 
     def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:
+        check("a run was evaluated at its outputs")
         times, first, last = self.times(t), self.t[0], self.t[-1]
         flat = function(np.clip(times.ravel(), first, last))
         return flat.reshape(*times.shape, flat.shape[-1])

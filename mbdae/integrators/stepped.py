@@ -56,9 +56,7 @@ class SecondMethod:
         method, where that is larger or the second method fails."""
         if not self.runs:
             self._solve()
-        if self._run is None:
-            return estimate
-        return max(self._between(run, self._run), estimate)
+        return estimate if self._run is None else max(self._between(run, self._run), estimate)
 
     def _between(self, a: Solution, b: Solution) -> float:
         times = check_times(a)
@@ -327,5 +325,4 @@ class Stepped(Solver):
         def measure(t: Array, a: Array, b: Array) -> Array:
             return scaled_distance(system, a, b, ALGEBRAIC)
 
-        second = second_method(self, system, asked, goal, measure)
-        return halved(self, system, asked, goal, measure, second).solution
+        return halved(self, system, asked, goal, measure, second_method(self, system, asked, goal, measure)).solution

@@ -211,8 +211,7 @@ class _IdaRun(SundialsRun):
         last, correction = self.last, self._newton_correction()
         weights = 1 / self.tolerance(last.y)
         if correction is None:
-            worst = largest(np.abs(last.values))
-            return self.loop.failure(f"{reason}; {SINGULAR}", self.system.equations[worst])
+            return self.loop.failure(f"{reason}; {SINGULAR}", self.system.equations[largest(np.abs(last.values))])
         if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test failed
             y, yp = self.loop.state
             correction = last.y - y - (last.t - self.loop.t) * yp

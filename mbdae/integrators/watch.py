@@ -92,8 +92,7 @@ class SwitchingSteps:
         """Number of steps, of those between times t (m+1,), before the first that may hide a kink or peak; these are accepted. y,
         n: as for `StepArguments.quiet`."""
         calm, rate = self.arguments.quiet(t, y, n, LIMIT)
-        h = np.diff(t)
-        calm[1:] = calm[1:] & (h[1:] * rate[:-1] <= REACH * (1 + 1e-9))
+        calm[1:] = calm[1:] & (np.diff(t)[1:] * rate[:-1] <= REACH * (1 + 1e-9))
         count = len(calm) if calm.all() else int(np.argmin(calm))
         if count:
             self._retries, self._reached, self._goal, self.crossed = 0, -1, -1, False

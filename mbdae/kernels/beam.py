@@ -26,8 +26,7 @@ from mbdae.symbolic.vectors import Vec, rotation_columns
 
 def derived_beam(numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineDerived:
     """The derived beam law for the parameters of a section; without damping terms where the damping is 0."""
-    absent = frozenset() if numbers.get("damping") else frozenset({"damping"})
-    return derive_line(Beam, Structure(absent), kind, mixed)
+    return derive_line(Beam, Structure(frozenset() if numbers.get("damping") else frozenset({"damping"})), kind, mixed)
 
 
 def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineKernel:
@@ -41,8 +40,7 @@ def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, 
         raise internal(f"{zero_compliance[0]} = 0, an infinite stiffness of the section, came to a beam whose stresses are no "
                        "unknowns: no stress follows from a strain that stays 0", OptionError)
     d, at = derived_beam(numbers, kind, mixed), strain_points(mesh.order)
-    constants = {**numbers, **_measures(mesh, at), **_reference_strains(mesh, kind)}
-    return LineKernel(d, at, constants, turns(mesh, kind))
+    return LineKernel(d, at, {**numbers, **_measures(mesh, at), **_reference_strains(mesh, kind)}, turns(mesh, kind))
 
 
 def load_kernel(mesh: LineMesh, law: LineLoad, kind: NodeKind, given: tuple[str, ...] = ()) -> LineKernel:

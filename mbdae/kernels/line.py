@@ -70,7 +70,10 @@ class LineKernel(ElementKernel):
         self.points, self.turns = len(at.xi), turns
         self.nodes = Nodes(derived.kind, at.values.shape[1], turns)
         names = [name for name in derived.parameters if name not in self.given]
-        self.numbers = _per_point([constants[name] for name in names], self.points)
+        arrays = [np.asarray(v, dtype=float) for v in [constants[name] for name in names]]
+        arrays = [a[:, None] if a.ndim == 1 else a for a in arrays]
+        shape = np.broadcast_shapes(*(a.shape for a in arrays), (1, self.points))
+        self.numbers = np.stack([np.broadcast_to(a, shape) for a in arrays], axis=-1) if arrays else np.zeros((*shape, 0))
         self.parameters = (*self.given, *names)
         self.elements = len(self.numbers)
         self.fields = self._table(derived.fields)
@@ -104,8 +107,7 @@ class LineKernel(ElementKernel):
     def values(self, x: Array) -> Array:
         q, _, X = self._gather(x)
         duals, rows = self._split(_evaluated(self.point, X), len(x))
-        forces = self.nodes.forces(q, self._covector(duals))
-        return np.concatenate([forces.reshape(len(x), -1), rows], axis=1)
+        return np.concatenate([self.nodes.forces(q, self._covector(duals)).reshape(len(x), -1), rows], axis=1)
 
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
         return block(LineProgram(self, part, gather).values(), len(gather), len(self.targets))
@@ -181,10 +183,7 @@ class LineKernel(ElementKernel):
 
     def full_jacobian(self, x: Array) -> Array:
         q, u, X = self._gather(x)
-        return self._assembled(_evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1), q, u)
-
-    def _assembled(self, values: Array, q: Array, u: Array) -> Array:
-        """Derivatives (N, outputs, inputs) of the elements, from the values (N, points, width) of `point_jacobian`."""
+        values = _evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1)
         N, n, D = len(values), self.nodes, len(self.derived.duals)
         covector = self._covector(values[:, :, :D].reshape(N, -1))
         K = self._spread.of(values[:, :, D:].reshape(N, -1).T)
@@ -229,14 +228,6 @@ def _point_jacobian(derived: LineDerived, parameters: tuple[str, ...]) -> tuple[
         keep(part_key(key, "places"), places := list(derived.derivatives))
     made = Kernel(point.symbols, lambda: [*duals, *derived.derivatives.values()], None, len(duals) + len(places), key)
     return made, places
-
-
-def _per_point(values: Sequence[Any], points: int) -> Array:
-    """The parameters as one array (m, points, parameters); each is given as a number, as (m,) or as (m, points)."""
-    arrays = [np.asarray(v, dtype=float) for v in values]
-    arrays = [a[:, None] if a.ndim == 1 else a for a in arrays]
-    shape = np.broadcast_shapes(*(a.shape for a in arrays), (1, points))
-    return np.stack([np.broadcast_to(a, shape) for a in arrays], axis=-1) if arrays else np.zeros((*shape, 0))
 
 
 def _evaluated(kernel: Kernel, X: Array) -> Array:

@@ -96,8 +96,7 @@ class ElementJacobian:
 def kinematic_tensor() -> Array:
     """H (4, 3, 4) with P'_a = H_acb Omega_c P_b, derived from `rate_from_body_spin`, which all laws use."""
     P, w = se.symbols("P1:5"), se.symbols("w1:4")
-    rates = rate_from_body_spin(P, Vec(*w))
-    return np.array([[[float(se.diff(se.diff(e, c), b)) for b in P] for c in w] for e in rates])
+    return np.array([[[float(se.diff(se.diff(e, c), b)) for b in P] for c in w] for e in rate_from_body_spin(P, Vec(*w))])
 
 
 class Nodes:
@@ -126,8 +125,7 @@ class Nodes:
         """Rates or variations (N, count, nq) of the positions of nodes, converted to those of their sections."""
         if self.T is None:
             return q
-        P = np.einsum("mnab,mnb->mna", self._tiled(self.T, len(q)), q[..., 3:])
-        return np.concatenate([q[..., :3], P], axis=-1)
+        return np.concatenate([q[..., :3], np.einsum("mnab,mnb->mna", self._tiled(self.T, len(q)), q[..., 3:])], axis=-1)
 
     def sections(self, q: Array) -> Array:
         """Positions (N, count, nq) of nodes, converted to those of their sections."""
@@ -146,8 +144,7 @@ class Nodes:
         """q' (N, count, nq) from velocities u (N, count, nu)."""
         if self.flat:
             return u
-        rates = np.einsum("mnac,mnc->mna", self._spin_columns(q), u[..., 3:])
-        return np.concatenate([u[..., :3], rates], axis=-1)
+        return np.concatenate([u[..., :3], np.einsum("mnac,mnc->mna", self._spin_columns(q), u[..., 3:])], axis=-1)
 
     def forces(self, q: Array, covector: Array) -> Array:
         """Forces and moments (N, count, nu), the moments in node axes, from the generalised forces (N, count, nq) on q."""
@@ -165,9 +162,7 @@ class Nodes:
 
     def turn_columns(self, K: Array) -> Array:
         """Derivatives (rows, count * nq, N) by section positions, converted to those by node positions."""
-        if self.T is None:
-            return K
-        return self._on_columns(K, self._tiled(self.T, K.shape[-1]))
+        return K if self.T is None else self._on_columns(K, self._tiled(self.T, K.shape[-1]))
 
     def turn_rows(self, K: Array) -> Array:
         """Derivatives (count * nq, columns, N) of generalised forces on sections, converted to those of forces on nodes."""
@@ -175,9 +170,7 @@ class Nodes:
 
     def velocity_columns(self, K: Array, q: Array) -> Array:
         """Derivatives by q' (rows, count * nq, N), converted to those by velocities (rows, count * nu, N)."""
-        if self.flat:
-            return K
-        return self._on_columns(K, self._spin_columns(q))
+        return K if self.flat else self._on_columns(K, self._spin_columns(q))
 
     def position_columns(self, K: Array, u: Array) -> Array:
         """Derivatives by q' (rows, count * nq, N), converted to those by q, on which q' = H(q) u depends at constant u."""

@@ -1,6 +1,29 @@
 """Kernels of single joints for the articulated-body recursion over large trees, see `symbolic/links`. They are compiled once for
 every kind of joint with the body it carries, so that their number does not grow with the tree; `kernels/tree_passes.py`
-calls them in order and chooses the slots that they read."""
+calls them in order and chooses the slots that they read.
+
+Trees of any size run joint by joint (`symbolic/links.py`, `kernels/links.py`, `kernels/tree_passes.py`). A joint with the body
+it carries and the laws on that body is a `TreeProgram` of one link whose parent is given, so the statements of motion and laws
+are those of the whole program. By derivatives of it follow what the articulated-body recursion needs: of the body's
+acceleration by that of its parent (X) and by the joint's rates (S), of the forces by the acceleration (M). Joints that differ
+in numbers alone share their kernels; where more than 12 kinds differ in numbers 0, 1 and -1 only, these become inputs. Three
+passes run over the bodies:
+
+outwards: motion of its parent, coordinates, numbers; its motion, X, S, the rest of its acceleration, M and forces of its own
+    laws
+inwards: M and forces with all it carries, force on its coordinates; what is added to M and forces of its parent; gains K, K0
+outwards: acceleration of its parent, K, K0; its acceleration, second rates of its coordinates
+
+Bodies of one kind behind each other are one operation (`PASS` inwards, which adds what an instance hands on before the next one
+reads). Laws between other bodies, outside loads, free roots and prescribed coordinates enter between the passes. The derivative
+of a list of operations is a list again (`native/program.py`: changes stand a fixed distance behind the numbers), so dy'/dy
+comes column by column and its product with one direction at linear cost, by which the choice of the solver finds the largest
+eigenvalues. Beside constraints the rows of a tree's velocities are inertia and forces along the freedoms at given
+accelerations, by one more pass inwards. Of a small tree (`FUSED` in `system/model/moved_bodies.py`) the same passes are one
+function: `kernels/tree_plan.py` runs their operations on expressions instead of numbers, and differentiates the result, whose
+Jacobian has a pattern. Reactions follow joint by joint. A scene whose trees are all its constraints is prepared without a
+matrix of all rows.
+"""
 
 from __future__ import annotations
 
@@ -199,7 +222,7 @@ def node_load(kind: NodeKind, role: str) -> ProgramKernel:
 def _node_kernel(kind: NodeKind, entries: Callable[[NodeProgram], Sequence[tuple[Place, Expr]]], *names: str) -> ProgramKernel:
     def stated() -> Stated:
         found = NodeProgram(kind)
-        made = entries(found)
+        made = entries(found)  # which adds to the program and its inputs
         return Stated(found.program, found.inputs, made)
 
     return ProgramKernel(stated, key_of("node", kind.name, *names))

@@ -139,8 +139,7 @@ class Contact(Force):
     def _of_states(self, k: Frame, l: Frame, what: str) -> dict[str, Expr]:
         out: dict[str, Expr] = {}
         for at, end in self.stations(k, l):
-            stated = getattr(self._friction_of(end), what)(at.slip)
-            out |= {name + end: e for name, e in stated.items()}
+            out |= {name + end: e for name, e in getattr(self._friction_of(end), what)(at.slip).items()}
         return out
 
     def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:

@@ -120,9 +120,7 @@ class Bushing(Force):
     axes_of = "k"
 
     def energy(self, k: Frame, l: Frame) -> Expr:
-        if self.kx is None:
-            return se.Integer(0)
-        return along(k, l.r - k.r, (self.kx, self.ky, self.kz))
+        return se.Integer(0) if self.kx is None else along(k, l.r - k.r, (self.kx, self.ky, self.kz))
 
     def dissipation(self, k: Frame, l: Frame) -> Expr:
         if self.cx is None:

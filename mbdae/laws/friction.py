@@ -158,8 +158,7 @@ class LuGre(Friction):
         return mu if self.sigma2 is None else mu + self.sigma2 * v
 
     def initial(self, v: Expr) -> dict[str, Expr]:
-        sense = se.Piecewise((1, v > 0), (-1, v < 0), (0, True))
-        return {"z": self._curve(v) * sense}
+        return {"z": self._curve(v) * se.Piecewise((1, v > 0), (-1, v < 0), (0, True))}
 
     def stored(self, v: Expr) -> Expr:
         return self.sigma0 * self.z**2 / 2

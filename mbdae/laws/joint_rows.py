@@ -33,15 +33,10 @@ def turned_by(k: Frame, l: Frame, angle: Expr) -> Expr:
     return k.x @ (l.x * se.sin(angle) + l.y * se.cos(angle))
 
 
-def near_angle(k: Frame, l: Frame, angle: Expr) -> Expr:
-    """cos(angle - theta): positive where theta is the angle, negative half a turn off, where `turned_by` vanishes too."""
-    return k.x @ (l.x * se.cos(angle) - l.y * se.sin(angle))
-
-
 def tied_angle(k: Frame, l: Frame, angle: Expr) -> tuple[Expr, Expr]:
     """The row that vanishes where l is turned about k.z by `angle`, and an expression that is positive there and negative half a
     turn off, where the row vanishes too."""
-    return turned_by(k, l, angle), near_angle(k, l, angle)
+    return turned_by(k, l, angle), k.x @ (l.x * se.cos(angle) - l.y * se.sin(angle))
 
 
 def on_axis(k: Frame, l: Frame) -> dict[str, Expr]:

@@ -217,8 +217,7 @@ def _mesh(order: int, curve: Array, tangents: Array, axis2: Any, places: Array) 
     consecutive elements share a node."""
     m = len(curve)
     elements = order * np.arange(m)[:, None] + np.arange(order + 1)
-    axes = section_axes(tangents.reshape(-1, 3), curve.reshape(-1, 3), axis2)
-    sections = quaternions(axes).reshape(m, order + 1, 4)
+    sections = quaternions(section_axes(tangents.reshape(-1, 3), curve.reshape(-1, 3), axis2)).reshape(m, order + 1, 4)
     angles = headings(tangents.reshape(-1, 3)).reshape(m, order + 1)
     # a shared node has the section axes of the element before it
     positions, nodes, theta, at = (np.concatenate([a[0], a[1:, 1:].reshape(-1, *a.shape[2:])])

@@ -109,10 +109,6 @@ class OnCoordinate(Force):
         plain = Structure(options=tuple((option, None) for option in self.joint.options))
         return self.joint.symbolic(plain).read(k, l)[self.name_of_coordinate]
 
-    def known_modulo_turns(self, k: Frame, l: Frame) -> bool:
-        """Whether the frames show an angle in (-pi, pi] only."""
-        return self.unit == "rad" and not self.kept and NodeKind.PLANAR not in (k.kind, l.kind)
-
 
 class JointDamper(OnCoordinate):
     """Rayleigh function damping (dc/dt)^2 / 2 of the joint's coordinate c; paper Eq. 19, at any attitude of the bodies."""
@@ -183,7 +179,8 @@ class JointSpring(OnCoordinate):
 
     def energy(self, k: Frame, l: Frame) -> Expr:
         c = self.value(k, l)
-        if self.known_modulo_turns(k, l):
+        # Whether the frames show an angle in (-pi, pi] only.
+        if self.unit == "rad" and not self.kept and NodeKind.PLANAR not in (k.kind, l.kind):
             c = nearest_turn(c, self.followed)
         return self.stiffness * (c - self.rest) ** 2 / 2
 

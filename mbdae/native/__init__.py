@@ -1,4 +1,4 @@
-"""The compiled library of the native core, opened once.
+"""The compiled library of the native core, opened once; how that core works.
 
 A wheel contains it. In a clone it was compiled at installation; where the C files or MBDAE_CFLAGS have changed since, it is
 compiled again in place before it is opened.
@@ -8,6 +8,56 @@ Sparsity patterns of matrices, and orders of elimination with the pattern of L +
 Sizes and indices are checked here, before C uses them; wrong ones raise ValueError.
 
 Orders of elimination for sparse LU factors, chosen by the present values of a matrix, so that its pivots are large enough.
+
+Laws stay symbolic and kernels are compiled by symengine; what runs between two kernels does not depend on a scene and is C,
+compiled once when mbdae is installed (`native/`). Python makes tables and reads results; C allocates nothing.
+
+`core.h`: `Equations`: residual, Jacobian, right-hand side and its Jacobian by address, which is all that a method of
+    integration sees
+`evaluation.c`: the equations of a scene: a list of operations on one array of numbers
+`sundials.c`: what IDA and CVODE call, and the loop over their steps
+`sparse.c`, `sparse.h`, `lu.h`: LU factors, real and complex, in a pattern that is found once
+`radau.c`: Newton's iteration on the stages of a collocation step, its starting values and its error; steps of a run and their
+    control
+`contacts.c`, `contacts.h`: contacts between steps: how long the next one may be, and whether the last one needs a closer look
+`explicit.c`: steps of the explicit method of order 8, and batches of its runs
+
+One array, a list of operations. The workspace of a numbering (y, y', motion of loaded nodes, prescribed values, constants) goes
+on behind its last slot with the inputs and values of kernels, the rows of F, the entries of the Jacobian, the band of a mass
+matrix. An operation calls a kernel at its points, copies slots, adds multiples of slots or products of two slots to others,
+loads constants, or solves with a matrix. The lists are made from the same tables for every form; the kernels of a list are
+compiled when a method first asks for it:
+
+clock: one kernel: what is prescribed in time; skipped where the time is that of the last call
+motion: passes over trees: motion of the bodies on which other laws act
+residual: motion; rows := constants; kernels of laws, added to their rows; linear terms; passes over the trees with the forces
+    on their bodies
+Jacobian: (residual, where trees carry loads;) kernels of derivatives; entries := constants; values added to their entries;
+    products with the trees' derivatives
+passes over trees: kernels of single joints, or of a whole small tree, see below
+right-hand side: residual at y' = 0; passes over the trees, and a look at the pivots of their mass matrix; of other velocities
+    the mass matrix in a band, Cholesky
+eliminated multipliers: kernels of laws; S = G M^-1 G^T by products; Cholesky in a band, or LU of the whole where masses are
+    zero
+
+An element of a beam is such a list too (`kernels/line_program.py`): section positions, their rates, the law at the points,
+forces back on the nodes, and the same maps on both sides of the derivatives.
+
+Many steps at a time. A method returns to Python after 256 steps, where a step needs a closer look, or where it needs another
+order of elimination. Python then looks at the arguments of switching laws of all steps at once and keeps those up to the first
+that may hide something; from there the run goes on one step at a time until a step hides nothing (`StepWatch.kept`). Contacts
+of scenes are looked at in C after every step, by the rules of `ContactSteps`; contacts of a `mb.DAE` by Python, step by step.
+
+Sizes are checked where tables are made. `Operations` refuses an operation that leaves the array; the tables of the factors, the
+stages and the methods are checked in the same way. A wrong table raises ValueError and is never run.
+
+Equations in Python (`mb.DAE`) enter by call back. What a call back raises is kept, C ends with a negative code, and Python
+raises it again. Signals wait while C runs where Python may be called from it; runs return to Python after 50 ms of wall time at
+most, so that Ctrl-C, `max_wall` and `progress` work.
+
+Debugging. `MBDAE_CFLAGS="-O0 -g"` compiles the library of a clone for a debugger, `gdb --args python script.py` then stops in
+lines of C; `scene.system("ggl").assembly.evaluation` holds the array (`W`), the slots (`rows`, `fy`, `rates`) and the lists.
+The tests run under the sanitizers for addresses and undefined behaviour with the command in CONTRIBUTING.md.
 """
 
 from __future__ import annotations

@@ -157,8 +157,8 @@ class Contacts:
     contact closed."""
 
     def __init__(self, scene: Any, by_joints: Sequence[bool], numbers: Mapping[str, float]) -> None:
-        """scene: `Values` of gap and gap rate of every contact; by_joints: of every contact, whether its effective mass contains
-        bodies that joints tie to those in contact; numbers: the constants `NUMBERS` of the checks."""
+        """scene: `Evaluator` of gap and gap rate of every contact; by_joints: of every contact, whether its effective mass
+        contains bodies that joints tie to those in contact; numbers: the constants `NUMBERS` of the checks."""
         count = len(by_joints)
         if count < 1 or scene.width != 2 * count or set(numbers) != set(NUMBERS):
             raise internal(f"the watch over contacts in C has {count} contacts, which need {2 * count} values (gap and gap rate "

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import SolverError
+from mbdae.errors import SolverError, WallClockError
 from mbdae.process import Signals
 
 Pointer, Number, Whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
@@ -192,8 +192,11 @@ class _Call:
                 if caught.signals is not None and caught.signals.waiting:
                     caught.signals.deliver()
                 self(*args)
-            except SolverError:  # there is no value at this state: the integrator may try a shorter step
-                return SINGULAR
+            except SolverError as error:  # there is no value at this state: the integrator may try a shorter step
+                if not isinstance(error, WallClockError):
+                    return SINGULAR
+                caught.error = caught.error or error
+                return RAISED
             except BaseException as error:  # cannot pass through C: `raise_error` raises it afterwards
                 caught.error = caught.error or error
                 return RAISED
@@ -234,8 +237,7 @@ class _RateJacobian(_Call):
         self.function = function
 
     def __call__(self, t: float, y: int, yp: int, out: int) -> None:
-        full = self.function(self.system, t, self.at(y).copy(), self.at(yp).copy())
-        self.at(out, self.n**2)[:] = full.ravel(order="F")
+        self.at(out, self.n**2)[:] = self.function(self.system, t, self.at(y).copy(), self.at(yp).copy()).ravel(order="F")
 
 
 def seen(address: int, size: int) -> np.ndarray[Any, np.dtype[np.float64]]:

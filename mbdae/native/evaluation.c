@@ -207,3 +207,11 @@ API int scene_residuals(Scene *s, I k, const double *t, const double *y, const d
   for (I i = 0; i < k && code >= 0; i++) code = scene_residual(s, t[i], y + i * s->n, yp + i * s->n, out + i * s->n);
   return code;
 }
+
+/* The Jacobian at k points, one row of y (k, n) and y' each; fy and fyp (k, nnz). */
+API int scene_jacobians(Scene *s, I k, const double *t, const double *y, const double *yp, double *fy, double *fyp) {
+  int code = DONE;
+  for (I i = 0; i < k && !code; i++)
+    code = scene_jacobian(s, t[i], y + i * s->n, yp + i * s->n, fy + i * s->nnz, fyp + i * s->nnz);
+  return code;
+}

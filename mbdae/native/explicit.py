@@ -47,12 +47,17 @@ class Batch:
                            f"{end} s")
         self.y, self.last = np.full((k, len(times), n), np.nan), np.full((k, n), np.nan)
         self.code, self.counts = np.zeros(k, dtype=np.int64), np.zeros((3, k), dtype=np.int64)
-        arrays = {"starts": np.array(starts, dtype=float, order="C"), "numbers": np.array(numbers, dtype=float, order="C"),
+        self.starts = np.array(starts, dtype=float, order="C")
+        arrays = {"starts": self.starts, "numbers": np.array(numbers, dtype=float, order="C"),
                   "times": np.append(times, np.inf), "slots": np.array(slots, dtype=np.int64), "out": self.y, "last": self.last,
                   "code": self.code, **dict(zip(("steps", "rejected", "evaluations"), self.counts, strict=True))}
         self._kept, self.n = (arrays, W), n
         self.table = Runs(points=k, width=len(slots), outputs=len(times), from_=begin, end=end, W=W.ctypes.data,
                           **{name: a.ctypes.data for name, a in arrays.items()})
+
+    def again(self, begin: float, end: float) -> None:
+        """Let the same runs begin once more, from `starts` to another end (s)."""
+        self.table.from_, self.table.end, self.table.point, self.table.begun = begin, end, 0, 0
 
     @property
     def done(self) -> int:
@@ -82,8 +87,7 @@ class Method:
         if not (i.min() >= 0 and i.max() < rows and j.min() >= 0 and j.max() < columns and (np.diff(i) >= 0).all()):
             raise internal(f"the coefficients of a Runge-Kutta method lie outside of their table of {rows} rows and {columns} "
                            "columns, or are not sorted by rows")
-        starts = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64)
-        arrays = starts, j, np.array([v for *_, v in entries])
+        arrays = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64), j, np.array([v for *_, v in entries])
         self._kept.append(arrays)
         return _Coefficients(*(array.ctypes.data for array in arrays))
 

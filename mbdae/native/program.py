@@ -282,6 +282,7 @@ core = declared(
     ("scene_part", ctypes.c_int, (Pointer, Pointer, Number, Pointer, Pointer)),
     ("scene_values", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Whole, Whole, Pointer)),
     ("scene_residuals", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
+    ("scene_jacobians", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Pointer, Pointer)),
 )
 
 
@@ -318,8 +319,7 @@ class Tangent:
         elif kind in (SET, ADD, MULTIPLY):
             self._map(part, step)
         elif kind in (CHOLESKY, SOLVE):
-            right = fields["outputs"] + by
-            part.solve(fields["count"], fields["inputs"], fields["first"], right, fields["times"])
+            part.solve(fields["count"], fields["inputs"], fields["first"], fields["outputs"] + by, fields["times"])
         elif kind != POSITIVE:
             raise internal(f"the derivative of the compiled equations is not known for their operation number {kind}")
 

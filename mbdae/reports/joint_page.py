@@ -65,7 +65,10 @@ class JointReport(LawPage):
         _ = statement.gradients
         self.kernel = self.compiled(report_outputs)
         self._want_rows()
-        self._want_forces()
+        for letter, side, i in self.letters():
+            self.want(letter, self.covector(self.state, side)[i], DERIVED)
+            self.want(rf"\delta{letter}", np.imag(self.covector(self.varied, side)[i]) / STEP, MOVED)
+        want_efforts(self)
 
     # -- required values of the equations
 
@@ -84,14 +87,7 @@ class JointReport(LawPage):
         self.want(r"\delta W", work, MOVED)
         stated = self.d.law.positives(*self.d.sides)
         for i, (name, e) in enumerate(self.s.branches.items()):
-            values = self.state.scalar(self.d.variation.name(stated[name]))
-            self.want(f"b_{{{i + 1}}}", values, DERIVED, self.unit(e))
-
-    def _want_forces(self) -> None:
-        for letter, side, i in self.letters():
-            self.want(letter, self.covector(self.state, side)[i], DERIVED)
-            self.want(rf"\delta{letter}", np.imag(self.covector(self.varied, side)[i]) / STEP, MOVED)
-        want_efforts(self)
+            self.want(f"b_{{{i + 1}}}", self.state.scalar(self.d.variation.name(stated[name])), DERIVED, self.unit(e))
 
     # -- sections of the report
 
@@ -130,8 +126,7 @@ class JointReport(LawPage):
         rule, blocks = self.s.variation, list[Block]()
         changes = {name: rule.scalar(e) for name, e in self.s.rows.items()}
         for i, (name, change) in enumerate(changes.items()):
-            first = rf"\delta c_{below(name)} = {self.writer.scalar(change)}"
-            named = self.lines(first, note=RULE if i == 0 else "")
+            named = self.lines(rf"\delta c_{below(name)} = {self.writer.scalar(change)}", note=RULE if i == 0 else "")
             sorted_ = f"= {self._sorted(name)}"
             blocks += [named[0], Equation(sorted_, note=REGROUPED if i == 0 else ""), *named[1:], *self.definitions()]
         work = " + ".join(rf"\lambda_{below(name)}\,\delta c_{below(name)}" for name in self.s.rows)

@@ -201,5 +201,4 @@ def part_section(s: Statement) -> list[Section]:
     """Section on the friction and normal laws contained in a law, and the calls that report them."""
     parts = [(key, part, part.cls.__name__) for key, part in s.structure.options if isinstance(part, PartStructure)]
     rows = [[key, f"`mb.report(mb.{name}(...))`", short_hash(PartPage(part).d)] for key, part, name in parts]
-    head = ["law", "its report", "sha256 there"]
-    return [Section("Laws it contains", [Table(head, rows)])] if rows else []
+    return [Section("Laws it contains", [Table(["law", "its report", "sha256 there"], rows)])] if rows else []

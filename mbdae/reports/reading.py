@@ -136,8 +136,7 @@ class Reader:
         """Value of a product, multiplied from left to right."""
         found = self.power()
         while self.peek() not in _STOP:
-            sign = self.take() if self.peek() in (r"\cdot", r"\times", "/") else ""
-            found = self._times(found, self.power(), sign)
+            found = self._times(found, self.power(), self.take() if self.peek() in (r"\cdot", r"\times", "/") else "")
         return found
 
     def _times(self, a: Any, b: Any, sign: str) -> Any:
@@ -193,8 +192,7 @@ class Reader:
         if token == r"\pi":
             return np.full(self.points, np.pi)
         if token in ("frac", r"\frac", r"\tfrac"):
-            above = self.group()
-            return self._times(above, self.group(), "/")
+            return self._times(self.group(), self.group(), "/")
         if token == r"\sqrt":
             return np.sqrt(self.group())
         if token == r"\mathbf" and self.line[self.i : self.i + 3] in (("{", "0", "}"), ("{", "1", "}")):

@@ -38,13 +38,21 @@ class RecursiveValues(LawPage):
         self.tree, self.plan = VectorTree(s, link), tree_plan(tree_of(link))
         self.further: dict[str, Any] = {}  #: values of symbols that single sections use
         self._letters()
-        self._on_motion()
+        # random states of k and of the coordinates, with l moved by the compiled recursion
+        free, rng = self.state, np.random.default_rng(5)
+        sides = [f.side for f in free.d.frames[2:]]
+        self.starts = np.cumsum([0, *(3 if side in self.s.turning.values() else 1 for side in sides)])
+        self.up, self.load = rng.normal(size=(POINTS, 6 + self.starts[-1])), rng.normal(size=(POINTS, 6))
+        found = self.run(self.plan.forward)
+        q, u, self.upl = (np.stack([found[head, 1, i] for i in range(n)], -1) for head, n in (("q", 7), ("u", 6), ("up", 6)))
+        names = [f"l_{n}" for n in ("r1", "r2", "r3", "P1", "P2", "P3", "P4", "v1", "v2", "v3", "W1", "W2", "W3")]
+        self.state = SymbolValues(free.d, free.given | dict(zip(names, np.concatenate([q, u], 1).T, strict=True)))
+        self.Rk, self.Rl = (np.stack([self.state.vector(c) for c in self.state.frame(side).body], -1) for side in "kl")
 
     def _letters(self) -> None:
         known = self.known
         for name, symbol in self.s.coordinates.items():
-            letter = known[str(symbol)]
-            known[str(self.tree.second(name))] = second_rate_of(letter)
+            known[str(self.tree.second(name))] = second_rate_of(known[str(symbol)])
         for name, side in self.s.turning.items():
             for i in "123":
                 known |= {
@@ -60,18 +68,6 @@ class RecursiveValues(LawPage):
         return program_fingerprint(made.program, [e for _, e in [*made.rows, *made.motion]])
 
     # -- values from the compiled recursion
-
-    def _on_motion(self) -> None:
-        """Random states of k and of the coordinates, with l moved by the compiled recursion."""
-        free, rng = self.state, np.random.default_rng(5)
-        sides = [f.side for f in free.d.frames[2:]]
-        self.starts = np.cumsum([0, *(3 if side in self.s.turning.values() else 1 for side in sides)])
-        self.up, self.load = rng.normal(size=(POINTS, 6 + self.starts[-1])), rng.normal(size=(POINTS, 6))
-        found = self.run(self.plan.forward)
-        q, u, self.upl = (np.stack([found[head, 1, i] for i in range(n)], -1) for head, n in (("q", 7), ("u", 6), ("up", 6)))
-        names = [f"l_{n}" for n in ("r1", "r2", "r3", "P1", "P2", "P3", "P4", "v1", "v2", "v3", "W1", "W2", "W3")]
-        self.state = SymbolValues(free.d, free.given | dict(zip(names, np.concatenate([q, u], 1).T, strict=True)))
-        self.Rk, self.Rl = (np.stack([self.state.vector(c) for c in self.state.frame(side).body], -1) for side in "kl")
 
     def run(self, piece: Piece, load: Any = None, up: Any = None, state: SymbolValues | None = None,
             stepped: bool = False) -> dict[Any, Any]:

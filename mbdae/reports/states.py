@@ -29,7 +29,14 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
     if e.is_Number or e == se.pi or e == se.E:
         return float(e)
     if isinstance(e, se.Piecewise):
-        return _chosen(e, get)
+        # value of a Piecewise; a case whose condition is false may be undefined
+        conditions, values = [], []
+        with np.errstate(all="ignore"):
+            for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
+                conditions.append(True if str(condition) == "True" else value(condition, get))
+                values.append(value(result, get))
+            shape = np.broadcast_shapes(*(np.shape(x) for x in (*conditions, *values)))
+            return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
     a = [value(x, get) for x in e.args]
     if isinstance(e, se.Add):
         return sum(a[1:], a[0])
@@ -39,7 +46,11 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
             out = out * factor
         return out
     if isinstance(e, se.Pow):
-        return _raised(a[0], a[1])
+        base = a[0]
+        exponent = a[1]
+        if isinstance(exponent, float) and exponent == int(exponent):
+            return base ** int(exponent) if exponent > 0 else 1.0 / base ** int(-exponent)
+        return base**exponent
     name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
     if name in ("let", "UnevaluatedExpr"):
         return a[0]
@@ -50,23 +61,6 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
     if name == "atan2":
         return complex_atan2(a[0], a[1])
     return getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))(*a)
-
-
-def _raised(base: Any, exponent: Any) -> Any:
-    if isinstance(exponent, float) and exponent == int(exponent):
-        return base ** int(exponent) if exponent > 0 else 1.0 / base ** int(-exponent)
-    return base**exponent
-
-
-def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
-    """Value of a Piecewise; a case whose condition is false may be undefined."""
-    conditions, values = [], []
-    with np.errstate(all="ignore"):
-        for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
-            conditions.append(True if str(condition) == "True" else value(condition, get))
-            values.append(value(result, get))
-        shape = np.broadcast_shapes(*(np.shape(x) for x in (*conditions, *values)))
-        return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
 
 
 class FormulaValues:
@@ -184,8 +178,7 @@ class SymbolValues:
             center = move - np.cross(turn, self.vector(f.arm))
             n = f.kind.translations
             P = np.stack([self.given[str(s)] for s in f.q[n:]], axis=-1)
-            dP = spun(turn, P)
-            changes = [*np.moveaxis(center, -1, 0)[:n], *np.moveaxis(dP, -1, 0)]
+            changes = [*np.moveaxis(center, -1, 0)[:n], *np.moveaxis(spun(turn, P), -1, 0)]
             given |= {str(s): given[str(s)] + step * c for s, c in zip(f.q, changes, strict=True)}
         given |= {name: given[name] + step * c for name, c in (symbols or {}).items()}
         return SymbolValues(self.d, given)
@@ -267,15 +260,11 @@ class LineState:
         """Values of a vector of the cross-section (points, 3)."""
         _, P = self._fields()
         slope, _ = self._fields("_xi")
-        if base.kind == "rs":
-            return slope / self.given["ds"][:, None]
-        return _columns(P)[..., "xyz".index(base.kind)]
+        return slope / self.given["ds"][:, None] if base.kind == "rs" else _columns(P)[..., "xyz".index(base.kind)]
 
     def symbol(self, name: str) -> Any:
         """Value of a curvature, parameter or stress resultant by its name (points,)."""
-        if name.startswith("kappa"):
-            return self._curvature()[:, int(name[-1]) - 1]
-        return self.given[name]
+        return self._curvature()[:, int(name[-1]) - 1] if name.startswith("kappa") else self.given[name]
 
     def _curvature(self) -> Any:
         _, P = self._fields()

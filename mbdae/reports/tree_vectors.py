@@ -72,7 +72,7 @@ class VectorTree(TreeProgram):
         self.reached: Any = self.program.reached
         self.way: Any = self._ways[0]
         self.l: Any = self.nodes[1]
-        self.force = self._along(self._load("wu", 1))
+        self.force = self._along((self.atom("F", "l"), self.atom("M", "l")))
         self._label()
 
     def _label(self) -> None:
@@ -128,9 +128,6 @@ class VectorTree(TreeProgram):
 
     def _arm(self, j: int, link: Link, side: str, node: State) -> Vec:
         return self.atom("s", side)
-
-    def _load(self, role: str, j: int) -> Wrench:
-        return self.atom("F", "l"), self.atom("M", "l")
 
     def _along(self, wrench: Wrench) -> dict[tuple[int, int], Expr]:
         """Rows of the joint's coordinates for a force and a moment on l, by virtual power; they pass on `root` to k."""

@@ -235,7 +235,7 @@ class Writer:
         if c in self.record.dots or -c in self.record.dots:
             sign, c = ("", c) if c in self.record.dots else ("-", -c)
             return f"{sign}({self.scalar(c)})\\,{self.atom(atom, True)}"
-        vector = self.atom(atom, not _plain(c))
+        vector = self.atom(atom, not bool(c == 1 or c == -1))
         if c == 1:
             return self.atom(atom)
         if c == -1:
@@ -253,7 +253,3 @@ class Writer:
 def subscript(side: str) -> str:
     """LaTeX of the name of a frame as an index."""
     return side if len(side) == 1 else f"{{\\text{{{side}}}}}"
-
-
-def _plain(c: Expr) -> bool:
-    return bool(c == 1 or c == -1)

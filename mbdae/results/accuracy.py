@@ -17,6 +17,7 @@ import numpy as np
 from mbdae.errors import ListsAttributes, OptionError, unknown_name
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
+from mbdae.process import unchanging
 from mbdae.results.errors import Errors
 from mbdae.system.base import Array
 from mbdae.values import option, shown, text
@@ -39,7 +40,7 @@ class Accuracy:
     method; verified by another method; or None.
     reactions: error of the forces and torques of joints and force elements, over the largest of the run (torques are divided by
     the scene's length); from the same runs as the errors of motion and mesh.
-    amplification: growth of small disturbances over the run, computed when it is read (some 50 us of CPU a step).
+    amplification: growth of small disturbances over the run, computed when it is read (in about the time of the run).
     mesh: error of positions and angles, all along the beams and of all bodies, caused by the elements of beams; None where it was
     not measured.
     `covers` names the errors within the accuracy asked, `not_covered` the others with the reason.
@@ -69,8 +70,8 @@ class Accuracy:
     @cached_property
     def amplification(self) -> float | None:
         """Natural logarithm of the largest factor by which small disturbances grow from one time of the run to a later one; None
-        where an impact or a switch leaves it unknown, and with more than 50 000 steps. A disturbance is measured by positions and
-        angles, and by velocities in units in which they are as large. Its error is some tenths."""
+        where an impact or a switch leaves it unknown, and where more than 50 000 pieces of the run are needed. A disturbance is
+        measured by positions and angles, and by velocities in units in which they are as large. Its error is some tenths."""
         return self.found_amplification() if callable(self.found_amplification) else self.found_amplification
 
     @property
@@ -233,8 +234,8 @@ class Unknowns(OfRun, ListsAttributes):
     solution: the run with its steps; info: how it was made."""
 
     def __init__(self, solution: Solution, info: RunInfo, t: Array) -> None:
-        self.solution, self.info, self.t = solution, info, t
-        self.y: Array = solution(t)
+        self.solution, self.info, self.t = solution, info, unchanging(np.array(t))
+        self.y: Array = unchanging(solution(t))
 
     @property
     def names(self) -> tuple[str, ...]:

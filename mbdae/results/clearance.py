@@ -68,23 +68,24 @@ class ContactSensor(ConnectionSensor):
         values = self._seen[name]
         return values[:, 0] if values.shape[1] == 1 else values
 
-    @property
+    @judged
     @quantity("m")
     def gap(self) -> Array:
         """Distance of the surfaces, m; negative in contact."""
         return self._observed("gap")
 
-    @property
+    @judged
     @quantity("m/s")
     def gap_rate(self) -> Array:
         """Rate of the gap, m/s."""
         return self._observed("gap_rate")
 
-    @property
+    @judged
     @quantity("m")
     def penetration(self) -> Array:
         """Depth by which the surfaces overlap, m; 0 where they are apart."""
-        return np.maximum(0.0, -self.gap)
+        depth: Array = np.maximum(0.0, -self.gap)
+        return depth
 
     @judged
     @quantity("N", loop=True)
@@ -99,7 +100,7 @@ class ContactSensor(ConnectionSensor):
         joint's axis and the contact normal, with its sign."""
         return self._observed("friction_force")
 
-    @property
+    @judged
     @quantity("m/s")
     def slip(self) -> Array:
         """Sliding speed, m/s, also where the surfaces are apart. For a joint with clearance: the velocity of the pin's surface on
@@ -137,7 +138,7 @@ class ClearanceSensor(ContactSensor):
     Arrays (nt,) over the result's times; for a bearing that touches at both ends (nt, 2), near and far end along the axis.
     """
 
-    @property
+    @judged
     @quantity("m")
     def orbit(self) -> Array:
         """Centre of the pin relative to that of the race (nt, 2), m, in axes that turn with the race."""

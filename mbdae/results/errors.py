@@ -18,7 +18,7 @@ from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import AtTimes, OtherRun, wrenches
 from mbdae.results.contacts import largest
-from mbdae.results.quantities import Quantity, magnitudes, named, unit_of, value
+from mbdae.results.quantities import Quantity, magnitudes, moves, named, unit_of, value
 from mbdae.results.states import states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -164,7 +164,7 @@ class Errors:
                 found.append((other, float(np.max(magnitudes(difference(own, compared, unit))))))
         except UNREADABLE:
             return None
-        return Estimate(together(found), max(size, self._scale(unit)), self._rounding(unit)) if found else None
+        return Estimate(together(found), max(size, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
 
     def _estimated_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
         """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks."""
@@ -178,7 +178,7 @@ class Errors:
             return None
         followed = any(other.kind == "closer" and other.times[-1] >= t for other in self.others)
         error = together(found) if followed else max(together(found), MEETING * over_time.error)
-        return Estimate(error, max(size, self._scale(unit)), self._rounding(unit))
+        return Estimate(error, max(size, self._scale(result, quantity, unit)), self._rounding(unit))
 
     def _at_peak(self, result: Any, quantity: Quantity, size: float, t: float, other: OtherRun) -> float:
         """The difference of another run that counts for the peak of this one."""
@@ -233,11 +233,9 @@ class Errors:
     def _views(self) -> dict[tuple[int, int], tuple[Any, Any]]:
         return {}
 
-    def _scale(self, unit: str) -> float:
-        """Least size of a quantity of some unit: motion is relative to length and characteristic time, as its accuracy is."""
-        L, T = self.prepared.length, self.prepared.time
-        motion = {"m": L, "rad": 1.0, "m/s": L / T, "rad/s": 1 / T}
-        return motion[unit] if unit in motion else (LEAST if unit != "W" else IDLE) * self._typical(unit)
+    def _scale(self, result: Any, quantity: Quantity, unit: str) -> float:
+        """Least size of a quantity: motion is relative to length and characteristic time, as its accuracy is."""
+        return (1.0 if moves(result, quantity) else IDLE if unit == "W" else LEAST) * self._typical(unit)
 
     def _rounding(self, unit: str) -> float:
         return ROUNDED * self._typical(unit)
@@ -245,39 +243,38 @@ class Errors:
     def _typical(self, unit: str) -> float:
         """What the scene has of a quantity of some unit; 0 where that is not known."""
         L, T = self.prepared.length, self.prepared.time
-        F = self._largest_force
-        return {"N": F, "N m": F * L, "N, N m": F, "W": F * L / T, "m/s^2": L / T**2, "rad/s^2": 1 / T**2}.get(unit, 0.0)
+        motion = {"m": L, "rad": 1.0, "m/s": L / T, "rad/s": 1 / T, "m/s^2": L / T**2, "rad/s^2": 1 / T**2}
+        F = 0.0 if unit in motion else self._largest_force
+        return (motion | {"N": F, "N m": F * L, "N, N m": F, "W": F * L / T}).get(unit, 0.0)
 
     # -- telling
 
     def judge(self, result: Any, quantity: Quantity) -> None:
-        """Tell where a quantity that was read is not within the accuracy; of positions and velocities the run itself tells."""
+        """Tell where a quantity that was read is not within the accuracy; of the motion the run itself tells."""
         unit, name = unit_of(result, quantity), named(quantity)
-        of_motion = unit in self._of_motion or name.partition("[")[0].endswith(".rotation")
-        if self.asked is not None and not of_motion and name not in self.told:
+        if self.asked is not None and name not in self.told and not self._covered(result, quantity, unit):
             self.tell(name, unit, self.of(result, quantity), self.asked)
 
     def judge_peak(self, result: Any, quantity: Quantity, size: float, t: float, silent: bool) -> float | None:
         """The error of the largest magnitude `size` of a quantity, which it has at the time t (s), told where it is above the
         accuracy asked, unless silent."""
         found, unit = self.of_peak(result, quantity, size, t), unit_of(result, quantity)
-        if not silent and self.asked is not None and unit not in self._of_motion:
+        if not silent and self.asked is not None and not self._covered(result, quantity, unit):
             self.tell(named(quantity), unit, found, self.asked, "peak")
         return None if found is None else found.error
 
-    @property
-    def _of_motion(self) -> tuple[str, ...]:
-        """Units of what the accuracy of the motion speaks of; with beams it leaves velocities out."""
-        return ("m", "rad") if self.prepared.model.lines else ("m", "rad", "m/s", "rad/s")
+    def _covered(self, result: Any, quantity: Quantity, unit: str) -> bool:
+        """Whether the accuracy of the motion speaks of a quantity: with beams it leaves velocities out."""
+        return moves(result, quantity) and not (self.prepared.model.lines and unit in ("m/s", "rad/s"))
 
     def tell(self, name: str, unit: str, found: Estimate | None, asked: float, read: str = "values") -> None:
         """Warn once about a quantity whose error is above the accuracy asked; read: "values" over time, or their "peak", of which
         nothing is said after the values, whose error contains it."""
         key = name if read == "values" else f"{name}, its largest value"
-        if found is None or name in self.told or key in self.told or not found.beyond(asked):
+        if name in self.told or key in self.told or (found is not None and not found.beyond(asked)):
             return
         error = "an error that is not known"
-        if np.isfinite(found.error):
+        if found is not None and np.isfinite(found.error):
             share, of = f"{100 * found.error / found.size:.2g} % of ", f"{found.error:.2g}{f' {unit}' if unit else ''}"
             error = f"an error of about {of}, {share}its largest value"
             if read == "peak":

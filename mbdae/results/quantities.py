@@ -18,7 +18,7 @@ from mbdae.files import write_file
 from mbdae.inputs.measured import FORMULAS
 from mbdae.notation import counted
 from mbdae.scene.components import BeamLoad, Controller, Signal
-from mbdae.scene.sensed import measured, spelled
+from mbdae.scene.sensed import measured, of_motion, spelled
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, file_to_write, option, shown
 
@@ -68,6 +68,14 @@ def unit_of(result: Any, quantity: Any) -> str:
         return measured(result.prepared.model.scene, quantity)[1]
     except (SceneError, AttributeError, TypeError):
         return ""
+
+
+def moves(result: Any, quantity: Any) -> bool:
+    """Whether a quantity is a sensor of the motion; False for expressions and functions."""
+    try:
+        return of_motion(result.prepared.model.scene, quantity)
+    except (SceneError, AttributeError, TypeError):
+        return False
 
 
 def _of_text(result: Any, text: str) -> Any:

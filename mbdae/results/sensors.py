@@ -12,6 +12,7 @@ import numpy as np
 from mbdae.errors import ListsAttributes, OptionError
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import UNITS, quantity
+from mbdae.process import unchanging
 from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
@@ -37,7 +38,7 @@ class judged(property):  # noqa: N801, used as `property` is
         known = vars(sensor)
         if (kept := f"_{self._name}_read") not in known:
             with sensor._result._silently():
-                known[kept] = super().__get__(sensor, owner)
+                known[kept] = unchanging(super().__get__(sensor, owner))
         sensor._result._judge(f"{sensor._path}.{self._name}")
         return known[kept]
 

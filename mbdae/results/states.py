@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mbdae.errors import NamesArguments
 from mbdae.inputs import timed
 from mbdae.integrators.solution import Solution
 from mbdae.kernels.plan import Outputs, plan
+from mbdae.process import unchanging
 from mbdae.scene.components import Connection
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
@@ -54,6 +55,7 @@ class Instant:
     label: str
     y: Array = field(repr=False)
     yp: Array = field(repr=False)
+    fixed: ClassVar[bool] = True
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Instant:
         """The same for other unknowns y (1, n) and yp (1, n); t and pieces, which interpolants of runs need, are not used."""
@@ -86,7 +88,7 @@ class RunStates(NamesArguments):
     """A run of a prepared scene, read at times t (nt,)."""
 
     def __init__(self, prepared: Prepared, solution: Solution, t: Array) -> None:
-        self.prepared, self.solution, self.t = prepared, solution, np.asarray(t, dtype=float)
+        self.prepared, self.solution, self.t = prepared, solution, unchanging(np.array(t, dtype=float))
         self._silent = False  # while an expression is read, its sensors tell nothing: it does
 
     def _judge(self, quantity: Any) -> None:
@@ -266,22 +268,19 @@ StatesAt = Callable[[Array], tuple[Array, Array, Array, Array | None]]  #: times
 def stored(mechanics: Mechanics, t: Array, states: StatesAt) -> tuple[Array, Array]:
     """Kinetic and potential energy (nt,), J."""
     q, u, s, z = states(t)
-    totals = {"kinetic": np.zeros(len(t)), "potential": np.zeros(len(t))}
-    for _, p, values in mechanics.evaluate(energy_outputs, t, q, u, s):
-        for o, target in enumerate(p.targets):
-            totals[target[0]] += values[:, :, o].sum(axis=1)
+    kinetic, potential = mechanics.sums(energy_outputs, ("kinetic", "potential"), t, q, u, s).T
     first = 0
     for line in mechanics.model.lines:
         of_line = slice(first, first + len(line.stresses))
         first = of_line.stop
         for part in _parts(mechanics, len(t)):
-            totals["kinetic"][part] += line.kinetic(u[part])
+            kinetic[part] += line.kinetic(u[part])
             if z is None or line.numbers["damping"]:  # with damping the stresses z contain more than the elastic part
                 elastic = line.energy(q[part], u[part])[0]
             else:
                 elastic = line.stored(q[part], u[part], z[part, of_line])
-            totals["potential"][part] += elastic + line.potential(q[part])
-    return totals["kinetic"], totals["potential"]
+            potential[part] += elastic + line.potential(q[part])
+    return kinetic, potential
 
 
 def _parts(mechanics: Mechanics, count: int) -> list[slice]:
@@ -301,12 +300,9 @@ def has_power(mechanics: Mechanics) -> bool:
 def powers(mechanics: Mechanics, t: Array, states: StatesAt) -> Array:
     """(nt, 4): dissipated power; power of loads and of prescribed motions; power lost in impacts, in friction, W."""
     q, u, s, z = states(t)
-    out = np.zeros((len(t), len(TRANSFERS)))
     driven = any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances)
     multipliers = mechanics.accelerations(t, q, u, s, z)[1] if driven or mechanics.reactive else None
-    for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s, multipliers):
-        for o, target in enumerate(p.targets):
-            out[:, TRANSFERS.index(target[0])] += values[:, :, o].sum(axis=1)
+    out = mechanics.sums(power_outputs, TRANSFERS, t, q, u, s, multipliers)
     for line in mechanics.model.lines:
         out[:, 0] += line.energy(q, u)[1]
     out[:, 1] += mechanics.power_of_loads(t, q, u)

@@ -1,26 +1,28 @@
 """How much small disturbances grow over a run: the linearised equations, carried along its steps.
 
-In every step E x' + A x = 0, with E = dF/dy' and A = dF/dy, is solved by one step of Radau IIA(3) for some disturbances at once;
-with many unknowns E and A are those in the middle of the step. Steps in which positions change much are divided. `growing` sees
-to it that the steps of a run follow what grows.
+In every piece of the run E x' + A x = 0, with E = dF/dy' and A = dF/dy, is solved by one step of Radau IIA(3) for some
+disturbances at once; with many unknowns E and A are those in the middle of the piece. Pieces are some steps together, as far as
+that changes nothing, or parts of steps in which positions change much. `growing` sees to it that the steps of a run follow what
+grows.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.integrators.collocation_tables import radau_table
-from mbdae.integrators.matrices import IterationMatrix, as_csc
+from mbdae.integrators.matrices import IterationMatrix
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.native.sparse import SingularMatrixError
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
-from mbdae.threads import single_threaded
+from mbdae.threads import check, single_threaded
 from mbdae.values import largest
 
 ROUNDED = 1e-16  #: relative round-off of a coordinate
@@ -29,11 +31,18 @@ DECIDES = 1.0
 LEAST = 10.0  #: growth with frozen coefficients below which round-off decides nothing that can be asked
 SMALL = 60  #: largest number of unknowns for which all stages of a step are solved together
 COPIES = 2  #: number of disturbances, drawn at random, that are carried along
-MOST = 50_000  #: largest number of steps along which disturbances are carried
+MOST = 50_000  #: largest number of pieces of a run along which disturbances are carried
+#: largest numbers of steps of the run in one piece that are tried one after the other, each where the pieces are FEWER times more
+#: than before and less than the finest, until the largest rise (natural logarithm) changes by less than SURE, or by less than
+#: CLEAR of its distance from the value on which a decision depends
+TOGETHER, FEWER, SURE, CLEAR = (32, 16, 8, 4, 2, 1), 1.5, 0.5, 0.3
+BLOCK = 2**13  #: number of pieces whose matrices are computed together, times the square of the number of unknowns
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
 TINY = 1e-300
 VANISHED = 1e-150  #: size of a disturbance, after a step from size 1, below which nothing is left of it: no motion is free
-TURNED, PARTS = 0.1, 16  #: largest change of a position in one part of a step, and largest number of parts
+#: largest change of a position in a piece, in pieces of several steps up to WIDER times as large; largest number of parts of a
+#: step
+TURNED, WIDER, PARTS = 0.1, 8, 16
 PLACES = 50  #: number of times at which the largest coordinate is sought
 
 
@@ -46,78 +55,118 @@ class Disturbances:
         kinds = np.array(system.kinds)
         self._fast = kinds == "v"
         self._slow = ~np.isin(kinds, ("v", "lambda", "mu", "z"))
-        self._kept = ~np.isin(kinds, ("lambda", "mu"))  # multipliers follow from the others
+        self._others = ~(self._slow | self._fast)  # they follow from the positions and velocities
 
     def growth(self, enough: float = math.inf) -> tuple[float, float] | None:
         """(natural logarithm of the largest factor by which a disturbance grows from one time of the run to a later one, time of
         the largest, s). It ends early where the logarithm exceeds `enough`. None where `course` is None."""
         course = self.course(enough)
-        if course is None:
-            return None
-        t, size = course
-        rises = size - np.minimum.accumulate(size)
-        i = largest(rises)
-        return float(rises[i]), float(t[i])
+        return None if course is None else _rise(course)
 
     @single_threaded
-    def course(self, enough: float = math.inf) -> tuple[Array, Array] | None:
-        """Times (k,), s, at the ends of steps, and there the natural logarithm of the size (k,) of the disturbances that grow
-        most. Velocities are measured in units in which they are as large as the positions in the median, so that a vibration
-        rises by nothing. None where an impact leaves it unknown, equations are singular, or there are more than MOST steps."""
-        run = self._run
-        if run.stats.contacts or len(run.t) < 2 or len(run.t) > MOST:
+    def course(self, enough: float = math.inf, least: float = 0.0) -> tuple[Array, Array] | None:
+        """Times (k,), s, at the ends of pieces of the run, and there the natural logarithm of the size (k,) of the disturbances
+        that grow most. Velocities are measured in units in which they are as large as the positions in the median, so that a
+        vibration rises by nothing. The pieces are halved until the largest rise stays, is surely below `least`, or above or below
+        `enough`. None where an impact leaves it unknown, equations are singular, or there are more than MOST pieces."""
+        if self._run.stats.contacts or len(self._run.t) < 2:
             return None
-        x = spread((COPIES, self._system.n)) * self._system.scale
-        ends = self._divided()
-        middle, h = (ends[1:] + ends[:-1]) / 2, np.diff(ends)
-        states = run(middle), run.derivative(middle)
-        sizes: list[tuple[float, float]] = []
-        size = least = 0.0
-        for i, system in enumerate(systems_at(run, middle, self._system)):
-            try:
-                if system.n <= SMALL:
-                    x = self._exactly(system, float(ends[i]), float(h[i]), x)
-                else:
-                    x = self._carried(system, float(middle[i]), states[0][i], states[1][i], float(h[i]), x)
-            except (SingularMatrixError, np.linalg.LinAlgError):
-                return None
-            scaled = x / self._system.scale
-            both = [float(np.linalg.norm(scaled[:, kind])) for kind in (self._slow, self._fast)]
-            now = math.hypot(*both)
-            if not (math.isfinite(now) and now > VANISHED):
-                return None
-            sizes.append((size + math.log(max(both[0], TINY)), size + math.log(max(both[1], TINY))))
-            size, x = size + math.log(now), np.where(self._kept, x, 0.0) / now
-            least = min(least, size) if i else size
-            if size - least > enough + SLACK:
+        finest, found, fewest = self._pieces(1), None, 0.0
+        for together in TOGETHER:
+            ends = self._pieces(together) if together > 1 else finest
+            if together > 1 and not fewest <= len(ends) <= len(finest) / FEWER:
+                continue
+            before, found, fewest = found, self._along(ends, enough) if len(ends) <= MOST else None, FEWER * len(ends)
+            if found is None or (before is not None and _settled(_rise(before)[0], _rise(found)[0], enough, least)):
                 break
-        slow, fast = np.array(sizes).T
+        return found
+
+    def _along(self, ends: Array, enough: float) -> tuple[Array, Array] | None:
+        """`course` by the pieces of the run between `ends` (s)."""
+        x = np.where(self._others[:, None], 0.0, spread((COPIES, self._system.n)).T)
+        carried, sizes, size, least = list[Array](), list[float](), 0.0, 0.0
+        try:
+            for step in self._steps(ends):
+                x = step(x)
+                now = math.sqrt(float(np.vdot(x, x)))
+                if not (math.isfinite(now) and now > VANISHED):
+                    return None
+                carried.append(x)
+                sizes.append(size)
+                x, size = x / now, size + math.log(now)
+                least = min(least, size) if len(sizes) > 1 else size
+                if size - least > enough + SLACK:
+                    break
+        except (SingularMatrixError, np.linalg.LinAlgError):
+            return None
+        slow, fast = (np.log(np.maximum(np.linalg.norm(np.array(carried)[:, kind], axis=(1, 2)), TINY)) + sizes
+                      for kind in (self._slow, self._fast))
         return ends[1 : 1 + len(slow)], np.logaddexp(2 * slow, 2 * (fast + np.median(slow - fast))) / 2
 
-    def _divided(self) -> Array:
-        """Times (s) between which the equations count as frozen: the steps of the run, divided where positions change by more
-        than TURNED (over their scales) in one."""
+    def _pieces(self, together: int) -> Array:
+        """Times (s) that divide the run into pieces in which no position changes by more than TURNED (over its scale): of at most
+        so many steps `together`, or parts of a step."""
         run, here = self._run, np.array(self._system.kinds) == "q"
-        y = run.y[:, here] / self._system.scale[here]
-        moved = np.max(np.abs(np.diff(y, axis=0)), axis=1, initial=0.0)
-        count = np.clip(np.ceil(moved / TURNED), 1, PARTS).astype(int)
-        parts = [np.linspace(a, b, k + 1)[1:] for a, b, k in zip(run.t[:-1], run.t[1:], count, strict=True)]
-        return np.concatenate([run.t[:1], *parts])
+        moved = np.max(np.abs(np.diff(run.y[:, here] / self._system.scale[here], axis=0)), axis=1, initial=0.0)
+        moved /= TURNED * min(together, WIDER)
+        count = np.clip(np.ceil(moved), 1, PARTS).astype(int)
+        filled = np.floor(np.cumsum(np.clip(moved, 1 / together, 1.0)) + 1e-9)
+        last = np.append(filled[1:] != filled[:-1], True) if len(filled) else np.zeros(0, dtype=bool)
+        last |= count > 1
+        last[:-1] |= count[1:] > 1
+        last[np.minimum(np.searchsorted(run.t[1:], self._edges), len(last) - 1)] = True
+        count[~last] = 0
+        step = np.repeat(np.arange(len(count)), count)
+        part = np.arange(len(step)) + 1 - (np.cumsum(count) - count)[step]
+        inside = run.t[step] + np.diff(run.t)[step] * part / count[step]
+        return np.concatenate([run.t[:1], np.where(part < count[step], inside, run.t[1:][step])])
 
-    def _exactly(self, system: System, t: float, h: float, x: Array) -> Array:
-        """As `_carried` from a time t (s), with the equations at all stages of Radau IIA(3): where a motion passes an unstable
-        rest several times, what grew there fades before the next, which frozen equations do not reproduce."""
-        table, n = radau_table(3), system.n
-        times = t + table.c * h
-        y, yp = self._run(np.minimum(times, self._run.t[-1])), self._run.derivative(np.minimum(times, self._run.t[-1]))
-        parts = [full_jacobians(system, *one) for one in zip(times, y, yp, strict=True)]
-        M = np.block([[h * table.A[i, j] * A + (E if i == j else 0.0) for j in range(3)] for i, (A, E) in enumerate(parts)])
-        right = -np.concatenate([A @ x.T for A, _ in parts])
-        rates = _solved(M, right, np.tile(system.scale, 3)).reshape(3, n, len(x))
-        return np.asarray(x + h * np.einsum("j,jnk->kn", table.b, rates))
+    @cached_property
+    def _edges(self) -> Array:
+        """Times (s) between which inputs of time are smooth and vary little, as far as the equations know them."""
+        t0, t1 = float(self._run.t[0]), float(self._run.t[-1])
+        line = None if self._system.timeline is None else self._system.timeline(t0, t1)
+        return np.zeros(0) if line is None else np.concatenate([line.edges, line.stretches.edges, line.stretches.kinks])
+
+    def _steps(self, ends: Array) -> Iterator[Callable[[Array], Array]]:
+        """For every piece of the run the function that takes disturbances (n, k), over the scales of the unknowns, from its begin
+        to its end."""
+        middle, h = (ends[1:] + ends[:-1]) / 2, np.diff(ends)
+        systems = systems_at(self._run, middle, self._system)
+        block = BLOCK // self._system.n**2 + 1
+        for first in range(0, len(h), block):
+            check("the growth of small disturbances was computed")
+            some = slice(first, first + block)
+            if self._system.n <= SMALL:
+                for system in dict.fromkeys(systems[some]):
+                    own = [i for i in range(first, min(first + block, len(h))) if systems[i] is system]
+                    yield from (by.__matmul__ for by in self._exactly(system, ends[own], h[own]))
+                continue
+            states = self._run(middle[some]), self._run.derivative(middle[some])
+            for i, (y, yp) in enumerate(zip(*states, strict=True), first):
+                yield partial(self._carried, systems[i], float(middle[i]), y, yp, float(h[i]))
+
+    def _exactly(self, system: System, t: Array, h: Array) -> Array:
+        """The matrices (k, n, n) by which disturbances, over the scales of the unknowns, are multiplied in k pieces of lengths h
+        (s) from times t (s) on, with the equations at all stages of Radau IIA(3): where a motion passes an unstable rest several
+        times, what grew there fades before the next, which frozen equations do not reproduce."""
+        table, k, n = radau_table(3), len(t), system.n
+        times = np.minimum((t[:, None] + table.c * h[:, None]).ravel(), self._run.t[-1])
+        A, E = (part.reshape(k, 3, n, n) * system.scale for part in system.dense_stages(
+            times, self._run(times), self._run.derivative(times)))
+        M = np.einsum("kiab,ij,k->kiajb", A, table.A, h)
+        for i in range(3):
+            M[:, i, :, i] += E[:, i]
+        M, right = M.reshape(k, 3 * n, 3 * n), -A.reshape(k, 3 * n, n)
+        size = np.max(np.abs(M), axis=2, keepdims=True)
+        rates = np.linalg.solve(M / size, right / size).reshape(k, 3, n, n)
+        found = np.eye(n) + np.einsum("j,kjab,k->kab", table.b, rates, h)
+        found[:, self._others] = 0.0
+        return np.asarray(found)
 
     def _carried(self, system: System, t: float, y: Array, yp: Array, h: float, x: Array) -> Array:
-        """Disturbances (k, n) at the end of a step h (s), from those at its begin; t, y, yp: time (s) and state in its middle."""
+        """Disturbances (n, k), over the scales of the unknowns, at the end of a piece h (s) from those at its begin; t, y, yp:
+        time (s) and state in its middle, with whose equations it is made."""
         real, pair, weights = _weights()
         if self._matrix is None or self._matrix.system is not system:
             self._matrix = IterationMatrix(system, real, pair)
@@ -125,10 +174,11 @@ class Disturbances:
         matrix.refresh(t, y, yp)
         matrix.factor(h)
         out = np.empty_like(x)
-        for k, one in enumerate(x):
+        for k, one in enumerate(x.T * system.scale):
             right = matrix.row * matrix.mass(one) / h
             parts = [weight * factors.solve(right) for weight, factors in zip(weights, matrix.factors, strict=True)]
-            out[k] = matrix.column * sum(part if part.dtype.kind == "f" else 2 * part.real for part in parts)
+            out[:, k] = matrix.column * sum(part if part.dtype.kind == "f" else 2 * part.real for part in parts) / system.scale
+        out[self._others] = 0.0
         return out
 
 
@@ -177,19 +227,18 @@ def spread(shape: tuple[int, int]) -> Array:
     return np.cos(np.arange(1.0, shape[0] * shape[1] + 1) ** 2 * math.sqrt(2)).reshape(shape)
 
 
-def full_jacobians(system: System, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-    """dF/dy and dF/dy' (n, n) at a state."""
-    parts = system.jacobian_parts(t, y, yp)
-    if parts[0].ndim == 2:
-        return parts
-    return np.asarray(as_csc(system, parts[0]).toarray()), np.asarray(as_csc(system, parts[1]).toarray())
+def _settled(before: float, now: float, enough: float, least: float) -> bool:
+    """Whether the largest rise, which was `before` with pieces twice as long, is known as `Disturbances.course` needs it."""
+    left = abs(now - enough) if math.isfinite(enough) else least - now
+    return abs(now - before) < max(SURE, CLEAR * left)
 
 
-def _solved(M: Array, right: Array, scale: Array) -> Array:
-    """The solution (n, k) of M x = right with columns in the scales (n,) of the unknowns and rows of largest entry 1."""
-    scaled = M * scale
-    size = np.max(np.abs(scaled), axis=1, keepdims=True)
-    return np.asarray(np.linalg.solve(scaled / size, right / size) * scale[:, None])
+def _rise(course: tuple[Array, Array]) -> tuple[float, float]:
+    """The largest rise of a course, and the time (s) of its end."""
+    t, size = course
+    rises = size - np.minimum.accumulate(size)
+    i = largest(rises)
+    return float(rises[i]), float(t[i])
 
 
 @cache

@@ -1,10 +1,15 @@
-"""Runs of one scene from many starts, or with many values of parameters of laws, each with an estimate of its error."""
+"""Runs of one scene from many starts, or with many values of parameters of laws, each with an estimate of its error.
+
+States of one scene that are taken from step to step by a loop of the user's own (`stepper`).
+"""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -12,15 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
-from mbdae.errors import NotReadError, OptionError
+from mbdae.errors import ListsAttributes, NotReadError, OptionError, SceneError
 from mbdae.formulations import system_for
-from mbdae.integrators.base import Asked
-from mbdae.integrators.batch import Batch, refuse_watched, solve_batch
+from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.batch import Batch, Together, refuse_watched, solve_batch
 from mbdae.integrators.dop853 import DOP853
+from mbdae.integrators.loop import StepLoop
+from mbdae.results import archive
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.control import ATTEMPTS, FINER, measure_of, plausible
+from mbdae.scene.control import problems
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, System
+from mbdae.system.model.moved_bodies import Timeline
+from mbdae.system.sampling import Sampler
 
 LOOKED_AT = 5  #: number of states at which the rates of two systems of equations are compared
 COMPARED = 32  #: number of equal parts of the run at whose ends, besides the outputs, a run is compared with its companion
@@ -139,6 +149,123 @@ class Batches:
         at = np.searchsorted(self._every, self.times)
         done = replace(made, t=self.times, y=made.y[:, at], cpu_s=cpu, wall_s=time.perf_counter() - begin)
         return Runs(self.system.names, done, estimate, _warnings(done, estimate, accuracy))
+
+
+@dataclass(frozen=True, eq=False)
+class State(ListsAttributes):
+    """The state of a stepper at a time t (s): y (k, n) the unknowns of all k states, inputs (k, m) held from there on.
+
+    It does not change when the stepper goes on, and can be pickled, and stored by `save`."""
+
+    t: float
+    y: Array
+    inputs: Array
+    _yp: Array = field(repr=False)
+    _grid: tuple[float, int] = field(repr=False)
+    _controllers: list[Any] = field(repr=False)  # of the scene's own: first instant, calls, memory and outputs
+    _memory: list[Any] = field(repr=False)
+
+    def save(self, path: Any) -> None:
+        """Write the state to a file (.npz) that `reset` of a stepper of the same scene reads. OptionError where the scene has
+        controllers of its own, whose memories are objects of the user's."""
+        if any(self._controllers):
+            raise OptionError("save: the scene has sampled controllers of its own, whose memories no file holds: keep the state "
+                              "in this process, or pickle it")
+        t = np.array([self.t, *self._grid])
+        archive.write(path, "mbdae state", {"t": t, "y": self.y, "inputs": self.inputs, "yp": self._yp})
+
+
+class Window:
+    """What inputs of time require of steps, looked at once for `span` (s). A call as `System.timeline`."""
+
+    def __init__(self, scene: SceneData, timeline: Callable[..., Any], span: float) -> None:
+        self.scene, self.timeline, self.span = scene, timeline, span
+        self.begin, self.end = math.inf, -math.inf
+        self.line: Timeline | None = None
+
+    def __call__(self, t0: float, t1: float, accuracy: float | None = None) -> Timeline | None:
+        if t1 > self.end or t0 < self.begin:
+            end = max(t1, t0 + self.span)
+            if problems(self.scene, t0, end, True):  # such as a table that ends there: only what is stepped over has to be known
+                end = t1
+                if found := problems(self.scene, t0, end, True):
+                    raise SceneError(found)
+            self.begin, self.end, self.line = t0, end, self.timeline(t0, end, accuracy)
+        if self.line is None:
+            return None
+        breaks = self.line.breaks
+        return replace(self.line, edges=np.r_[t0, breaks[(breaks > t0) & (breaks < t1)], t1])
+
+
+class States:
+    """k states of one scene that a solver takes from step to step. y, yp (k, n): unknowns and, where the loop of a run takes
+    them, derivatives; now: the inputs that the controller called `mine` returns."""
+
+    together: Together | None = None  #: the native method, where nothing has to be watched within a step
+
+    def __init__(self, system: System, solver: Solver, asked: Asked, k: int, now: list[float], mine: str) -> None:
+        self.solver, self.asked, self.now, self.mine, self.t = solver, asked, now, mine, float(system.t0)
+        self._first, self.systems = system, [system] * k
+        self.samplers: list[Sampler] = [system.sampled(system.t0) for _ in range(k) if system.sampled]
+        self._own = any(c.controller.name != mine for sampler in self.samplers[:1] for c in sampler.called)
+        if isinstance(solver, DOP853) and not (self._own or system.guards or system.switches or system.looks_at_steps):
+            self.together = Together(system, solver, k).bounded(asked.share if self.samplers else None)
+        self.y = np.tile(system.y0, (k, 1)) if self.together is None else self.together.y
+        self.yp = np.tile(system.yp0, (k, 1))
+        self.memory: list[Any] = [] if self.together else [system.memory()] * k
+
+    def to(self, end: float, grid: tuple[float, int, float], inputs: Array, slots: NDArray[np.intp]) -> None:
+        """Take all states to the time `end` (s) with inputs (k, m) at the places `slots` of y. grid: first instant (s) of the
+        controller that holds them, number of this one, and the time between two (s)."""
+        begin, line = self.t, None
+        if self._first.timeline is not None:
+            line = self._first.timeline(begin, end, self.solver.aimed(self._first.label))
+        if self.together is not None and line is None:
+            self.y[:, slots] = inputs
+        if self.together is None or line is not None or not self.together.to(begin, end):  # one that stops says why, alone
+            before, systems = self.state(grid[:2], inputs), list(self.systems)
+            try:
+                for i, values in enumerate(inputs):
+                    self._alone(i, begin, end, grid, values)
+            except BaseException:
+                self.take(before)
+                self.systems[:] = systems
+                raise
+        self.t = end
+
+    def _alone(self, i: int, begin: float, end: float, grid: tuple[float, int, float], values: Array) -> None:
+        """Take state i to `end` by the loop of a run."""
+        system, y = self.systems[i], self.y[i].copy()
+        start = system.starting(begin, y, self.yp[i].copy() if self.together is None else system.restarted(begin, y)[1])
+        if self.samplers:
+            sampler, self.now[:] = self.samplers[i], values.tolist()
+            for called in sampler.called:
+                if called.controller.name == self.mine:
+                    (called.begin, called.count, every), called.held = grid, []
+                    called.controller = replace(called.controller, every=every)
+            start = start.sampling(lambda _: sampler)
+        if self.memory:
+            start.remember(self.memory[i])
+        asked = replace(self.asked, t_end=end)
+        with system.owner.running(), StepLoop(start, self.solver, end, None, None, None, impacts=asked.impacts) as loop:
+            self.solver.between_breaks(loop, asked)
+        (self.y[i], self.yp[i]), self.systems[i] = loop.state, loop.system
+        if self.memory:
+            self.memory[i] = loop.system.memory()
+
+    def state(self, grid: tuple[float, int], inputs: Array) -> State:
+        """The present state, with the memories of the scene's own controllers."""
+        own = [[(c.begin, c.count, deepcopy(c.memory), list(c.held)) for c in one.called] for one in self.samplers if self._own]
+        return State(self.t, self.y.copy(), inputs.copy(), self.yp.copy(), grid, own, list(self.memory))
+
+    def take(self, state: State) -> None:
+        """Go on from a state."""
+        self.t, self.systems[:] = state.t, [self._first] * len(self.systems)
+        self.y[:], self.yp[:] = state.y, state._yp
+        self.memory[:] = state._memory or self.memory
+        for sampler, own in zip(self.samplers, state._controllers, strict=False):
+            for c, (begin, count, memory, held) in zip(sampler.called, own, strict=True):
+                c.begin, c.count, c.memory, c.held = begin, count, deepcopy(memory), list(held)
 
 
 def _some(values: Any, some: NDArray[np.intp] | None) -> Any:

@@ -212,7 +212,7 @@ class Rates:
             return _largest_eigenvalues(system)
         if system.n > EIGENVALUES:
             return np.array([complex(-np.inf, np.inf)])
-        fy, fyp = system.assembly.dense_jacobian(system.t0, system.y0, system.yp0)
+        fy, fyp = system.dense_parts(system.t0, system.y0, system.yp0)
         finite = np.isfinite(fy).all(axis=1) & np.isfinite(fyp).all(axis=1)
         if not finite.all():
             worst = system.equations[int(np.argmin(finite))]

@@ -87,7 +87,21 @@ def ends_of_curves(scene: Any) -> list[Condition]:
 def _read(scene: Any, option_and_value: str, given: Any) -> Condition:
     """The condition `given`; option_and_value: with which messages begin."""
     try:
-        e = _condition_of(scene, given)
+        # a condition as an expression of symengine
+        if isinstance(given, bool | np.bool_):
+            raise BadValueError(f"{given} is no condition (== of symbols is Python's own, which is {given} at once); write an "
+                                f"equation as text, 'J.angle == 0', or as sympy.Eq(...)")
+        if isinstance(given, str):
+            e = text.whole(_with_symbols(scene, given))
+        else:
+            try:
+                e = se.sympify(given)
+            except Exception:  # SymPy and symengine raise errors of many types
+                e = None
+        if e is None or not is_condition(e):
+            raise BadValueError(f"it is no comparison, nor And, Or or Not of comparisons; {EXAMPLE}")
+        if e in (se.true, se.false):
+            raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
         name = given if isinstance(given, str) else str(given)
         made = _Atoms()
         sides = _sides(scene, given)
@@ -98,25 +112,6 @@ def _read(scene: Any, option_and_value: str, given: Any) -> Condition:
         raise OptionError(f"{option_and_value}: {what_is_wrong}") from None
     functions = tuple(signals.in_sensors(scene, g) for g in made.functions)
     return Condition(name, functions, tuple(made.equations), tuple(made.meeting), tree)
-
-
-def _condition_of(scene: Any, given: Any) -> Expr:
-    """A condition as an expression of symengine."""
-    if isinstance(given, bool | np.bool_):
-        raise BadValueError(f"{given} is no condition (== of symbols is Python's own, which is {given} at once); write an "
-                            f"equation as text, 'J.angle == 0', or as sympy.Eq(...)")
-    if isinstance(given, str):
-        e = text.whole(_with_symbols(scene, given))
-    else:
-        try:
-            e = se.sympify(given)
-        except Exception:  # SymPy and symengine raise errors of many types
-            e = None
-    if e is None or not is_condition(e):
-        raise BadValueError(f"it is no comparison, nor And, Or or Not of comparisons; {EXAMPLE}")
-    if e in (se.true, se.false):
-        raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
-    return e
 
 
 def _sides(scene: Any, given: Any) -> tuple[Any, Any] | None:
@@ -135,7 +130,7 @@ def _with_symbols(scene: Any, given: str) -> str:
     """The text with symbols of sensors in place of their paths."""
     known = {one.name for one in scene.signals}
     given, names = spelled(scene, given)
-    given = _NORM.sub(_length, given)
+    given = _NORM.sub(lambda match: f"sqrt({' + '.join(f'{match[1]}[{i}]**2' for i in range(3))})", given)
 
     def name(match: re.Match[str]) -> str:
         head, dot, rest = match[0].partition(".")
@@ -145,11 +140,6 @@ def _with_symbols(scene: Any, given: str) -> str:
         return symbol_name(found) if is_path and not called and not found.startswith("sensor(") else found
 
     return _NAME.sub(name, given)
-
-
-def _length(match: re.Match[str]) -> str:
-    """The magnitude of a vector written out by its components, as text."""
-    return f"sqrt({' + '.join(f'{match[1]}[{i}]**2' for i in range(3))})"
 
 
 class _Atoms:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -25,16 +25,27 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Measure, Solution, check_times, scaled_distance
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun, some_of
-from mbdae.run.contacts import Hidden, hidden_contacts, largest_tolerance, resolving
-from mbdae.run.estimate import RunAt, beginning_at, companions, estimated, fall_shown, share_of, usual_companion, windows
-from mbdae.run.growing import Growth, at_least, growing, slowest, unfollowed, unseen
+from mbdae.run.contacts import Hidden, hidden_contacts, resolving
+from mbdae.run.estimate import (
+    LOOSEST,
+    RunAt,
+    beginning_at,
+    companions,
+    estimated,
+    fall_shown,
+    first_tolerance,
+    share_of,
+    usual_companion,
+    windows,
+    with_rtol,
+)
+from mbdae.run.growing import Growth, at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import distance
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option
 
-LOOSEST = 1e-2  #: largest rtol of a companion; the other runs have at most half of it
 #: largest number of runs from the last of the first companions on, failed ones included; for batches largest number of estimates
 ATTEMPTS = 5
 FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
@@ -71,6 +82,9 @@ COARSE = 3.0
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
+#: smallest ratio of the error to the difference from a companion where round-off bounds the tolerance, and errors fall no more:
+#: measured with a multiplier of a pendulum, RadauIIA(5) at 1e-11
+AT_ROUND_OFF = 1.0
 SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 #: length, in longest steps, of short runs that show vibrations shorter than a step, and number of times of the comparison
 FIRST_STEPS, PROBES = 5.0, 200
@@ -107,7 +121,7 @@ def cpu_of(error: SolverError) -> float:
 
 
 def measure_of(system: System, prepared: Prepared | None) -> Measure:
-    """The function that measures the distance between two trajectories of a system: of motions for a scene, else of unknowns."""
+    """The distance between two trajectories of a system: of motions for a scene, else of unknowns."""
     if prepared is not None and isinstance(system, SceneSystem):
         return partial(distance, prepared)
     if system.measure is not None:
@@ -138,13 +152,8 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
             distance = second.distance(run.solution, run.estimate)
             second.tell(run.estimate, distance, accuracy)
             run = replace(run, estimate=distance).after(second.runs, second.cpu_s)
-    return replace(run, notes=_last_of_each_kind([*run.notes, *(str(w.message) for w in caught)]))
-
-
-def _last_of_each_kind(notes: Sequence[str]) -> tuple[str, ...]:
-    """Of notes that differ from the time they name onwards ("at t = ...") the last: every run of a search may say the same of
-    another time."""
-    return tuple({note.split(" at t = ")[0]: note for note in notes}.values())
+    notes = [*run.notes, *(str(w.message) for w in caught)]  # of those that differ in the time they name ("at t = ...") the last
+    return replace(run, notes=tuple({note.split(" at t = ")[0]: note for note in notes}.values()))
 
 
 def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -153,21 +162,22 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
+    given = len(asked.bounds)
     for repeats in range(REPEATS + 1):
-        made: list[RunAt] = []
+        made, grown = list[RunAt](), len(asked.bounds) > given
         try:
-            run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+            run = _controlled(system, prepared, solver, accuracy, asked, outputs, made, grown).after(runs, cpu)
         except SolverError as error:
-            if not repeats or not asked.bounds or isinstance(error, FINAL):
+            if not grown or isinstance(error, FINAL):
                 raise
             run = run.after(1 + len(made), cpu_of(error) + sum(other.stats.cpu_s for _, other in made))
             return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]
-        growth = growing(system, run.solution, bool(asked.bounds))
+        growth = growing(system, run.solution, grown)
         bounds = unfollowed(growth) if repeats < FOLLOWING else ()
-        if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
+        if not bounds and not grown and made and unseen(growth):  # else such an estimate was made
             measure = measure_of(system, prepared)
             run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, at_least(solver))))
             bounds = () if run.estimate <= accuracy else unseen(growth)
@@ -183,18 +193,16 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
 
 
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                outputs: Array, made: list[RunAt]) -> Controlled:
-    """`run_controlled` without the search for hidden contacts; the last runs and their tolerances are left in the list `made`."""
+                outputs: Array, made: list[RunAt], grown: bool) -> Controlled:
+    """`run_controlled` without the search for hidden contacts; the last runs and their tolerances are left in the list `made`.
+    grown: whether steps are bounded by growth."""
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s, told=found.told)
         others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
         return with_short_vibrations(replace(run, others=others), system, prepared, accuracy, measure)
-    ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
-    limit = solver.tightest.get(system.label, solver.tightest[""])
-    tight = solver.at_accuracy(accuracy, system.label)
-    tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
+    tight, ceiling, limit = first_tolerance(system, prepared, solver, accuracy)
     best, made[:] = companions_of(system, tight, asked)
     most = best.runs + ATTEMPTS - 1 + (0 if system.guards is None else FURTHER)
     count, kept = len(made), len(companions(system, solver))
@@ -203,7 +211,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         loose, coarse = made[-1]
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
-            most_residuals *= LEAVING if asked.bounds else 1
+            most_residuals *= LEAVING if grown else 1
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), solver, count, kept))
         except WallClockError as error:
@@ -213,14 +221,14 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             raise
         except SolverError as error:
             best = replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
-            tight = _with_rtol(tight, (tight.tolerance * loose) ** 0.5)
+            tight = with_rtol(tight, (tight.tolerance * loose) ** 0.5)
             if tight.tolerance > 0.5 * loose:
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        least, floor = (at_least(solver), slowest(solver, told, coarse, fine)) if asked.bounds else (0.0, 0.0)
-        told.append((tight.tolerance, max(estimated(system, solver, made, measure, outputs, least), floor)))
+        estimate = partial(estimated, system, solver, made, measure, outputs)
+        told.append((tight.tolerance, bounded(tight, told, estimate, coarse, fine) if grown else estimate()))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
@@ -230,31 +238,29 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
             return _judged_again(system, best, accuracy, asked, made, partial(
-                estimated, system, solver, made, measure, outputs, least))
+                estimate, max(at_least(solver) if grown else 0.0, AT_ROUND_OFF)))
         if too_coarse:
-            tight = _with_rtol(tight, ceiling)
+            tight = with_rtol(tight, ceiling)
             continue
         stuck = len(estimates) > 2 and best.estimate > max(LARGE, max(estimates[:-1]) / CHAOTIC)
         if system.guards is not None and stuck:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
         falls = (0.5 * accuracy / best.estimate) ** (1 / fall_shown(told))
         falls = float(np.clip(falls, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
-        tight = _with_rtol(tight, max(tight.tolerance * falls, limit))
+        tight = with_rtol(tight, max(tight.tolerance * falls, limit))
     return best
 
 
 def _judged_again(system: System, best: Controlled, accuracy: float, asked: Asked, made: list[RunAt],
                   estimate: Callable[[], float]) -> Controlled:
     """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""
-    if best.estimate <= accuracy:
-        return best
-    count, cpu = usual_companion(system, best.solver, replace(asked, share=CLOSER), made)
+    closer_runs = replace(asked, share=CLOSER)
+    count, cpu = (0, 0.0) if best.estimate <= accuracy else usual_companion(system, best.solver, closer_runs, made)
     return replace(best, estimate=min(best.estimate, estimate() if count else math.inf)).after(count, cpu)
 
 
 def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
-    """`asked` for a run that follows `count` others, with shorter longest steps than theirs; kept: how many of these were the
-    first companions."""
+    """`asked` for a run after `count` others, with shorter longest steps; kept: how many of these were the first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
 
 
@@ -272,18 +278,16 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
     largest first. A companion that fails is left out; the last one must not fail."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
     made: list[RunAt] = []
-    cpu = 0.0
     for rtol in dict.fromkeys(rtols):
-        solver = _with_rtol(tight, rtol)
+        solver = with_rtol(tight, rtol)
         try:
             run = solver.run(system, closer(asked, tight, len(made), len(rtols)))
         except SolverError as error:
             if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise
             continue
-        cpu += run.stats.cpu_s
         made.append((rtol, run))
-    return Controlled(run, solver, float("inf"), len(made), cpu), made
+    return Controlled(run, solver, float("inf"), len(made), sum(one.stats.cpu_s for _, one in made)), made
 
 
 def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
@@ -338,10 +342,6 @@ def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> fl
     steps = run.t[:: len(run.t) // SAMPLES + 1]
     both = np.concatenate([times, steps])
     return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))
-
-
-def _with_rtol(solver: Solver, rtol: float) -> Solver:
-    return replace(solver, rtol=rtol)  # type: ignore[type-var]
 
 
 def plausible(accuracy: Any, name: str = "accuracy") -> float:

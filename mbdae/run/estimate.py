@@ -34,7 +34,9 @@ import numpy as np
 from mbdae.errors import FINAL, SolverError
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Measure, Solution, check_times
+from mbdae.run.contacts import largest_tolerance
 from mbdae.system.base import Array, System
+from mbdae.system.prepare import Prepared
 
 MOST = 4  #: largest number of excitations considered besides the start: those that change velocities and accelerations most
 #: short changes and breaks of inputs that follow each other within a mean step count as one excitation; one that lasts this many
@@ -99,6 +101,7 @@ def beginning_at(system: System, run: Solution, t: float) -> System:
     return other if system.sampled is None else other.sampling(system.sampled.going_on(t, run.t, run.y))
 
 
+LOOSEST = 1e-2  #: largest rtol of a companion; the other runs have at most half of it
 FALL_WITH_IMPACTS = 0.5
 LEAST = 0.05  #: smallest ratio that is assumed of the error of a run to its difference from a companion
 #: FALL: errors are assumed to fall with this power of the tolerance, or with the power that the last two runs showed where that
@@ -133,6 +136,19 @@ def usual_companion(system: System, solver: Solver, asked: Asked, runs: list[Run
         return 0, 0.0
     runs.insert(-1, (usual, run))
     return 1, run.stats.cpu_s
+
+
+def with_rtol(solver: Solver, rtol: float) -> Solver:
+    """The solver with another tolerance."""
+    return replace(solver, rtol=rtol)  # type: ignore[type-var]
+
+
+def first_tolerance(system: System, prepared: Prepared | None, solver: Solver, accuracy: float) -> tuple[Solver, float, float]:
+    """The solver with the tolerance of a first run; the largest that resolves contacts, the smallest that round-off allows."""
+    ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
+    limit = solver.tightest.get(system.label, solver.tightest[""])
+    tight = solver.at_accuracy(accuracy, system.label)
+    return with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit))), ceiling, limit
 
 
 def fall_of(system: System, solver: Solver) -> float:

@@ -191,7 +191,13 @@ class Watched:
                verify: bool) -> Result:
         """The result of a run up to its event, or to its end without one, with all recorded events. made: function that executes
         a job; outputs: as the user gave them."""
-        self._check_tables(job.prepared.start.t, job.asked.t_end)
+        # raise OptionError where a condition reads a table where it has no values, between two times (s)
+        for condition in (*self._ending, *self.record):
+            parts = (part for g in condition.functions for part in of_time(g))
+            span_and_remedy = next((text for part in parts if (text := beyond(part, job.prepared.start.t, job.asked.t_end))), "")
+            if span_and_remedy:
+                raise OptionError(f"'{condition.name}' in until= or record= reads a table where it has no values: "
+                                  f"{span_and_remedy}")
         run, job, event = self._to_event(job, solver, made) if self._ending else (*made(job), None)
         if event is not None:
             job = replace(job, asked=replace(job.asked, t_end=event.time), times=_times(job, outputs, event.time))
@@ -208,15 +214,6 @@ class Watched:
 
     def _is_left(self, event: Event) -> bool:
         return any(event.name == one.name for one in self._left)
-
-    def _check_tables(self, begin: float, end: float) -> None:
-        """Raise OptionError where a condition reads a table where it has no values, between two times (s)."""
-        for condition in (*self._ending, *self.record):
-            parts = (part for g in condition.functions for part in of_time(g))
-            span_and_remedy = next((text for part in parts if (text := beyond(part, begin, end))), "")
-            if span_and_remedy:
-                raise OptionError(f"'{condition.name}' in until= or record= reads a table where it has no values: "
-                                  f"{span_and_remedy}")
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
                   ) -> tuple[Controlled, Job, Event | None]:

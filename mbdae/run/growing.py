@@ -14,7 +14,7 @@ disturbance grows by e^5. How much disturbances grow is computed along the run (
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import log
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.run.amplification import SMALL, Disturbances, full_jacobians
+from mbdae.run.amplification import SMALL, Disturbances
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth_roots import GrowthFound, Look, Spectra, positions, roots_at
 from mbdae.system.base import Array, System
@@ -50,6 +50,7 @@ CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fra
 #: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion; the
 #: second number is for BDF, which follow an unseen disturbance at a low order (measured with IDA, 2.4 times)
 AT_LEAST = (1.0, 2.0)
+SURE = 2.0  #: safety on the fall of differences from one pair of such runs to the next, as a measure of that of the error
 CHANGED = 1e-6  #: equations vary with the time where their linearisation at one state changes by more than this part of it
 #: growth (natural logarithm of the factor) by equations that vary in time from which on steps have to follow it
 VARYING = 2.0
@@ -76,13 +77,9 @@ def growing(system: System, run: Solution, closely: bool = False) -> list[Growth
     that is kept on disk, and what the system remembers of the run is as before."""
     memory = system.memory()
     try:
-        return kept_value(lambda: _growing(system, run, closely), _plain, _read)
+        return kept_value(lambda: _growing(system, run, closely), lambda parts: [list(part) for part in parts], _read)
     finally:
         system.remember(memory)
-
-
-def _plain(parts: list[Growth]) -> list[list[float]]:
-    return [list(part) for part in parts]
 
 
 def _read(stored: list[list[float]]) -> list[Growth]:
@@ -180,7 +177,7 @@ def _varies(system: System, run: Solution) -> bool:
     if system.timeline is not None:
         return system.timeline(t0, t1) is not None
     y, yp = run.y[0], run.yp[0]
-    there = [np.hstack(full_jacobians(system, t0 + part * (t1 - t0), y, yp)) for part in (0.0, *BETWEEN)]
+    there = [np.hstack(system.dense_parts(t0 + part * (t1 - t0), y, yp)) for part in (0.0, *BETWEEN)]
     return bool(np.max(np.ptp(there, axis=0)) > CHANGED * np.max(np.abs(there)))
 
 
@@ -191,7 +188,7 @@ def _by_varying(system: System, run: Solution, spectra: Spectra,
     looks, idle = spectra.looks, spectra.idle(FAINT)
     hidden = [i for i, one in enumerate(idle) if one.size > 0]
     coarse = any(one.unseen * look.h > FOLLOWED / 4 for one, look in zip(idle, looks, strict=True))
-    course = Disturbances(system, run).course() if len(hidden) > 1 and coarse else None
+    course = Disturbances(system, run).course(least=VARYING) if len(hidden) > 1 and coarse else None
     if course is None or np.max(course[1]) - np.min(course[1]) < VARYING:
         return found, [0.0] * len(looks)
     first, last = hidden[0], hidden[-1]
@@ -229,8 +226,20 @@ def at_least(solver: Solver) -> float:
     return AT_LEAST[solver.bdf_order > 0]
 
 
-def slowest(solver: Solver, told: Sequence[tuple[float, float]], coarse: Solution, fine: Solution) -> float:
-    """The estimate of the error of a run with BDF from that of the run before it, the last `told`: steps bounded by growth fall
-    less than the tolerance, and the error with their highest order at most. Two such runs may agree by chance: measured on
-    competing species with IDA, the error was 22 times the estimate from their difference alone, and 4 times with this one."""
-    return told[-1][1] * (len(coarse.t) / len(fine.t)) ** solver.bdf_order if told and solver.bdf_order else 0.0
+def bounded(solver: Solver, told: Sequence[tuple[float, float]], estimate: Callable[[float], float], coarse: Solution,
+            fine: Solution) -> float:
+    """The estimated error of a run, `fine`, whose steps are bounded by growth, from its difference to the run before, `coarse`:
+    `estimate` with the smallest ratio of both; told: tolerances and estimates of the runs before.
+
+    That ratio is at most SURE times that by which the differences fell from the pair before to this one. Two runs with BDF may
+    agree by chance: steps bounded by growth fall less than the tolerance, and the error with their highest order at most.
+    Measured on competing species with IDA, the error was 22 times the estimate from the difference alone, and 4 times with this
+    one."""
+    found = estimate(at_least(solver))
+    if not told:
+        return found
+    tolerance, before = told[-1]
+    ratio = told[-2][0] / tolerance if len(told) > 1 else solver.companion
+    shown = SURE * (found / before) ** min(log(tolerance / solver.tolerance) / log(ratio), 1.0) if before > 0 else 1.0
+    floor = before * (len(coarse.t) / len(fine.t)) ** solver.bdf_order if solver.bdf_order else 0.0
+    return max(estimate(0.0), found * min(shown, 1.0), floor)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mbdae.deferred import distinct
 from mbdae.integrators.matrices import IterationMatrix
 from mbdae.native.sparse import SingularMatrixError
-from mbdae.run.amplification import SMALL, full_jacobians, spread
+from mbdae.run.amplification import SMALL, spread
 from mbdae.system.base import Array, System
 
 #: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
@@ -175,7 +175,7 @@ def _shifted(looks: list[Look]) -> Array:
     root r of the equations is an eigenvalue 1 / (1 - h r / SHIFT); infinite roots, of constraints, are 0. A matrix is 0 where the
     equations are singular."""
     scale, h = looks[0].system.scale, np.array([look.h for look in looks])[:, None, None]
-    A, E = np.swapaxes([full_jacobians(look.system, look.t, look.y, look.yp) for look in looks], 0, 1)
+    A, E = np.swapaxes([look.system.dense_parts(look.t, look.y, look.yp) for look in looks], 0, 1)
     both = (A * (h / SHIFT) + E) * scale
     size = np.max(np.abs(both), axis=2, keepdims=True)
     sound = np.all(np.isfinite(size) & (size > 0), axis=1, keepdims=True)

@@ -59,6 +59,7 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.system.without_multipliers import WithoutMultipliers
 from mbdae.threads import furthest
 
+UNJUDGED = "the run attached (attribute `solution`) is complete with its error; its warnings were not found to the end"
 UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with "
               "solver=mb.RadauIIA(3) follows them")
 #: the time of an event is found by a run LOOSER times less accurate than the run that will end there, but never less accurate
@@ -212,6 +213,7 @@ class Job:
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
+        with self.attaching(run.solver), handing_over(made):
             with made._silently():
                 found = kept_value(lambda: assessed(made, run, self.form.spec().drifts), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
@@ -244,6 +246,7 @@ class Job:
                               "the others: start it slightly away from that position",)
             if isinstance(solution, Solution):
                 why = "the run failed before its end" if isinstance(error, MbdaeError) else "the run was interrupted"
+                why = why if solution.t[-1] < self.asked.t_end else "the call was ended before the error was judged"
                 known, stats = nothing_known(self.prepared, why), solution.stats
                 info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
                 made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
@@ -252,6 +255,18 @@ class Job:
                     stop, _, message = str(error).partition(": ")
                     error.args = (f"{stop}: {place} (solver: {message})",)
             raise
+
+
+@contextmanager
+def handing_over(made: Result) -> Iterator[None]:
+    """Context in which a complete run is judged: where that is interrupted, or its time is over, the run goes with the exception,
+    with what is known of its error."""
+    try:
+        yield
+    except (WallClockError, *ENDS) as error:
+        made.info = replace(made.info, warnings=(f"interrupted: {UNJUDGED}",), reliable=False)
+        interrupted(error, f"interrupted: {UNJUDGED}", made)
+        raise
 
 
 def _at_round_off(run: Controlled) -> bool:

@@ -38,7 +38,7 @@ from mbdae.system.base import Array
 from mbdae.system.dae import ATTACHED
 from mbdae.system.dae import DAE as DAE
 from mbdae.system.shown_index import measured
-from mbdae.threads import single_threaded
+from mbdae.threads import limited, single_threaded
 from mbdae.values import number, optional
 
 #: longer of the two steps that look for a jump at the start, over the time of the run; their ratio; smallest jump that counts,
@@ -98,17 +98,11 @@ def simulate(dae: DAE, t_end: float, accuracy: float, solver: Any, outputs: Any,
     end = end_after(dae.t0, t_end)
     times = output_times(dae.t0, end, outputs)
     wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
-    _refuse(dae, end - dae.t0)
-    run = OwnRun(dae, accuracy, Asked(end, max_wall=wall, progress=progress_of(progress)), times)
-    return run.result(*(run.chosen() if method is None else (run.by(method), "")))
-
-
-def _refuse(dae: DAE, span: float) -> None:
-    """Raise OptionError for a declared index that the equations contradict, and for a start that they leave at once."""
-    if wrong := dae.doubt(span):
-        raise OptionError(wrong)
-    if wrong := inconsistency(dae, span):
-        raise OptionError(wrong)
+    with limited(wall):
+        if wrong := dae.doubt(end - dae.t0) or inconsistency(dae, end - dae.t0):
+            raise OptionError(wrong)
+        run = OwnRun(dae, accuracy, Asked(end, max_wall=wall, progress=progress_of(progress)), times)
+        return run.result(*(run.chosen() if method is None else (run.by(method), "")))
 
 
 class OwnRun:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import Later
+from mbdae.deferred import Later, later
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
@@ -54,8 +54,7 @@ if TYPE_CHECKING:
 else:
     IDA = Later("mbdae.integrators.sundials", "IDA")
     table = Later("mbdae.laws.beam", "table")
-    Fields = Later("mbdae.results.beams", "Fields")
-    in_space = Later("mbdae.results.beams", "in_space")
+    Fields, in_space = later("mbdae.results.beams", "Fields", "in_space")
 
 TIMES = 201  #: number of times at which both meshes are compared
 PLACES = np.linspace(0, 1, 5)  #: places of every element, from 0 to 1, at which both meshes are compared

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import Later
+from mbdae.deferred import later
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.laws.bodies import ORDERS
 from mbdae.notation import counted
@@ -22,11 +22,8 @@ if TYPE_CHECKING:
     from mbdae.laws.beam import LineLoad, node_positions
     from mbdae.laws.line_mesh import LineMesh, arc, curved, polyline
 else:
-    LineLoad = Later("mbdae.laws.beam", "LineLoad")
-    node_positions = Later("mbdae.laws.beam", "node_positions")
-    arc = Later("mbdae.laws.line_mesh", "arc")
-    curved = Later("mbdae.laws.line_mesh", "curved")
-    polyline = Later("mbdae.laws.line_mesh", "polyline")
+    LineLoad, node_positions = later("mbdae.laws.beam", "LineLoad", "node_positions")
+    arc, curved, polyline = later("mbdae.laws.line_mesh", "arc", "curved", "polyline")
 
 #: points, m, and section used in place of wrong ones, so that the other arguments are checked too
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])

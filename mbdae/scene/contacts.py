@@ -85,17 +85,15 @@ def shape(arg: Argument, value: Any) -> Shape:
         if key in ("radius", "length"):
             found[key] = None if given is None and key == "length" else reading.quantity("m", "positive")(part, given)
         elif key in ("normal", "axis"):
-            found[key] = _unit(reading.direction(part, given))
+            # the direction at length 1; a unit vector is returned unchanged, so that a stored scene repeats its
+            # numbers exactly
+            direction = reading.direction(part, given)
+            found[key] = direction if abs(np.linalg.norm(direction) - 1) <= ROUNDING else reading.unit(direction)
         elif key == "size":
             found[key] = _edges(part, given)
         elif given is not None:
             found[key] = (reading.rotation if key == "rotation" else reading.point)(part, given)
     return replace(value, **found)
-
-
-def _unit(direction: Array) -> Array:
-    """The direction at length 1; a unit vector is returned unchanged, so that a stored scene repeats its numbers exactly."""
-    return direction if abs(np.linalg.norm(direction) - 1) <= ROUNDING else reading.unit(direction)
 
 
 def _edges(arg: Argument, value: Any) -> Array:
@@ -113,8 +111,7 @@ def _edges(arg: Argument, value: Any) -> Array:
 def shapes(arg: Argument, value: Any) -> tuple[Shape, ...]:
     """Reader of the shapes of a body: one, or a list of them."""
     given = list(value) if isinstance(value, list | tuple) else [value]
-    found = [shape(arg if len(given) == 1 else arg.part(f"{arg.option}[{i}]"), one) for i, one in enumerate(given)]
-    return tuple(found)
+    return tuple([shape(arg if len(given) == 1 else arg.part(f"{arg.option}[{i}]"), one) for i, one in enumerate(given)])
 
 
 def color(arg: Argument, value: Any) -> str:

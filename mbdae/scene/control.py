@@ -15,10 +15,10 @@ import symengine as se
 from mbdae.inputs import sensed as symbols
 from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, beyond, jumps, unresolved
-from mbdae.inputs.resolution import Stretches, resolved
+from mbdae.inputs.resolution import resolved
 from mbdae.inputs.sensed import paths
 from mbdae.inputs.tables import lookup_of, readable
-from mbdae.laws.control import HeldOutput, InternalState
+from mbdae.laws.bodies import HeldOutput, InternalState
 from mbdae.scene import reading
 from mbdae.scene.components import AsGiven, BeamLoad, Connection, Controller, Signal
 from mbdae.scene.connections import ConnectionStatements
@@ -112,7 +112,12 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
         return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, which is shorter than any step "
                 f"there: let more time pass between both, count the time from an instant near them, or give their effect as a "
                 f"start value"]
-    times, sides = _looked_at(edges, found)
+    step = len(found.edges) // MOST + 1
+    low, high = found.edges[:-1][::step], found.edges[1:][::step]
+    middle = (low + high) / 2
+    stretch = np.clip(np.searchsorted(edges, middle) - 1, 0, len(edges) - 2)
+    side = ((edges[1:] + edges[:-1]) / 2)[stretch]
+    times, sides = np.r_[low, middle, high], np.r_[side, side, side]
     values = [timed.values(part, times, sides) for part in parts]
     poles = np.concatenate([times[~np.isfinite(values[0])], found.poles])
     if len(poles):
@@ -123,16 +128,6 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
         return [f"{one.what} is not finite near {first}; give an input that stays finite"]
     before = [2 * t0 - timed.after(t0)] if continued else []
     return _jumps(one, parts, values, edges, before) if one.moves else []
-
-
-def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
-    """Times at the ends and in the middle of stretches, and for each a time inside its interval between two breaks."""
-    step = len(found.edges) // MOST + 1
-    low, high = found.edges[:-1][::step], found.edges[1:][::step]
-    middle = (low + high) / 2
-    stretch = np.clip(np.searchsorted(edges, middle) - 1, 0, len(edges) - 2)
-    side = ((edges[1:] + edges[:-1]) / 2)[stretch]
-    return np.r_[low, middle, high], np.r_[side, side, side]
 
 
 def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before: list[float]) -> list[str]:

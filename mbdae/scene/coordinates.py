@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mbdae.laws.friction import Friction
 from mbdae.laws.on_coordinates import JointDamper, JointFriction, JointLoad, JointSpring, JointStop
 from mbdae.scene import reading
 from mbdae.scene.components import Clearance, JointModel, Recursive, Stop
@@ -252,8 +251,7 @@ def _friction_mistakes(found: OnCoordinates, words: Mapping[str, str], model: Jo
     for option, unit, values in (("radius", "m", radius), ("normal_force", "N", normal)):
         for c in values.keys() - friction.keys():
             wrong.append(f"{option} = {values[c]:g} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c), or omit it")
-    for c, law in friction.items():
-        assert isinstance(law, Friction)
+    for c in friction:
         if found.law.coordinates[c].unit == "rad" and c not in radius:
             wrong.append("radius = None: friction in a bearing needs the radius of its pin, a positive number in m")
     if friction and isinstance(model, Clearance):

@@ -13,9 +13,8 @@ from functools import cache
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mbdae.deferred import Later
+from mbdae.deferred import Later, later
 from mbdae.errors import LawError, SceneError
-from mbdae.laws.friction import Coulomb, Friction
 from mbdae.scene.components import Beam, Body, Classical, Clearance, Connection, Constrained, JointModel, Kinematic, Recursive
 from mbdae.scene.reading import Argument, instance, quantity
 from mbdae.scene.record import STATEMENTS, SceneItems, Statement, encode, item_name
@@ -26,8 +25,10 @@ from mbdae.values import shown
 
 if TYPE_CHECKING:
     from mbdae.laws.contact import Normal
+    from mbdae.laws.friction import Coulomb, Friction
 else:
     Normal = Later("mbdae.laws.contact", "Normal")
+    Coulomb, Friction = later("mbdae.laws.friction", "Coulomb", "Friction")
 
 T = TypeVar("T")
 
@@ -94,19 +95,14 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
         if root not in seen:
             roots.append(root)
             seen.add(root)
-            _grow(root, joined, seen, edges)
+            front = [root]
+            for parent in front:
+                for joint, child in joined.get(parent, ()):
+                    if child not in seen:
+                        seen.add(child)
+                        edges.append((parent, joint, child))
+                        front.append(child)
     return Tree(edges, roots, closing)
-
-
-def _grow(root: Body, joined: dict[Body, list[tuple[Connection, Body]]], seen: set[Body],
-          edges: list[tuple[Body, Connection, Body]]) -> None:
-    front = [root]
-    for parent in front:
-        for joint, child in joined.get(parent, ()):
-            if child not in seen:
-                seen.add(child)
-                edges.append((parent, joint, child))
-                front.append(child)
 
 
 def _rank(c: Connection) -> tuple[bool, ...]:
@@ -129,13 +125,12 @@ def not_joined(scene: SceneItems) -> tuple[str, ...]:
 
 
 MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: joint models, in messages
-a_friction = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
 normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")
 
 
 def friction_law(arg: Argument, value: Any) -> Any:
     """Reader of a friction law. One without internal states is refused where it feeds energy at some sliding velocity."""
-    found = a_friction(arg, value)
+    found = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))(arg, value)
     if found is not value or found.states:
         return found
     try:

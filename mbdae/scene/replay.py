@@ -18,19 +18,20 @@ import numpy as np
 from mbdae.deferred import Later
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.laws import exported
-from mbdae.laws.friction import Friction
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, stored_name, without_module
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphere
 from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
+from mbdae.threads import check
 from mbdae.values import array, shown
 
 if TYPE_CHECKING:
     from mbdae.laws.contact import Normal
+    from mbdae.laws.friction import Friction
 else:
-    Normal = Later("mbdae.laws.contact", "Normal")
+    Normal, Friction = Later("mbdae.laws.contact", "Normal"), Later("mbdae.laws.friction", "Friction")
 
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {
@@ -284,6 +285,7 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
     scene = scene_class(data["name"], gravity=data["gravity"], space=data["space"])
     known = known if known is not None else Known()
     for i, entry in enumerate(data["statements"]):
+        check("a scene was made from its statements")
         try:
             _repeat(scene, entry, known)
         except SceneError as error:

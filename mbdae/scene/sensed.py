@@ -141,6 +141,18 @@ def measured(scene: Any, sensor: str) -> tuple[str, str]:
     return quantity.replace("_", " "), UNITS.get(quantity, "")
 
 
+def of_motion(scene: Any, sensor: str) -> bool:
+    """Whether a sensor shows the motion: positions, axes and velocities of bodies and places, coordinates of joints and lengths
+    of forces, with their rates. What contacts measure between surfaces is small beside it."""
+    if isinstance(scene._by_name.get(sensor), Signal):
+        return False
+    name, quantity, _ = parsed(sensor)
+    item = placed(scene, name)[0]
+    if isinstance(item, Connection):
+        return quantity in item.scalars or quantity in rates_of(item) or (quantity in ("length", "rate") and has_length(item))
+    return quantity in MOTION or quantity == "on_axis"
+
+
 MOTION = {"position": (3,), "velocity": (3,), "angular_velocity": (3,), "rotation": (3, 3)}  #: of bodies: quantity -> shape
 
 
@@ -167,29 +179,22 @@ def found(scene: Any, path: str) -> Sensed:
     except SceneError:
         raise BadValueError(_unknown(scene, path)) from None
     if isinstance(item, Connection):
-        return _of_connection(scene, path, item, quantity)
-    if isinstance(item, Body):
-        return _of_body(scene, path, Sensed(item, quantity, entry, point=None if where is None else item.at(where).point))
-    raise BadValueError(_unknown(scene, path))
-
-
-def _of_connection(scene: Any, path: str, item: Connection, quantity: str) -> Sensed:
-    rates = rates_of(item) if isinstance(item.joint, Joint) else {}
-    if quantity in item.scalars or quantity in rates:
-        return Sensed(item, rates.get(quantity, quantity), rated=quantity in rates)
-    _refuse_loop(path, quantity)
-    raise BadValueError(_unknown(scene, path))
-
-
-def _of_body(scene: Any, path: str, sensed: Sensed) -> Sensed:
-    shape = MOTION.get(sensed.quantity)
-    if shape is None:
-        _refuse_loop(path, sensed.quantity)
+        rates = rates_of(item) if isinstance(item.joint, Joint) else {}
+        if quantity in item.scalars or quantity in rates:
+            return Sensed(item, rates.get(quantity, quantity), rated=quantity in rates)
+        _refuse_loop(path, quantity)
         raise BadValueError(_unknown(scene, path))
-    if len(sensed.entry) != len(shape) or max(sensed.entry) > 2:
-        example = f"{sensed.item.name}.{sensed.quantity}[{', '.join('1' for _ in shape)}]"
-        raise BadValueError(f"'{path}' names no component; write it as '{example}', with indices from 0 to 2")
-    return sensed
+    if isinstance(item, Body):
+        sensed = Sensed(item, quantity, entry, point=None if where is None else item.at(where).point)
+        shape = MOTION.get(sensed.quantity)
+        if shape is None:
+            _refuse_loop(path, sensed.quantity)
+            raise BadValueError(_unknown(scene, path))
+        if len(sensed.entry) != len(shape) or max(sensed.entry) > 2:
+            example = f"{sensed.item.name}.{sensed.quantity}[{', '.join('1' for _ in shape)}]"
+            raise BadValueError(f"'{path}' names no component; write it as '{example}', with indices from 0 to 2")
+        return sensed
+    raise BadValueError(_unknown(scene, path))
 
 
 def _refuse_loop(path: str, quantity: str) -> None:
@@ -202,16 +207,12 @@ def _refuse_loop(path: str, quantity: str) -> None:
 
 
 def _unknown(scene: Any, path: str) -> str:
-    known = known_paths(scene)
-    few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
-    return f"there is no sensor '{path}': {meant(path, known)}known sensors: {few or 'none'}"
-
-
-def known_paths(scene: Any) -> list[str]:
-    """The sensors that may be read, by path."""
+    # the sensors that may be read, by path
     joints = [f"{c.name}.{q}" for c in scene.joints for q in (*c.scalars, *rates_of(c))]
     bodies = [f"{b.name}.{q}[{', '.join('0' for _ in shape)}]" for b in scene.bodies for q, shape in MOTION.items()]
-    return [*(one.name for one in scene.signals), *joints, *bodies]
+    known = [*(one.name for one in scene.signals), *joints, *bodies]
+    few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
+    return f"there is no sensor '{path}': {meant(path, known)}known sensors: {few or 'none'}"
 
 
 def refuse_sampled(scene: Any, analysis: str) -> None:

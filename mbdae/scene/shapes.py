@@ -97,8 +97,7 @@ class Section:
         refused: list[str] = []
         for name, unit in _UNITS.items():
             value = getattr(self, name)
-            rigid = isinstance(value, float) and value == math.inf
-            refused += [] if rigid else self._read(name, unit, above=0)
+            refused += [] if isinstance(value, float) and value == math.inf else self._read(name, unit, above=0)
         refused += self._read("mass_per_length", "kg/m", above=0)
         refused += [f"rotary_inertia[{i}] = {j:g} kg m is not positive" for i, j in enumerate(self.rotary_inertia) if j <= 0]
         if refused:
@@ -214,8 +213,7 @@ def _described(name: str, value: Any, unit: str, refused: BadValueError) -> str:
 
 
 def _poisson(nu: Any) -> float:
-    remedy = "Poisson's ratio lies above -1 and not above 0.5"
-    return option("section: nu", nu, number, remedy, above=-1, most=0.5)
+    return option("section: nu", nu, number, "Poisson's ratio lies above -1 and not above 0.5", above=-1, most=0.5)
 
 
 def _positive(**values: tuple[Any, str]) -> list[float]:

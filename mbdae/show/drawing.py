@@ -147,8 +147,7 @@ class Solids:
 
         self.shapes = [(shape, seen.polyline(shape)) for shape in shapes]
         self.colours = np.array([np.array(to_rgb(x.colour)) * (1 - DARKER * shade) for x in shapes for shade in x.shades])
-        up = "xyz".index(upwards(seen))
-        self.light = symbols.unit(np.roll(LIGHT, up - 2))
+        self.light = symbols.unit(np.roll(LIGHT, "xyz".index(upwards(seen)) - 2))
         self.faces = axes.add_collection3d(Poly3DCollection(self._corners(0)), autolim=False)
         self.faces.set(zorder=LOOKS["solid"].layer, linewidth=0.3)
 

@@ -123,7 +123,13 @@ class Namer:
         for text, anchor, box, _ in placed:
             middle = np.array([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2])
             text.set_position(self.figure.transFigure.inverted().transform(middle))
-            self._lead(anchor, box)
+            # draw a thin line from a name to its item where they are far apart
+            near = np.clip(anchor, box[:2], box[2:])
+            if np.linalg.norm(near - anchor) > FAR * self.point:
+                from matplotlib.lines import Line2D
+
+                ends = self.figure.transFigure.inverted().transform(np.array([near, anchor]))
+                self.figure.add_artist(Line2D(*ends.T, color="#999999", linewidth=0.6, zorder=19))
 
     def _text(self, label: Label, height: float) -> Any:
         from matplotlib.patheffects import withStroke
@@ -140,13 +146,7 @@ class Namer:
         """Point of the item and box of its name, in pixels, and whether the box covers another name."""
         anchor = self._pixels(self.seen.place(label)[:1])[0]
         l, b, r, t = self._extent(text)
-        box = self._best(anchor, np.array([r - l, t - b]) + self.point)
-        lapped = self._lapped(box) > 0
-        self.boxes.append(box)
-        return anchor, box, lapped
-
-    def _best(self, anchor: Array, size: Array) -> Box:
-        """The box of least cost beside the item; anywhere in the picture where there is no room beside it."""
+        size = np.array([r - l, t - b]) + self.point
         tries = [(self._inside(self._box(anchor, way, reach, size)), reach) for reach, way in product(self.REACHES, self.WAYS)]
         costs = [self._cost(box, reach) for box, reach in tries]
         if min(costs) >= LAPPED:
@@ -154,7 +154,10 @@ class Namer:
             free = [(self._inside((x - size[0] / 2, y - size[1] / 2, x + size[0] / 2, y + size[1] / 2)),
                      float(np.hypot(x - anchor[0], y - anchor[1])) / self.point) for x, y in middles]
             tries, costs = [*tries, *free], [*costs, *(self._cost(box, reach) for box, reach in free)]
-        return tries[int(np.argmin(costs))][0]
+        box = tries[int(np.argmin(costs))][0]
+        lapped = self._lapped(box) > 0
+        self.boxes.append(box)
+        return anchor, box, lapped
 
     def _box(self, anchor: Array, way: tuple[float, float], reach: float, size: Array) -> Box:
         middle = anchor + np.array(way) * (reach * self.point + size / 2 * np.abs(way))
@@ -179,15 +182,6 @@ class Namer:
         """Area of a box over other names, square pixels."""
         l, b, r, t = box
         return sum(max(0.0, min(r, R) - max(l, L)) * max(0.0, min(t, T) - max(b, B)) for L, B, R, T in self.boxes)
-
-    def _lead(self, anchor: Array, box: Box) -> None:
-        """Draw a thin line from a name to its item where they are far apart."""
-        near = np.clip(anchor, box[:2], box[2:])
-        if np.linalg.norm(near - anchor) > FAR * self.point:
-            from matplotlib.lines import Line2D
-
-            ends = self.figure.transFigure.inverted().transform(np.array([near, anchor]))
-            self.figure.add_artist(Line2D(*ends.T, color="#999999", linewidth=0.6, zorder=19))
 
 
 def _lines(points: Array, faces: tuple[tuple[int, ...], ...]) -> list[Array]:

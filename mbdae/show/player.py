@@ -291,8 +291,7 @@ def _whole(points: Array, unit: float) -> Any:
 
 def _short(values: Array) -> Any:
     """Values rounded to seven significant digits, as lists."""
-    rounded = [float(f"{v:.7g}") for v in np.asarray(values).ravel()]
-    return np.reshape(rounded, np.shape(values)).tolist()
+    return np.reshape([float(f"{v:.7g}") for v in np.asarray(values).ravel()], np.shape(values)).tolist()
 
 
 def _pose(seen: Geometry, name: str, unit: float) -> dict[str, Any]:

@@ -137,11 +137,9 @@ class _Builder(JointShapes, BodyShapes):
                 f = place.rotation[k] @ values[k] if load.law.following else values[k]
                 tip = place.position[k]
                 row.append(symbols.arrow(tip - 4 * self.mark * f / largest, tip, 0.8 * self.mark))
-            back = [arrow[[0, 1, 2, 1, 4, 1, 0]] for arrow in row]
-            lines.append(np.concatenate(back))
+            lines.append(np.concatenate([arrow[[0, 1, 2, 1, 4, 1, 0]] for arrow in row]))
         self._add(load.name, "thin", np.array(lines))
-        middle = np.array(lines)[:, 7 * (ARROWS // 2)]
-        self._name(load.name, self.scene.ground, middle)
+        self._name(load.name, self.scene.ground, np.array(lines)[:, 7 * (ARROWS // 2)])
 
 
 # -- Data of an animation: times of the frames, geometry at these times, paths of places, curves of sensors

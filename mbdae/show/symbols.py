@@ -35,8 +35,7 @@ def zigzag(a: Array, b: Array, width: float, turns: int = 6) -> Array:
     share = np.r_[0, 0.12, 0.12 + 0.76 * (np.arange(2 * turns) + 0.5) / (2 * turns), 0.88, 1]
     offset = np.r_[0, 0, width * (-1.0) ** np.arange(2 * turns), 0, 0]
     side = np.array([across(d) for d in b - a])
-    along = a[:, None] + share[None, :, None] * (b - a)[:, None]
-    return np.asarray(along + offset[None, :, None] * side[:, None])
+    return np.asarray(a[:, None] + share[None, :, None] * (b - a)[:, None] + offset[None, :, None] * side[:, None])
 
 
 def arrow(tail: Array, tip: Array, head: float) -> Array:
@@ -121,8 +120,7 @@ def hull(points: Array) -> Array:
     order = [tuple(p) for p in np.unique(np.asarray(points)[:, :2], axis=0)]
     if len(order) < 3:
         return np.array([[*p, 0.0] for p in order])
-    corners = _chain(order)[:-1] + _chain(order[::-1])[:-1]
-    return np.array([[*p, 0.0] for p in corners])
+    return np.array([[*p, 0.0] for p in _chain(order)[:-1] + _chain(order[::-1])[:-1]])
 
 
 def _chain(points: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -162,7 +160,18 @@ def drawn(one: Any, planar: bool, size: float) -> list[Drawn]:
     if isinstance(one, Point):
         return [Drawn("dot", one.at[None])]
     if planar:
-        return _flat(one, size)
+        # outlines of a shape in the plane z = 0
+        upright = isinstance(one, Cylinder) and abs(one.axis[2]) > 1 / 2**0.5
+        if isinstance(one, Sphere) or upright:
+            x, y = one.radius * np.eye(3)[:2]
+            return [Drawn("disc", circle(one.at, x, y, 4 * AROUND)), Drawn("line", np.array([one.at, one.at + x]))]
+        if isinstance(one, Cylinder):
+            along = unit(one.axis * (1, 1, 0)) * (ENDLESS * size if one.length is None else one.length) / 2
+            beside = one.radius * across(along)
+            outline = one.at + np.array([along + beside, beside - along, -along - beside, along - beside])
+        else:
+            outline = hull(corners(one)) + one.at * Z
+        return [Drawn("plate", np.vstack([outline, outline[:1]]))]
     if isinstance(one, Sphere):
         return [_ball(one.at, one.radius)]
     if isinstance(one, Cylinder):
@@ -179,21 +188,6 @@ def outline(one: Any) -> list[Array]:
     half = getattr(one, "length", None) or 0.0
     about = one.at + half / 2 * np.array([[-1.0], [1.0]]) * getattr(one, "axis", Z)
     return [about + sign * getattr(one, "radius", 0.0) * e for sign in (-1, 1) for e in np.eye(3)]
-
-
-def _flat(one: Any, size: float) -> list[Drawn]:
-    """Outlines of a shape in the plane z = 0."""
-    upright = isinstance(one, Cylinder) and abs(one.axis[2]) > 1 / 2**0.5
-    if isinstance(one, Sphere) or upright:
-        x, y = one.radius * np.eye(3)[:2]
-        return [Drawn("disc", circle(one.at, x, y, 4 * AROUND)), Drawn("line", np.array([one.at, one.at + x]))]
-    if isinstance(one, Cylinder):
-        along = unit(one.axis * (1, 1, 0)) * (ENDLESS * size if one.length is None else one.length) / 2
-        beside = one.radius * across(along)
-        outline = one.at + np.array([along + beside, beside - along, -along - beside, along - beside])
-    else:
-        outline = hull(corners(one)) + one.at * Z
-    return [Drawn("plate", np.vstack([outline, outline[:1]]))]
 
 
 def corners(box: Box) -> Array:
@@ -222,8 +216,7 @@ def _turned() -> Array:
 
 
 def _ball(center: Array, radius: float) -> Drawn:
-    rise = np.pi * (np.arange(STACKS + 1) / STACKS - 0.5)
-    rings = [np.cos(b) * _turned() + np.sin(b) * Z for b in rise]
+    rings = [np.cos(b) * _turned() + np.sin(b) * Z for b in np.pi * (np.arange(STACKS + 1) / STACKS - 0.5)]
     bands = [_band(AROUND * i, AROUND * (i + 1)) for i in range(STACKS)]
     faces = tuple(face for band in bands for face in band)
     return Drawn("solid", center + radius * np.vstack(rings), faces, _alternate(STACKS))

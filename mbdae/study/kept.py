@@ -82,8 +82,7 @@ class ResumeFile:
             rest = {"format": self.file_format, "statement": self.identity, **data}
             key = key_of(self.identity)
             rows = [row | {"digest": digest(key, row)} for row in rest.pop("rows")]
-            content = rest | {"digest": digest(key, rest), "rows": rows}
-            write_file(self.path, json.dumps(content, indent=1) + "\n")
+            write_file(self.path, json.dumps(rest | {"digest": digest(key, rest), "rows": rows}, indent=1) + "\n")
 
 
 def key_of(identity: Any) -> str:
@@ -93,8 +92,7 @@ def key_of(identity: Any) -> str:
 
 def digest(key: str, row: Any) -> str:
     """A digest of plain data of the call with this key, the same before and after they are written and read."""
-    text = json.dumps([key, json.loads(json.dumps(row))], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps([key, json.loads(json.dumps(row))], sort_keys=True).encode()).hexdigest()[:16]
 
 
 def is_sound(key: str, row: Any) -> bool:

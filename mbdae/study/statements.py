@@ -46,7 +46,7 @@ def changed(scene: SceneData, name: str, value: Value, t_end: float = 1.0) -> tu
         pulse.set(call, _of(value, getattr(pulse.pulse, pulse.number)))
     else:
         factor = _set(call, statements[index][0], keys, value, name)
-    statements[index] = _statement(scene, statements[index][0], call)
+    statements[index] = restated(scene, statements[index][0], call)
     return _again(scene, statements, name, value), factor
 
 
@@ -84,11 +84,10 @@ def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, di
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
     method, args, kwargs = statements[names.index(item)]
     call = dict(list(inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs).arguments.items())[1:])
-    further = call.pop("further", {})
-    return names.index(item), call | further
+    return names.index(item), call | call.pop("further", {})
 
 
-def _statement(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
+def restated(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
     """The statement `method(...)` with the arguments `call`, as plain data."""
     signature = inspect.signature(getattr(type(scene), method))
     bound = signature.bind_partial(None)
@@ -113,30 +112,24 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: Value, name:
         call.pop("mass_per_length", None)
         call["mass"] = value
     elif keys == ["stiffness"] and not {"stiffness", "law"} & set(call):
-        _set_stiffness(call, value, name)
+        if call.get("spring") is not None:
+            holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
+            holder[key] = _of(value, holder[key])
+        elif "section" in call:
+            fields = _fields(call, "section", ("EA",), name)
+            factor = _of(value, fields["EA"]) / fields["EA"]
+            for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
+                fields[key] *= factor
+        else:
+            normal = _fields(call, "model", ("normal",), name)["normal"]
+            inside = _fields({"normal": normal}, "normal", ("stiffness",), name)
+            inside["stiffness"] = _of(value, inside["stiffness"])
     elif keys == ["clearance"]:
         fields = _fields(call, "model", ("outer", "inner"), name)
         fields["outer"] = fields["inner"] + _of(value, fields["outer"] - fields["inner"])
     else:
         _descend(call, keys, value, name)
     return 1.0
-
-
-def _set_stiffness(call: dict[str, Any], value: Value, name: str) -> None:
-    """Set the spring stiffness of a joint, the contact stiffness of a clearance, or EA of a beam with its other stiffnesses in
-    proportion."""
-    if call.get("spring") is not None:
-        holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
-        holder[key] = _of(value, holder[key])
-    elif "section" in call:
-        fields = _fields(call, "section", ("EA",), name)
-        factor = _of(value, fields["EA"]) / fields["EA"]
-        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
-            fields[key] *= factor
-    else:
-        normal = _fields(call, "model", ("normal",), name)["normal"]
-        inside = _fields({"normal": normal}, "normal", ("stiffness",), name)
-        inside["stiffness"] = _of(value, inside["stiffness"])
 
 
 def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:

@@ -106,8 +106,7 @@ class _Derivation(Statement):
         if not self._reacts():
             return None
         x, y, z = se.symbols("reaction_1:4")
-        force = Vec(x, y, 0 if any(f.kind.flat for f in self.frames) else z)
-        return self._by(reactions(self.law, self.rows, ()), force)
+        return self._by(reactions(self.law, self.rows, ()), Vec(x, y, 0 if any(f.kind.flat for f in self.frames) else z))
 
     def _reacts(self) -> bool:
         law, cls = self.law, type(self.law)
@@ -124,14 +123,19 @@ class _Derivation(Statement):
         self.refuse_clashes()
         self.refuse_undefined()
         self._refuse_others()
-        self._define_feeds()
+        # define the names of the sensors that the law reads
+        for name, statement in self.feeds.stated(self.read_frames):
+            e = without_overflow(one_sided(statement))
+            for frame, quantity in self.undefined(e):
+                raise LawError(f"an expression given to a {type(self.law).__name__} reads a sensor that a {frame.kind.value} "
+                               f"body does not have ({quantity} of its frame); use s.rigid_body for that body")
+            self.variation.define(se.Symbol(name), e)
         if isinstance(self.law, Joint):
             refuse_amounts(self.law)
         rows, vanished, undefined, g, G = self._constraints()
         force_on_l = reaction_on_l(self.law, self.frames, rows, G)
         force, powers = self._forces(reactions(self.law, rows, vanished), force_on_l)
-        resolve = self.variation.resolve
-        energy, dissipated, work = map(resolve, powers)
+        energy, dissipated, work = map(self.variation.resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
         self.variation.release()
         facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force))
@@ -153,15 +157,6 @@ class _Derivation(Statement):
     def read_frames(self) -> tuple[Frame, ...]:
         """The frames that are added for the sensors that the law reads."""
         return self.frames[len(self.frames) - len(self.feeds.sides) :]
-
-    def _define_feeds(self) -> None:
-        """Define the names of the sensors that the law reads."""
-        for name, statement in self.feeds.stated(self.read_frames):
-            e = without_overflow(one_sided(statement))
-            for frame, quantity in self.undefined(e):
-                raise LawError(f"an expression given to a {type(self.law).__name__} reads a sensor that a {frame.kind.value} "
-                               f"body does not have ({quantity} of its frame); use s.rigid_body for that body")
-            self.variation.define(se.Symbol(name), e)
 
     def _coordinates(self) -> dict[str, Expr]:
         stated = {name: e for name, e in self.law.read(*self.sides).items() if not self.undefined(e)}

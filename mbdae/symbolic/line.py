@@ -131,8 +131,7 @@ class LineDerived:
     @cached_property
     def parameters(self) -> list[str]:
         """Names of the parameters read."""
-        used = symbols_of([*self.outputs, self.energy, self.dissipated])
-        return sorted(str(s) for s in used - set(self.variables))
+        return sorted(str(s) for s in symbols_of([*self.outputs, self.energy, self.dissipated]) - set(self.variables))
 
     @cached_property
     def derivatives(self) -> dict[tuple[int, int], Expr]:

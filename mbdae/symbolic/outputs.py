@@ -264,8 +264,7 @@ def fingerprint(d: Derived, rates: bool = False) -> str:
     memo: dict[Expr, str] = {}
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
     parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in reached]
-    outputs = [*position(d), *dynamics(d), *state_rows(d), *further]
-    parts += [f"{target}: {canonical(e, memo)}" for target, e in outputs]
+    parts += [f"{target}: {canonical(e, memo)}" for target, e in [*position(d), *dynamics(d), *state_rows(d), *further]]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 

@@ -91,7 +91,10 @@ def one_sided(e: Expr) -> Expr:
     def rule(node: Expr, args: list[Expr]) -> Expr | None:
         name = type(node).__name__
         if name in ("Max", "Min"):
-            return _extreme(args, largest=name == "Max")
+            found = args[0]
+            for other in args[1:]:
+                found = se.Piecewise((found, found >= other if (name == "Max") else found <= other), (other, True))
+            return found
         if name == "Abs":
             return se.Piecewise((args[0], args[0] >= 0), (-args[0], True))
         if name == "sign":
@@ -102,13 +105,6 @@ def one_sided(e: Expr) -> Expr:
 
     e = se.sympify(e)
     return rebuilt(e, rule) if any(type(node).__name__ in ONE_SIDED for node in nodes(e)) else e
-
-
-def _extreme(args: list[Expr], largest: bool) -> Expr:
-    found = args[0]
-    for other in args[1:]:
-        found = se.Piecewise((found, found >= other if largest else found <= other), (other, True))
-    return found
 
 
 def without_overflow(e: Expr) -> Expr:
@@ -172,7 +168,7 @@ def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
                    f"se.Piecewise((a, x > 0), (b, True))"
         if kind == "Piecewise" and node.args[-1] != se.true:
             return f"{shown(node)}, which has no value where none of its conditions holds; end it with (value, True)"
-        if kind == "Pow" and node.args[1].free_symbols and _without_powers(node.args[0]):
+        if without_powers(node):
             return f"{shown(node)}, a power whose base is not positive: no real number for most exponents; state it by cases"
         if node.is_Number or not (node.args or kind in USABLE or is_condition(node)):
             if not _is_finite(node):
@@ -185,8 +181,12 @@ def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
     return ""
 
 
-def _without_powers(base: Any) -> bool:
-    """Whether an expression is a number whose powers are no real numbers for all exponents, 0 or a negative one."""
+def without_powers(e: Any) -> bool:
+    """Whether an expression is a power, with an exponent that varies, of 0 or a negative number, which has no real value for most
+    exponents."""
+    if type(e).__name__ != "Pow" or not e.args[1].free_symbols:
+        return False
+    base = e.args[0]
     return not base.free_symbols and _is_finite(base) and float(base) <= 0
 
 

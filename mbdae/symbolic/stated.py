@@ -3,6 +3,12 @@
 A law is Python code: it may read constants, closures, attributes, other functions and files, all of which may change while Python
 runs. Whatever they are, they show in its statement. So laws are stated anew whenever a model is made, and what was derived is
 found by the statement, never by the class.
+
+Within a process nothing is remembered by the class of a law. Every model asks each of its laws once what it states (some 60
+microseconds), and finds what was derived, planned and compiled by the answer (`stated.Stated`), which is compared expression by
+expression. A law that is new is asked four times: one that answers otherwise each time is refused. `Derived` answers later
+questions, such as those of sensors, from the statement that was derived, so that a result keeps its equations when the law
+changes. Scenes that are sent to other processes carry a digest of what their own laws state (`scene/scene.py`).
 """
 
 from __future__ import annotations
@@ -192,8 +198,7 @@ def motion_key(law: Any, structure: Any) -> object:
     """An object that stands for the motion that a joint states now: the same one for the same motion of one class."""
     try:
         steps = frozen(symbolic_steps(law.symbolic(structure)))
-        units = tuple((name, entry.unit) for name, entry in law.coordinates.items())
-        return _one(law, units, tuple(law.params), steps)
+        return _one(law, tuple((name, entry.unit) for name, entry in law.coordinates.items()), tuple(law.params), steps)
     except Exception:  # a mistake in the law, which its derivation reports
         return object()
 

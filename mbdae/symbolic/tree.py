@@ -187,7 +187,9 @@ class TreeProgram:
             for f, node in zip(d.frames, member.nodes, strict=True):
                 rows = {t[2]: substituted(d.variation.resolve(e), table) for t, e in dynamics(d) if t[1] == f.side}
                 if node is not None and rows:
-                    total[node] = _sum(total.get(node), self._wrench(node, rows))
+                    a = total.get(node)
+                    b = self._wrench(node, rows)
+                    total[node] = b if a is None else (a[0] + b[0], a[1] + b[1])
         return total
 
     def _meaning(self, m: int, member: Member, d: Derived) -> dict[Expr, Expr]:
@@ -265,10 +267,6 @@ class TreeProgram:
                 spin = [] if not s.kind.turns else [turn[2]] if s.kind.flat else list(s.to_body(turn))
                 out += [((name, j, i), self.program.let(e)) for i, e in enumerate([*list(move)[:n], *spin])]
         return out
-
-
-def _sum(a: Wrench | None, b: Wrench) -> Wrench:
-    return b if a is None else (a[0] + b[0], a[1] + b[1])
 
 
 @made_once("derive", 64)

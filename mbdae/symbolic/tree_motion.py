@@ -134,8 +134,7 @@ def moved(step: Step, coordinates: list[Coordinate], program: Program) -> Moved:
     for c in coordinates:
         second += sum((se.diff(d, c.value) * c.rate * o.rate for d, o in zip(first, coordinates, strict=True)), NONE)
     slopes = {c.number: program.let(d) for d, c in zip(first, coordinates, strict=True) if c.number is not None and d != 0}
-    named = Step(step.turns, step.axis, program.let(step.amount))
-    return Moved(named, program.let(rate), program.let(second), slopes)
+    return Moved(Step(step.turns, step.axis, program.let(step.amount)), program.let(rate), program.let(second), slopes)
 
 
 class Part(NamedTuple):

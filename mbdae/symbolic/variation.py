@@ -61,8 +61,7 @@ class Variation:
 
     def define(self, symbol: Expr, statement: Any) -> None:
         """Make a symbol the name of a statement; it counts as a number until `release`."""
-        value = self.resolve(self.name(statement))
-        self.values[symbol] = value
+        self.values[symbol] = self.resolve(self.name(statement))
         self.constant.add(symbol)
         self._defined.append(symbol)
 
@@ -127,7 +126,11 @@ class Variation:
 
     def _rate_by_names(self, e: Expr) -> Expr:
         """`rate` with names for the rates of names too, which keeps the derivatives of a damper's force short."""
-        total = self._rate_at_fixed_names(e)
+        by = _by(e)
+        total = sum((by(p) * dp for p, dp in self.clock.items()), _ZERO)
+        for f in self.frames:
+            move, turn = self._direct_gradient(f, e)
+            total += move @ f.center_velocity + turn @ f.w
         for factor, name in self._chain(e):
             if name not in self._rates:
                 self._rates[name] = self._symbol(self.resolve(self._rate_by_names(self.values[name])))
@@ -191,14 +194,6 @@ class Variation:
         total = sum((self.diff(e, p) * dp for p, dp in self.clock.items()), _ZERO)
         for f in self.frames:
             move, turn = self.gradient(f, e)
-            total += move @ f.center_velocity + turn @ f.w
-        return total
-
-    def _rate_at_fixed_names(self, e: Expr) -> Expr:
-        by = _by(e)
-        total = sum((by(p) * dp for p, dp in self.clock.items()), _ZERO)
-        for f in self.frames:
-            move, turn = self._direct_gradient(f, e)
             total += move @ f.center_velocity + turn @ f.w
         return total
 

@@ -90,8 +90,9 @@ def _words(value: Any, **bounds: Any) -> tuple[Any, ...]:
     return tuple(sequence(value, **bounds))
 
 
-class Kept(dict[str, Any]):
-    """Results that solvers store for later runs, by name. The Systems of the parts of a run share one; a copy is empty."""
+class Kept(dict[Any, Any]):
+    """What is stored for later, by name, such as results that solvers store for later runs: the Systems of the parts of a run
+    share one. A copy is empty."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kept, ()
@@ -137,8 +138,7 @@ class System:
     @property
     def jacobian_shape(self) -> tuple[int, ...]:
         """Shape of the `out` of `jacobian`."""
-        places = self.sparsity if self.pattern is None else self.pattern
-        return (places.nnz,) if self.sparse else (self.n, self.n)
+        return ((self.sparsity if self.pattern is None else self.pattern).nnz,) if self.sparse else (self.n, self.n)
 
     @property
     def has_pattern(self) -> bool:
@@ -273,6 +273,11 @@ class System:
         rows, columns = self.sparsity.indices, np.repeat(np.arange(self.n), np.diff(self.sparsity.indptr))
         full[0, rows, columns], full[1, rows, columns] = fy, fyp
         return full[0], full[1]
+
+    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as full matrices (k, n, n) at k states, t (k,), y and yp (k, n)."""
+        fy, fyp = zip(*(self.dense_parts(*state) for state in zip(t.tolist(), y, yp, strict=True)), strict=True)
+        return np.array(fy), np.array(fyp)
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays (nnz,) of data of `pattern`, for systems that have one."""

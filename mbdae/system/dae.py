@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mbdae.deferred import csc_matrix, issparse
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, WallClockError
 from mbdae.notation import counted
 from mbdae.system.base import Array, Switches, System
 from mbdae.system.shown_index import Differences, checked_partition, contradiction
+from mbdae.threads import check
 from mbdae.values import array, function, largest, number, of_class, option, optional, sequence, shown, text
 
 #: largest residual of an equation at the start that is accepted, over the magnitude of its terms as estimated from its
@@ -113,6 +114,8 @@ class DAE(System):
         if self._doubt is None:
             try:
                 self._doubt = contradiction(self, span)
+            except WallClockError:
+                raise
             except Exception:  # a function that fails here fails in the run too, which says after which time
                 self._doubt = ""
         return self._doubt
@@ -135,6 +138,7 @@ class DAE(System):
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
+        check("the residual was evaluated")
         _fill("residual", self._function(t, y, yp, out), out, t)
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
@@ -143,6 +147,7 @@ class DAE(System):
             fy, fyp = self.jacobian_parts(t, y, yp)
             out[...] = fy + cj * fyp
             return
+        check("the Jacobian was evaluated")
         _fill("jacobian", self._jacobian(t, y, yp, cj, out), out, t)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
@@ -152,6 +157,7 @@ class DAE(System):
         return self._own_differences.parts(t, y, yp)
 
     def _filled_rates(self, t: float, y: Array, out: Array) -> None:
+        check("the right-hand side was evaluated")
         _fill("rhs", self._rates(t, y, out), out, t)
 
     def probes(self) -> list[tuple[float, Array, Array]]:
@@ -225,8 +231,7 @@ class DAE(System):
     def _check_jacobian(self) -> None:
         if self._jacobian is None:
             return
-        shape = (self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,)
-        out = np.zeros(shape)
+        out = np.zeros((self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,))
         self.jacobian(self.t0, self.y0.copy(), self.yp0.copy(), 1.0, out)
         if not np.isfinite(out).all():
             raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0:g} s: check its formulas")
@@ -264,8 +269,7 @@ class DAE(System):
         self.declared = int(values)
         result = np.where(algebraic, int(values), 1)
         if values == 3:
-            forced = present_y[:, algebraic].any(axis=1)
-            result[present_yp[forced].any(axis=0)] = 2
+            result[present_yp[present_y[:, algebraic].any(axis=1)].any(axis=0)] = 2
         return result
 
 

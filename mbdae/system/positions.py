@@ -4,11 +4,11 @@ then the loops are closed."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import sp
+from mbdae.deferred import later, sp
 from mbdae.errors import StartError
 from mbdae.inputs import timed
 from mbdae.scene.components import Body, Connection
@@ -19,10 +19,14 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.changes import largest_violation, least_change, sparse_least_change, violations
+from mbdae.system.changes import RigidMotions, largest_violation, least_change, sparse_least_change, violations
 from mbdae.system.model.nodes import JointMotion, drawn_quaternion, quaternion_product, rotation_matrices
 from mbdae.system.motion.mechanics import Mechanics, in_units
-from mbdae.system.start_of_beams import RigidMotions, can_bend, closed_by_bending
+
+if TYPE_CHECKING:
+    from mbdae.system.start_of_beams import can_bend, closed_by_bending
+else:
+    can_bend, closed_by_bending = later("mbdae.system.start_of_beams", "can_bend", "closed_by_bending")
 
 Held = tuple[Connection, str, float]  #: a joint, one of its coordinates, and the value at which it is held
 CLOSED = 1e-12  #: largest violation (over the scene's length, or rad) at which the iteration that closes loops stops
@@ -118,7 +122,9 @@ class ConsistentPositions:
     def close(self, q: Array) -> Array:
         """As `closed`; a sentence on the body that moves most is appended to `changes`."""
         found = self.closed(q)
-        self._report_positions(q, found)
+        most, moved = self._most_moved(q, found)
+        if moved > 1e-9 * self.model.length:
+            self.changes.append(f"to close the loops body '{most}' moved by {moved:.3g} m")
         return found
 
     def closed(self, q: Array) -> Array:
@@ -155,7 +161,7 @@ class ConsistentPositions:
         try:
             return self.close(q)
         except StartError:
-            can = can_bend(self.mechanics)
+            can = bool(self.model.lines) and can_bend(self.mechanics)
             found = closed_by_bending(self.mechanics, q, self._closure, self._closure_jacobian, CLOSED) if can else None
             if found is None:
                 raise
@@ -173,19 +179,16 @@ class ConsistentPositions:
         joint_name = name.rsplit(".", 1)[0]
         row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
         unit = "m" if np.any(row[~self.mechanics.rotational]) else "rad"
-        stated = self._stated_in_loop(joint_name)
-        values_stated = f"{stated}: the loop may not reach that, state another value; or " if stated else ""
-        return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
-                f"{unit}; {values_stated}check the points of the bodies it connects")
-
-    def _stated_in_loop(self, name: str) -> str:
-        """The values at which coordinates in the loops through a joint are held or prescribed at the start, where they are not as
-        drawn; empty where there are none."""
-        loops = [loop for loop in map(self.tree.loop, self.tree.closing) if any(joint.name == name for joint in loop)]
+        # the values at which coordinates in the loops through a joint are held or prescribed at the start, where they
+        # are not as drawn; empty where there are none
+        loops = [loop for loop in map(self.tree.loop, self.tree.closing) if any(joint.name == joint_name for joint in loop)]
         joints = dict.fromkeys(joint for loop in loops for joint in loop)
         told = [f"{c} of '{joint.name}' starts at {value:.6g} {joint.unit(c)}"
                 for joint in joints for c, value in self.held_values(joint).items() if value]
-        return " and ".join(told)
+        stated = " and ".join(told)
+        values_stated = f"{stated}: the loop may not reach that, state another value; or " if stated else ""
+        return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
+                f"{unit}; {values_stated}check the points of the bodies it connects")
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
         """Coordinates that the user holds, each with what values(joint) gives for it; none without `holding`. Prescribed ones are
@@ -273,11 +276,6 @@ class ConsistentPositions:
         moved = {b.name: float(np.linalg.norm(n.position(after) - n.position(before))) for n, b in self.model.bodies}
         most = max(moved, key=moved.__getitem__)
         return most, moved[most]
-
-    def _report_positions(self, before: Array, after: Array) -> None:
-        most, moved = self._most_moved(before, after)
-        if moved > 1e-9 * self.model.length:
-            self.changes.append(f"to close the loops body '{most}' moved by {moved:.3g} m")
 
     def check_branches(self, q: Array) -> None:
         """Raise StartError where a joint is on another branch of its constraints than stated: its axes are reversed, or a

@@ -105,8 +105,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
                                                       mechanics.rows[i].name.rsplit(".", 1)[0] in closing))
     rows, first = [mechanics.rows[i] for i in order], range(sum(row in always for row in mechanics.rows))
     here = _rows_at(mechanics, starter.t, q)[order]
-    new = independent_parts(here)
-    dependent = {row.name for row, part in zip(rows, new, strict=True) if part <= DEPENDENT}
+    dependent = {row.name for row, part in zip(rows, independent_parts(here), strict=True) if part <= DEPENDENT}
     elsewhere = _other_positions(mechanics, starter, q) if dependent and closing else []
     places = [here, *(_rows_at(mechanics, starter.t, p)[order] for p in elsewhere)]
     freed = _other_positions(mechanics, starter, q, dependent) if dependent and closing else []

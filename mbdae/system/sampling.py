@@ -217,8 +217,7 @@ class Sampler:
 
     def instants(self, end: float) -> Array:
         """Sampling instants (k,), s, from the begin of the run on, and `end`; not sorted where there are several controllers."""
-        times = [np.arange(c.next, end, c.controller.every) for c in self.called]
-        return np.concatenate([*times, [end]])
+        return np.concatenate([*[np.arange(c.next, end, c.controller.every) for c in self.called], [end]])
 
     def parts(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
         """Begin and end (s) of the parts into which sampling instants divide an interval; sets `due` before each part."""

@@ -8,11 +8,11 @@ that is not held.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import as_full, sp
+from mbdae.deferred import as_full, later, sp
 from mbdae.errors import StartError
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -24,7 +24,11 @@ from mbdae.system.base import Array
 from mbdae.system.changes import JointMotions, least_change, sparse_least_change
 from mbdae.system.model.nodes import rotation_of
 from mbdae.system.positions import ConsistentPositions
-from mbdae.system.start_of_beams import Bending, can_bend
+
+if TYPE_CHECKING:
+    from mbdae.system.start_of_beams import Bending, can_bend
+else:
+    Bending, can_bend = later("mbdae.system.start_of_beams", "Bending", "can_bend")
 
 ROUNDING = 1e-11  #: error of velocities computed along a tree, over the largest speed, up to which it counts as round-off
 
@@ -79,17 +83,8 @@ class Starter(ConsistentPositions):
         """Velocities (nu,) at the start: those that the user states, held rates, and no relative motion at all other joints. In
         scenes with loops the sum of squares of the relative velocities of all joints is the least, so that it does not matter
         which joints the spanning tree leaves out."""
-        along = self.velocities_of_tree(q)
-        if not any(not c.loose and not c.others for c in self.tree.closing):
-            return self.project_velocities(q, along)
-        self.joints = JointMotions(self.model)
-        stated = {b: (b.drawn.velocity, b.drawn.angular_velocity) for b in (self.scene.ground, *self.scene.bodies)}
-        found = self.project_velocities(q, self._velocities(q, stated, self._poses(q)))
-        return along if self.mechanics.speed(along - found) <= ROUNDING * self.mechanics.speed(found) else found
-
-    def velocities_of_tree(self, q: Array) -> Array:
-        """Velocities (nu,) computed along the spanning tree: those that the user states, held rates, and relative velocity 0 at
-        all other joints of the tree."""
+        # velocities (nu,) computed along the spanning tree: those that the user states, held rates, and relative
+        # velocity 0 at all other joints of the tree
         twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass and angular velocity of each body
         place = self._poses(q)
         for root in self.tree.roots:
@@ -98,7 +93,13 @@ class Starter(ConsistentPositions):
             by_itself = joint.loose and child.given_velocity
             twist[child] = (child.drawn.velocity, child.drawn.angular_velocity) if by_itself else (
                 self._twist_of(twist[parent], parent, joint, child, place))
-        return self._velocities(q, twist, place)
+        along = self._velocities(q, twist, place)
+        if not any(not c.loose and not c.others for c in self.tree.closing):
+            return self.project_velocities(q, along)
+        self.joints = JointMotions(self.model)
+        stated = {b: (b.drawn.velocity, b.drawn.angular_velocity) for b in (self.scene.ground, *self.scene.bodies)}
+        found = self.project_velocities(q, self._velocities(q, stated, self._poses(q)))
+        return along if self.mechanics.speed(along - found) <= ROUNDING * self.mechanics.speed(found) else found
 
     def _velocities(self, q: Array, twist: dict[Body, tuple[Array, Array]], place: dict[Body, tuple[Array, Array]]) -> Array:
         """Velocities (nu,) of all nodes at q. twist: body -> velocity of its centre of mass and angular velocity, inertial;
@@ -204,7 +205,7 @@ class Starter(ConsistentPositions):
         left = off(projected)
         if not self._far(left, projected):
             return projected, change
-        if can_bend(self.mechanics):
+        if self.model.lines and can_bend(self.mechanics):
             bending = Bending(self.mechanics, q)
             slow = bending.least(A, -off(np.zeros_like(u)), bending.inertia @ u)
             if not self._far(off(slow), slow):

@@ -18,6 +18,7 @@ from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.law import Impact
 from mbdae.system.base import Array
+from mbdae.system.changes import RigidMotions
 from mbdae.system.model.model import FLAT, build, scene_length
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.constrained import largest_entries, row_lengths
@@ -25,7 +26,6 @@ from mbdae.system.motion.mechanics import InstanceNumber, Mechanics, approaches,
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.nearest import start_positions
 from mbdae.system.start import Start, Starter
-from mbdae.system.start_of_beams import RigidMotions
 
 #: factor by which the scale of mu (stabilising multipliers of GGL) exceeds that of the positions. mu accumulates local errors of
 #: the positions and is not smooth: with the scale of the positions BDF rejects every second step (Andrews' squeezer, rtol 1e-9:
@@ -77,8 +77,7 @@ def stress_scale(mechanics: Mechanics, T: float) -> float:
     characteristic time T (s)."""
     if not mechanics.model.lines:
         return 1.0
-    mass = max(line.beam.mass for line in mechanics.model.lines)
-    return float(mass * mechanics.model.length / T**2)
+    return float(max(line.beam.mass for line in mechanics.model.lines) * mechanics.model.length / T**2)
 
 
 #: elastic force of a contact at the start, over the weight of its effective mass, up to which its penetration is accepted as that
@@ -197,8 +196,7 @@ def ideal_start(scene: SceneData, kept: dict[str, str], t0: float) -> IdealStart
     joint is then not replaced by an ideal one for positions, or for velocities. kept: recursive joints treated as kinematic ->
     why."""
     closed = {c.name: "clearance" for c in scene.joints if c.loose and not _off_centre(c, scene)}
-    mechanics = _mechanics(scene, kept | closed)
-    starter = Starter(mechanics, t0)
+    starter = Starter(_mechanics(scene, kept | closed), t0)
     q = start_positions(starter)
     starter.check_branches(q)
     moving = {name: why for name, why in closed.items() if not _has_velocity(scene[name])}

@@ -69,6 +69,7 @@ class WithoutMultipliers(SceneSystem):
     strict = False  #: whether a run stops with an error at singular positions; False: it only warns
     pattern = None  #: dy'/dy is full
     has_pattern = False
+    dense_stages = System.dense_stages
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+import sympy as sp
 from known_roots.check import judge
 
 import mbdae as mb
@@ -110,3 +113,41 @@ def test_slow_growth_beside_a_short_stiff_beam() -> None:
     found = s.linearize(at=s.equilibrium(), count=3)
     assert np.max(found.growth) == pytest.approx(np.sqrt(1.5 * G), rel=1e-10)
     assert found.stable is False
+
+
+def held(force: Any = None, **joint: Any) -> mb.Scene:
+    """A mass of 2 kg on a spring of 20 N/m with something else that acts on it."""
+    s = mb.Scene("kinks")
+    s.prismatic("J", s.ground, s.rigid_body("b", 2.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), spring=20.0, **joint)
+    if force is not None:
+        s.force("F", "b", (force(s.sensor("J.displacement")), 0, 0))
+    return s
+
+
+@pytest.mark.parametrize(("scene", "name", "squares"), [
+    (held(limits=(None, 0.0), stop=mb.Stop(180.0)), "J", (100, 10)),
+    (held(lambda x: -10 * sp.Abs(x)), "F", (15, 5)),
+    (held(lambda x: sp.Piecewise((-60 * x, x > 0), (-20 * x, True))), "F", (40, 20)),
+    (held(mb.curve([-1, 0, 1], [20, 0, -60])), "F", (40, 20)),
+], ids=["stop that just touches", "Abs", "Piecewise", "curve"])
+def test_a_kink_at_the_state_is_told(scene: mb.Scene, name: str, squares: tuple[float, float]) -> None:
+    """w^2 = k / m on either side of x = 0."""
+    with pytest.warns(mb.AccuracyWarning, match=f"'{name}' has a kink exactly at this state"):
+        found = scene.linearize()
+    assert found.stable is None
+    got = [abs(side.eigenvalues[0]) ** 2 for side in found.sides]
+    assert sorted(got) == pytest.approx(sorted(squares), rel=1e-6)
+    with pytest.warns(mb.AccuracyWarning, match="kink"):
+        assert scene.floquet(0.3).stable is None
+    with pytest.warns(mb.AccuracyWarning, match="kink"):
+        scene.equilibrium()
+
+
+@pytest.mark.parametrize("scene", [
+    held(limits=(None, 1e-6), stop=mb.Stop(180.0)), held(lambda x: -10 * x * sp.Abs(x)), held(lambda x: -sp.tanh(x / 1e-4)),
+    held(mb.curve([-1, 0, 1], [60, 0, -60])),
+], ids=["stop beside", "x |x|", "tanh", "straight curve"])
+def test_what_is_smooth_is_no_kink(scene: mb.Scene) -> None:
+    found = scene.linearize()  # warnings are errors
+    assert found.stable is True
+    assert found.sides == ()

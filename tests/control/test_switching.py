@@ -71,6 +71,36 @@ def test_they_are_named_at_every_accuracy_and_beside_controllers(accuracy):
         slide(FORCES["sign"], sampled=True).simulate(5.0, accuracy=accuracy, max_wall=60)
 
 
+@pytest.mark.parametrize(("solver", "form", "model"), EVERY)
+@pytest.mark.parametrize(("quantity", "rate0"), [("x", 0.0), ("v", 0.9)])
+def test_runs_that_begin_exactly_where_a_law_jumps(quantity, rate0, solver, form, model):
+    """At rest where x = 0, and with the very rate 0.9 m/s: the values there are round-off, on whose side the law need not be."""
+    def force(t, x, v):
+        return sp.Piecewise((-2, (x if quantity == "x" else v) >= rate0), (1, True))
+
+    with pytest.raises(ChatteringError) as stopped:
+        slide(force, model, rate0).simulate(1.0, solver=solver, form=form, max_wall=60)
+    assert stopped.value.time < 0.05
+
+
+@pytest.mark.parametrize("solver", ["ida", "radau3", "dop853", "cvode"])
+def test_own_equations_that_jump_without_saying_where(solver):
+    """u' = -2 where u >= 0.9, else 1, from u = 0.9: no solver is told of the jump; a force that jumps with time alone passes."""
+    def dae(force):
+        def residual(t, y, yp, out):
+            out[:] = yp[0] - y[1], yp[1] - force(t, y[1])
+
+        def rhs(t, y, out):
+            out[:] = y[1], force(t, y[1])
+
+        return mb.DAE(residual, [0, 0.9], [0.9, force(0.0, 0.9)], names=["x", "u"], rhs=rhs)
+
+    with pytest.raises(ChatteringError, match="where the equations jump") as stopped:
+        dae(lambda t, u: -2.0 if u >= 0.9 else 1.0).simulate(1.0, solver=solver, max_wall=60)
+    assert stopped.value.time < 0.01
+    assert dae(lambda t, u: math.copysign(1, math.sin(40 * t)) - u).simulate(1.0, 1e-3, solver=solver).complete
+
+
 def test_a_run_ends_at_an_event_before():
     r = slide(FORCES["sign"]).simulate(5.0, until="P.displacement > 0.19", accuracy=1e-8)
     assert r["P"].displacement[-1] == pytest.approx(0.19, abs=1e-9)

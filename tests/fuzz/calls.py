@@ -21,6 +21,8 @@ from mbdae.documents import Document
 from mbdae.extremes.page import Block, Extremes
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
+from mbdae.run.batch import State
+from mbdae.run.stepper import Stepper
 from mbdae.scene.components import JointModel, Stop
 from mbdae.scene.scene import SceneData
 from mbdae.scene.shapes import Section
@@ -35,7 +37,7 @@ STATED = (SceneData, Law, Part, JointModel, Section, Stop, BaseException)
 CLASSES = [c for c in EXPORTED if isinstance(c, type) and not issubclass(c, STATED) and c not in (mb.Audit, mb.Export)]
 #: classes whose objects users get from others: their methods alone
 GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, Comparison, Extremes, Block, Sweep, mb.Audit,
-         mb.Export, Document]
+         mb.Export, Document, Stepper, State]
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
@@ -99,6 +101,11 @@ def scene() -> Any:
     s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
     s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), damper=0.5)
     return s
+
+
+@functools.cache
+def stepper() -> Any:
+    return scene().stepper(0.01, inputs=["hinge.damper"])
 
 
 @functools.cache
@@ -249,6 +256,15 @@ CALLS: dict[str, Call] = {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
         "derivatives": False}, "mbdae.api.Job"),
+    "Scene.stepper": Call(lambda: scene().stepper, lambda: {
+        "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "batch": None, "start": None},
+        "mbdae.api.Stepper"),
+    "Stepper.set": Call(lambda: stepper().set, lambda: {"values": {"hinge.damper": 0.5}}),
+    "Stepper.advance": Call(lambda: stepper().advance, lambda: {"dt": 0.01}),
+    "Stepper.reset": Call(lambda: stepper().reset, lambda: {"state": None, "values": {"hinge.angle": 0.1}}),
+    "Stepper.result": Call(lambda: stepper().result, lambda: {"i": 0}),
+    "Stepper.__getitem__": Call(lambda: stepper().__getitem__, lambda: {"path": "hinge.angle"}),
+    "State.save": Call(lambda: stepper().state.save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.archive.write"),
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
     "audit": Call(lambda: mb.audit, lambda: {
         "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None}),
@@ -328,7 +344,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Block.at", "label"): (TEXT, ANY),
     ("sweep", "job"): ({"a class", "a function"}, "what can be called"),
     **{(c, "path"): (TEXT, "a file may have any ending") for c in (
-        "Result.save", "Study.to_json", "Study.to_html", "Sweep.to_json", "Audit.to_json")},
+        "Result.save", "State.save", "Study.to_json", "Study.to_html", "Sweep.to_json", "Audit.to_json")},
     **{(c, "hide"): ({*TEXT, "a tuple of text"}, "names, looked for where the picture is made") for c in (
         "Scene.draw", "Result.animate")},
     ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),

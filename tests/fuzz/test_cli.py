@@ -10,6 +10,10 @@ import contextlib
 import io
 import itertools
 import json
+import random
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -117,3 +121,60 @@ def test_unknown_commands_and_claims_are_answered_by_the_known_ones(capsys) -> N
         main(["compute"])
     told = capsys.readouterr().err
     assert all(name in told for name in ("check", "run", "compare", "extremes", "report", "validate"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_code_given_as_text_is_the_exit_code(number: int, tmp_path) -> None:
+    """As while dataclasses are imported: Python notes a KeyboardInterrupt that leaves such code, and ends its process by it."""
+    (tmp_path / "swing.py").write_text(f"exec('import os, time; os.kill(os.getpid(), {int(number)}); time.sleep(9)')")
+    ended = subprocess.run([sys.executable, "-m", "mbdae", "run", "swing.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 128 + number
+    assert ended.stderr.startswith("mbdae: ")
+    assert "interrupted" in ended.stderr
+
+
+#: contents of FILE that are wrong or odd; what a line of words may be made of
+ODD_FILES = {"empty.py": "", "syntax.py": "def scene(:", "raises.py": "1/0", "quits.py": "import sys; sys.exit(7)",
+             "swing.py": FILE, "none.py": "def scene(): pass", "number.py": "scene = 3",
+             "list.py": "import mbdae as mb\nscene = [mb.Scene()]",
+             "nul.py": "x = 0\0", "latin.py": "# \udce9", "late.py": FILE.replace("0.01", "'soon'"), "law.txt": "a = b",
+             "asks.py": FILE + "\nmeasure = 'hinge.nothing'\n", "needs.py": "def scene(a, b): return a", "dict.py": "scene = {}",
+             "runs.py": FILE + "\nruns = 3\n", "vary.py": FILE + "\nvary = {'hinge.nothing': [1]}\n",
+             "bare.py": "import mbdae as mb\ndef scene(): return mb.Scene('s')", "loop.py": "from loop import scene"}
+
+
+def lines(count: int, seed: int = 0) -> list[list[str]]:
+    """Random command lines: a command, options with words of any kind, files of any kind, in any order."""
+    rng, (commands,) = random.Random(seed), (a for a in make_parser()._actions if isinstance(a, argparse._SubParsersAction))
+    anything = [*NO_NUMBERS, *NO_FILES, *NO_FOLDERS, *ODD_FILES, "1e-3", "0.01", "dop853", "ode", "revolute", "out",
+                "/dev/null", "."]
+    made = []
+    for _ in range(count):
+        name = rng.choice(sorted(commands.choices.keys() - {"validate"}))
+        flags = [a.option_strings[0] for a in commands.choices[name]._actions if a.option_strings and a.dest != "help"]
+        parts = [[rng.choice(list(ODD_FILES))], *([rng.choice(flags), rng.choice(anything)] for _ in range(rng.randrange(3))),
+                 *([rng.choice(anything)] for _ in range(rng.random() < 0.2))]
+        rng.shuffle(parts)
+        made.append([name, *(word for part in parts for word in part)])
+    return made
+
+
+@pytest.mark.parametrize("count", [30, pytest.param(300, marks=pytest.mark.slow)])
+def test_random_lines_are_answered_in_words(count: int, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("MBDAE_CACHE", str(tmp_path / "cache"))
+    for name, text in ODD_FILES.items():
+        (tmp_path / name).write_bytes(text.encode(errors="surrogateescape"))
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    for line in lines(count, seed=count):
+        try:
+            code = main(line)
+        except SystemExit as stop:
+            code = stop.code  # type: ignore[assignment]
+        said = capsys.readouterr()
+        assert code in (0, 1, 2), (line, code)
+        assert "Traceback" not in said.err or "--debug" in line, (line, said.err)
+        assert "this is an error in mbdae" not in said.err, (line, said.err)
+        assert code == 0 or said.err or said.out, line

@@ -57,7 +57,25 @@ class Steep(mb.Force):
 def test_while_equations_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     s = rod()
     s.add(Steep("steep", s.ground, "rod", at=(0, 0, 0), at_l=(1, 0, 0), c=1.0))
-    assert "while equations were compiled" in str(stopped_after(1, s, monkeypatch))
+    assert "while equations were compiled" in str(stopped_after(2, s, monkeypatch))
+
+
+def test_functions_of_ones_own_are_not_called_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each call of the residual takes 0.2 s of a limit of 1 s."""
+    clock, late = Clock(0.0), list[float]()
+
+    def residual(t: float, y: Any, yp: Any, out: Any) -> None:
+        clock.now += 0.2
+        late.append(clock.now)
+        out[:] = yp[0] - y[1], yp[1] + y[0]
+
+    dae = mb.DAE(residual, [1.0, 0.0], [0.0, -1.0])
+    monkeypatch.setattr(threads.time, "perf_counter", clock)
+    for solver in (None, "ida", "radau3"):
+        begin = clock.now
+        with pytest.raises(WallClockError, match="max_wall = 1 s"):
+            dae.simulate(20.0, solver=solver, max_wall=1.0)
+        assert late[-1] - begin < 1.3
 
 
 def test_in_every_later_phase_with_what_was_computed(monkeypatch: pytest.MonkeyPatch) -> None:

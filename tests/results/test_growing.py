@@ -79,6 +79,32 @@ def test_turning_over_the_top_is_no_growth() -> None:
     assert r.accuracy.amplification < 8
 
 
+def driven_chain(points: int) -> Any:
+    """Three rods, of which a torque whirls the first: a table of points 0.15 s apart."""
+    s = mb.Scene("chain")
+    before = s.ground
+    load = mb.table((0.15 * np.arange(points)).tolist(), (3 * np.sin(np.arange(points))).tolist())
+    for i in range(3):
+        rod = s.link(f"rod {i}", (i, 0), (i + 1, 0), mass=1.0)
+        s.revolute(f"J{i}", before, rod, at=(i, 0), damper=0.05, torque=load if i == 0 else None)
+        before = rod
+    return s
+
+
+def test_the_judgement_takes_no_more_pieces_than_the_runs_have_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And finds the growth of the finest pieces within the tenths that are promised."""
+    taken, along = list[int](), amplification.Disturbances._along
+    monkeypatch.setattr(amplification.Disturbances, "_along",
+                        lambda self, ends, enough: (taken.append(len(ends)), along(self, ends, enough))[1])
+    r = driven_chain(200).simulate(75.0, accuracy=1e-8)
+    assert 0 < sum(taken) < r.info.stats.steps
+    coarse = r.accuracy.amplification
+    monkeypatch.setattr(amplification, "TOGETHER", (1,))
+    finest = amplification.Disturbances(r.solution.systems[0][1], r.solution).growth()
+    assert finest is not None
+    assert coarse == pytest.approx(finest[0], abs=0.5)
+
+
 def test_round_off_that_decides_is_told() -> None:
     with pytest.warns(mb.AccuracyWarning, match="small disturbances grow by a factor of e"):
         r = rod(1e-13).simulate(8.5, accuracy=1e-6, solver=mb.DOP853())

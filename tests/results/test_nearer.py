@@ -63,6 +63,6 @@ def test_reliable_agrees_with_the_accuracy_beside_it() -> None:
     assert [(r.reliable, r.accuracy.met, "motion" in r.accuracy.covers) for r in (met, own, missed)] == [
         (True, True, True), (None, None, False), (False, False, False)]
     assert ["not reliable" in repr(r) for r in (met, own, missed)] == [False, False, True]
-    met.info = replace(met.info, reliable=False)  # as after an alarm of the energy balance
+    vars(met)["info"] = replace(met.info, reliable=False)  # as after an alarm of the energy balance
     assert met.reliable is False
     assert "not reliable" in repr(met)

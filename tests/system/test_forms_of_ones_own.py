@@ -2,6 +2,7 @@
 this file states them."""
 
 import ast
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -202,7 +203,7 @@ def test_a_run_that_was_killed_goes_on(solver, form, tmp_path, monkeypatch):
 
 
 def test_comparisons_and_maps_run_them():
-    runs = [mb.Run(solver, form) for solver, form in OWN]
+    runs = [mb.Run(solver, form) for solver, form in OWN] + [mb.Run(Bogacki(rtol=1e-6), Accelerations())]
     found = mb.compare(four_bar(), 0.1, accuracies=(1e-3,), runs=[*runs, mb.Run(mb.RadauIIA(3), Stabilised())])
     assert len(found.runs) == len(runs) + 1
     assert all(run.error < 1e-3 for run in found.runs)
@@ -213,7 +214,7 @@ def test_comparisons_and_maps_run_them():
 
 def test_a_class_in_a_folder_of_the_package_is_known_by_its_names(monkeypatch):
     """Words, stored files and the runs of maps read the same list."""
-    monkeypatch.setattr("mbdae.integrators.named.classes_in", lambda folder, base: (mb.IDA, Late))
+    monkeypatch.setattr("mbdae.integrators.named.classes_in", lambda folder, base, called: (mb.IDA, Late))
     monkeypatch.setattr("mbdae.formulations.classes_in", lambda folder, base: (mb.GGL, Stabilised))
     named = [module.__dict__[name] for module in (mbdae.integrators.named, mbdae.formulations)
              for name in ("solver_words", "_full_names", "form_words") if name in vars(module)]
@@ -226,6 +227,18 @@ def test_a_class_in_a_folder_of_the_package_is_known_by_its_names(monkeypatch):
     finally:
         for one in named:
             one.cache_clear()
+
+
+def test_a_word_finds_its_file_in_the_folder(tmp_path, monkeypatch):
+    """No other file of the folder is imported for it."""
+    (tmp_path / "on_time.py").write_text("from mbdae.integrators.one_step import OneStep\n\n\nclass Punctual(OneStep):\n"
+                                         "    order = 1\n\n    def advance(self, f, t, y, h):\n        return y + h * f(t, y)\n")
+    (tmp_path / "other.py").write_text("raise AssertionError\n")
+    monkeypatch.setattr(mbdae.integrators, "__path__", [str(tmp_path)])
+    try:
+        assert solver_of("punctual").label == "Punctual"
+    finally:
+        sys.modules.pop("mbdae.integrators.on_time")
 
 
 #: texts that are no labels: prefixes of names in C, headings of reports
@@ -252,7 +265,7 @@ def _texts(tree, labels):
             stated = (entry for entry in made.body if isinstance(entry, ast.Assign | ast.AnnAssign))
             said |= {id(node) for entry in stated for node in ast.walk(entry)}
             said |= {id(node) for node in ast.walk(made) if getattr(node, "value", None) == made.name}
-        elif isinstance(made, ast.Call) and ast.unparse(made.func) == "Later":
+        elif isinstance(made, ast.Call) and ast.unparse(made.func) in ("Later", "later"):
             said |= {id(node) for node in made.args}
         elif isinstance(made, ast.Constant) and isinstance(made.value, str) and made.value in labels:
             found.append(made)

@@ -65,6 +65,17 @@ def test_a_wrong_index_is_named_before_the_run(make, index):
     assert not right.doubt(1.0)
 
 
+def test_an_index_above_three_is_named():
+    """Two masses on a spring, the first led along sin 2t by a force on the second: the force follows from five derivatives."""
+    def led(t, y, yp, out):
+        x1, x2, v1, v2, force = y
+        out[:] = yp[0] - v1, yp[1] - v2, yp[2] + x1 - x2, yp[3] + x2 - x1 - force, x1 - np.sin(2 * t)
+
+    system = mb.DAE(led, [0, 0, 2, -6, 0], [2, -6, 0, 0, 16], index=3, names=["x1", "x2", "v1", "v2", "force"])
+    with pytest.raises(mb.OptionError, match="force has index 5, declared 3; no method here solves"):
+        system.simulate(3.0, 1e-3)
+
+
 def test_a_direct_run_warns_of_a_wrong_index():
     with pytest.warns(mb.AccuracyWarning, match="pull has index 3, declared 1"), pytest.raises(mb.SolverError):
         mb.IDA(rtol=1e-5).solve(hanging(1), 1.0)

@@ -15,6 +15,7 @@ from mbdae.kernels.tree_plan import TreePlan, tree_plan
 from mbdae.system.base import Array
 from mbdae.system.model.nodes import rotation_matrices
 from mbdae.system.model.trees import Tree
+from mbdae.system.motion.constrained import Evaluator
 from mbdae.system.prepare import Prepared, prepare
 
 SEEDS = ("q", "u", "up", "wu", "wq")
@@ -25,11 +26,9 @@ def inputs(prepared: Prepared, tree: Tree, plan: TreePlan, rng: np.random.Genera
     e = prepared.all_bodies
     t, q, u = random_state(prepared, rng)
     nb = e.numbering
-    W, up = nb.workspace(1), rng.normal(size=u.shape)
-    for first, part in ((0, q), (nb.nq, u), (nb.n + nb.nq, up)):
-        W[:, first : first + part.shape[1]] = part
-    nb.fill_clock(W, t)
-    W = W[0]
+    y, yp = np.zeros((2, 1, nb.n))
+    y[:, : nb.nq], y[:, nb.nq : nb.nq + nb.nu], yp[:, nb.nq : nb.nq + nb.nu] = q, u, rng.normal(size=u.shape)
+    W = Evaluator(nb).at_states("all", lambda _: np.arange(nb.width), t, y, yp)[0]
     drawn = ("wu", "wq", "force", "own")
     return {str(symbol): complex(rng.normal() if place[0] in drawn else W[e.moved.slot(e.numbering, tree, place)])
             for symbol, place in plan.places.items()}

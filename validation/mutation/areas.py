@@ -35,7 +35,7 @@ def _files(root: Path, names: tuple[str, ...]) -> Iterator[Path]:
 
 
 AREAS = (
-    Area("laws", 30, ("laws/joints.py", "laws/joint_rows.py", "laws/forces.py", "laws/on_coordinates.py", "laws/control.py"),
+    Area("laws", 30, ("laws/joints.py", "laws/joint_rows.py", "laws/forces.py", "laws/on_coordinates.py"),
          ("laws/joints", "laws/forces", "laws/test_own_laws_stay.py", "scene/test_couplings.py", "scene/test_joint_limits.py",
           "oracles", "system/test_joint_stops.py", "scene/test_three_frames.py", "control", "reference/test_joint_models.py",
           "analysis/test_equilibrium.py", "contracts")),

@@ -76,8 +76,7 @@ class AccelerationKernel(Workspace):
         self.differential = nb.start["lambda"]
         self._part = part = operations.part()
         self._F = part.zeros(full.n + 1)
-        entries = self._laws(part, full, row_of)
-        cells = np.array(list(entries), dtype=np.intp).reshape(-1, 2)
+        cells = np.array(list(self._laws(part, full, row_of)), dtype=np.intp).reshape(-1, 2)
         self._rows, self._columns = cells[:, 0], cells[:, 1]
         self.rates, self._multipliers = part.zeros(self.differential), operations.slots(self.m)
         kept = np.r_[np.arange(self.nq), np.arange(self.nq + self.nu, self.differential)]
@@ -110,7 +109,10 @@ class AccelerationKernel(Workspace):
     def _by_cholesky(self, part: Operations, mass: Array) -> None:
         """Append the solution of S lambda = G M^-1 f + c by Cholesky, then u' = M^-1 (f - G^T lambda)."""
         m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
-        inverse = _inverse(mass)
+        # M^-1, inverted block by block so that its entries outside of the diagonal blocks of M are exactly 0
+        inverse = np.zeros_like(mass)
+        for at in _blocks(mass):
+            inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
         h = part.zeros(nu)  # first slot of M^-1 f
         i, j = np.nonzero(inverse)
         part.add(h + i, self._F + self.nq + j, -inverse[i, j])
@@ -184,14 +186,6 @@ class AccelerationKernel(Workspace):
         return share
 
 
-def _inverse(mass: Array) -> Array:
-    """M^-1, inverted block by block so that its entries outside of the diagonal blocks of M are exactly 0."""
-    inverse = np.zeros_like(mass)
-    for at in _blocks(mass):
-        inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
-    return inverse
-
-
 def _blocks(matrix: Array) -> list[Index]:
     """The diagonal blocks of a symmetric matrix, each as the numbers of its rows, which need not be consecutive."""
     label = np.arange(len(matrix))
@@ -206,9 +200,7 @@ def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, i
     entries whose row is not in force or whose velocity is no unknown."""
     nb = full.numbering
     row, column = nb.row(g, i, target[1]), nb.velocity(("u", *target[2:]), g, i)
-    if row is None or not 0 <= column < nb.nu:
-        return -1
-    return entries.setdefault((row, column), len(entries))
+    return -1 if row is None or not 0 <= column < nb.nu else entries.setdefault((row, column), len(entries))
 
 
 def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> AccelerationKernel | None:

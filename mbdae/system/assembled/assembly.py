@@ -28,7 +28,8 @@ from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import Columns, Emitted
-from mbdae.system.motion.mechanics import LARGE
+from mbdae.system.motion.mechanics import LARGE, inputs_of
+from mbdae.threads import check
 
 if TYPE_CHECKING:
     from mbdae.kernels.line_nodes import ElementJacobian
@@ -138,6 +139,7 @@ class Assembly:
         return place - self.n + 1 if place < self.numbering.first_input else self.n
 
     def _add(self, g: int, active: list[int], plan: LinearisedPlan, entries: Entries) -> None:
+        check("the equations were put together")
         nb, count = self.numbering, len(active)
         rows = np.array([[self.row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
         constants = plan.constants.once(nb.numbers(g, plan.constant_inputs)[active])
@@ -171,16 +173,14 @@ class Assembly:
     def _add_elements(self, batch: ElementBatch, entries: Entries) -> None:
         """Add a kernel over the elements of beams."""
         kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
-        timed = iter([self.numbering.slot(-1, *place) for place in batch.timed])
-        slots = {t: z[:, t[1]] if t[0] == "z" else np.full(len(nodes), next(timed)) if t[0] == "p" else self._nodal(nodes, t)
-                 for t in kernel.inputs}
+        gather = inputs_of(batch, self.numbering)
         rows = np.stack([z[:, t[1]] if t[0] == "z" else self._row_on(nodes, t) for t in kernel.targets], axis=1)
-        gather = np.stack([slots[t] for t in kernel.inputs], axis=1)
         self._residual.kernel(gather, rows, kernel)
         if kernel.jacobian_places:
             at = rows[:, [o for o, _ in kernel.jacobian_places]]
             self._jacobian.kernel(gather, at, ElementJacobian(kernel))
-            entries.varying(at, np.stack([slots[t] for _, t in kernel.jacobian_places], axis=1))
+            number = {t: i for i, t in enumerate(kernel.inputs)}
+            entries.varying(at, gather[:, [number[t] for _, t in kernel.jacobian_places]])
 
     def _add_inertia(self, line: Line, entries: Entries) -> None:
         """Add the consistent mass and the dead loads of a beam."""
@@ -250,7 +250,7 @@ class Assembly:
         terms = None
         if self.has_pattern:
             terms = JacobianTerms(self._jacobian, self._trees, self._pattern, self._place, self._c)
-        elif self._inert:
+        elif self._inert and self.explicit:  # no law of the library does, and inertia belongs to single bodies
             raise internal("a law outside of a tree that is evaluated joint by joint adds inertia to its bodies")
         made = EquationsOfScene(self.numbering, self.moved, self._residual, self._offset, self._inertia, terms)
         if not self.numbering.m and terms is not None:
@@ -312,38 +312,27 @@ class Assembly:
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         """out = dF/dy + cj dF/dy': (n, n) where `sparsity` is None, else (nnz,) CSC data."""
         fy, fyp = self.jacobian_values(t, y, yp)
-        self._write(fy + cj * fyp, out)
-
-    def _write(self, data: Array, out: Array) -> None:
-        """Write CSC values `data` into `out`: a full (n, n) matrix, or CSC values where the Jacobian is sparse."""
-        if self.sparse:
-            out[:] = data
-            return
-        out[:] = self._full(data)
+        out[:] = fy + cj * fyp if self.sparse else self._full(fy + cj * fyp)
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """The entries (nnz,) of dF/dy and those of dF/dy', in the order of `pattern`, by columns where the Jacobian is full."""
         return self.evaluation.jacobian(t, y, yp)
 
-    def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
-        """dF/dy and dF/dy' (2, n, n) as full matrices, also where the Jacobian is sparse."""
-        return self._whole(*self.jacobian_values(t, y, yp))
-
-    def _whole(self, fy: Array, fyp: Array) -> Array:
-        return np.stack([self._full(fy), self._full(fyp)])
+    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as full matrices (k, n, n) at k states, t (k,), y and yp (k, n)."""
+        fy, fyp = self.evaluation.jacobians(t, y, yp)
+        return self._full(fy), self._full(fyp)
 
     def _full(self, data: Array) -> Array:
-        """The full matrix (n, n) with these entries (nnz,)."""
+        """The full matrices (..., n, n) with these entries (..., nnz)."""
+        shape = *data.shape[:-1], self.n, self.n
         if not self.has_pattern:
-            return data.reshape(self.n, self.n).T
-        dense = np.zeros(self.n * self.n)
-        dense[self._dense] = data
-        return dense.reshape(self.n, self.n)
+            return data.reshape(shape).swapaxes(-1, -2)
+        dense = np.zeros((*data.shape[:-1], self.n * self.n))
+        dense[..., self._dense] = data
+        return dense.reshape(shape)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays, each (n, n) or (nnz,) as in `jacobian`."""
         fy, fyp = self.jacobian_values(t, y, yp)
-        if self.sparse:
-            return fy, fyp
-        dense = self._whole(fy, fyp)
-        return dense[0], dense[1]
+        return (fy, fyp) if self.sparse else (self._full(fy), self._full(fyp))

@@ -210,6 +210,13 @@ class EquationsOfScene(Workspace):
         self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, at_fy, at_fyp)
         return fy.copy(), fyp.copy()
 
+    def jacobians(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
+        """As `jacobian` at k points, t (k,), y and yp (k, n): (k, nnz) each, NaN from the first point without values on."""
+        self.make("jacobian")
+        given, found = [np.ascontiguousarray(x, dtype=float) for x in (t, y, yp)], np.full((2, len(t), self.nnz), np.nan)
+        self._c.scene_jacobians(self.address, len(t), *(x.ctypes.data for x in (*given, found[0], found[1])))
+        return found[0], found[1]
+
     @cached_property
     def _entries(self) -> list[tuple[Array, int]]:
         """Arrays for the entries of dF/dy and dF/dy', with their addresses."""

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.kernels.plan import plan
-from mbdae.laws.control import Observed, observed_value
+from mbdae.laws.bodies import Observed, observed_value
 from mbdae.native.collocation import SPEEDS, Contacts
+from mbdae.native.program import Operations
 from mbdae.symbolic.switches import switch_kinds, switch_outputs
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.assembly import Assembly
@@ -26,7 +27,7 @@ from mbdae.system.model.model import Model, entry_of
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Groups, Instance
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.constrained import StateValues
+from mbdae.system.motion.constrained import Evaluator
 from mbdae.system.motion.mechanics import InstanceNumber, Mechanics, approaches, effective_masses
 from mbdae.system.motion.states import gap_outputs
 from mbdae.system.start_with_contacts import ExpectedContact
@@ -80,7 +81,8 @@ class ContactGuards:
             for i, instance in enumerate(group.instances):
                 named = [f"{instance.item}, {name}" for name in instance.law.gap_names()] or [instance.item] * len(p.targets[::2])
                 self.places += [ContactPlace((g, i), name, instance.law, masses[g, i]) for name in named]
-        self._made_of = system.numbering, system.motion(), gathers, kernels
+        self._evaluator = Evaluator(system.numbering, system.motion())
+        self._emitted = partial(emitted, list(zip(kernels, gathers, strict=True)))
         self._positions = system.numbering.nq
         # `_masses`: effective masses by the number of the contact; `_at` (nq,): the positions at which they were calculated
         self._at, self._masses = np.zeros(0), dict[int, float]()
@@ -88,14 +90,10 @@ class ContactGuards:
         # the last state and its result, because solvers evaluate the same state twice in a row
         self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None
 
-    @cached_property
-    def _gaps(self) -> StateValues:
-        """The native program that evaluates all gaps and their rates, compiled when it is first needed."""
-        return StateValues(*self._made_of)
-
     def native(self, numbers: Mapping[str, float]) -> Contacts:
         """The contacts as a table that the native methods read. numbers: constants of the checks, see `Contacts`."""
-        return Contacts(self._gaps, [p.law.with_joints for p in self.places], {**numbers, "near": NEAR})
+        self._evaluator.choose("gaps", self._emitted)
+        return Contacts(self._evaluator, [p.law.with_joints for p in self.places], {**numbers, "near": NEAR})
 
     def hold(self, contacts: Contacts) -> None:
         """Update the table of the native methods: the durations of impacts with the effective masses known now."""
@@ -144,7 +142,7 @@ class ContactGuards:
 
     def pairs(self, t: Array, y: Array) -> Array:
         """Gaps and their rates (k, contacts, 2) at times (k,) and unknowns y (k, n)."""
-        return self._gaps.at_states(t, y).reshape(len(t), -1, 2)
+        return self._evaluator.at_states("gaps", self._emitted, t, y).reshape(len(t), -1, 2)
 
     def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
         pairs = self.pairs(np.array([t]), y[None])[0]
@@ -222,7 +220,13 @@ def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, 
     plans = [plan(model.groups[g].derived, outputs) for g, _ in watched]
     gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
     motion = partial(moved.motion, numbering=nb, to=lambda node, head, i: nb.node_place(head, node, i)) if carried else None
-    return StateValues(nb, motion, gathers, [p.kernel for p in plans]).at_states
+    kernels = [(p.kernel, gather) for p, gather in zip(plans, gathers, strict=True)]
+    return partial(Evaluator(nb, motion).at_states, "values", partial(emitted, kernels))
+
+
+def emitted(kernels: Sequence[tuple[Any, Any]], part: Operations) -> Any:
+    """Append kernels with the slots that they read; returns the slots of all values."""
+    return np.concatenate([kernel.emit(part, gather).ravel() for kernel, gather in kernels] or [np.empty(0, dtype=np.intp)])
 
 
 class Observer:

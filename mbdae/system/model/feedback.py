@@ -211,8 +211,7 @@ class _Feeding:
         return Reading(symbol, sensed.quantity, 1, sensed.entry)
 
     def _station(self, beam: Beam, point: Any) -> Body:
-        stations = self.scenery.meshes[beam].stations
-        nearest = min(stations, key=lambda s: float(np.linalg.norm(s.drawn.position - point)))
+        nearest = min(self.scenery.meshes[beam].stations, key=lambda s: float(np.linalg.norm(s.drawn.position - point)))
         length = float(np.linalg.norm(np.ptp(beam.outline, axis=0)))
         if np.linalg.norm(nearest.drawn.position - point) > AT * length:
             at = np.round(nearest.drawn.position, 9).tolist()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import symengine as se
 
-from mbdae.deferred import Later
+from mbdae.deferred import later
 from mbdae.errors import LawError, SceneError
 from mbdae.laws.bodies import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
@@ -21,6 +21,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
+from mbdae.system.base import Kept
 from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into
 from mbdae.system.model.nodes import (
     Group,
@@ -37,8 +38,7 @@ from mbdae.system.model.nodes import (
 if TYPE_CHECKING:
     from mbdae.system.model.beams import Line, meshed
 else:
-    Line = Later("mbdae.system.model.beams", "Line")
-    meshed = Later("mbdae.system.model.beams", "meshed")
+    Line, meshed = later("mbdae.system.model.beams", "Line", "meshed")
 
 ALL = 6  #: degrees of freedom of a rigid body in space
 FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane
@@ -62,6 +62,7 @@ class Model:
     undefined: list[str] = field(default_factory=list)  #: vanished rows that are undefined: a point mass has no axes
     scenery: Any = None  #: nodes by which sensors are found, see `Scenery`
     conditions: ConditionTime = field(default_factory=ConditionTime)
+    kept: Kept = field(default_factory=Kept, init=False, repr=False, compare=False)  #: what is made once of rows in force
 
     @cached_property
     def nq(self) -> int:
@@ -225,8 +226,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     undefined: list[str] = []
     refused: list[str] = []
     for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
-        ends = tuple(by_body.get(b) for b in bodies)
-        key, instance = entry_of(scenery, law, bodies, ends, item)
+        key, instance = entry_of(scenery, law, bodies, tuple(by_body.get(b) for b in bodies), item)
         try:
             group = groups.of(key)
             group.instances.append(instance)

@@ -214,7 +214,7 @@ class MovedBodies:
             if drive in numbering.model.groups[g].instances[i].numbers:
                 return numbering.slot(g, i, drive) if name == 0 else numbering.width - 1
             return numbering.slot(g, i, drive + ("", "_dot", "_ddot")[name])
-        g, i = _instance(tree, owner)
+        g, i = tree.joints[int(owner[4:]) - 1] if owner.startswith("link") else tree.members[int(owner[6:])]
         if "_P" in name:
             return numbering.further + self._constants[tree.joints[0], owner, name]
         return numbering.slot(g, i, name)
@@ -275,10 +275,6 @@ def acted_on_while_prescribed(moved: MovedBodies) -> dict[str, str]:
     and why."""
     why = "a coupling reads its prescribed coordinate, which is no unknown where the joint is recursive"
     return {n.joint: why for n in moved.loaded if n.kind.of_joint}
-
-
-def _instance(tree: Tree, owner: str) -> Place:
-    return tree.joints[int(owner[4:]) - 1] if owner.startswith("link") else tree.members[int(owner[6:])]
 
 
 def slot_of(numbering: Numbering, tree: Tree, place: tuple[Any, ...]) -> int:

@@ -152,30 +152,9 @@ class Numbering:
         self._constants.extend(numbers)
         return first
 
-    def workspace(self, count: int) -> Array:
-        """A workspace (count, width) for this number of states, with the constants filled in and 0 elsewhere."""
-        W = np.zeros((count, self.width))
-        W[:, self._first_constant : -1] = self._constants
-        return W
-
-    @property
-    def side(self) -> float | None:
-        """Time at which conditions of inputs, such as t < 1, are evaluated between two breaks of a run; None: see
-        `ConditionTime`."""
-        return self.model.conditions.time
-
-    def _sides(self, t: Array) -> Array:
-        """Times (count,) at which conditions of inputs are evaluated for times t (count,) where `side` is None: just after t, but
-        before the end of the run."""
-        end = self.model.conditions.end
-        times: Array = timed.after(t)
-        return np.minimum(times, 2 * end - timed.after(end)) if end < np.inf else times
-
-    def fill_clock(self, W: Array, t: Array) -> None:
-        """Write the values prescribed at times t (count,) into the workspace W (count, width)."""
-        if self._clock_values:
-            side = self._sides(t) if self.side is None else np.full(len(t), self.side)
-            W[:, self.first_input : self._first_constant] = self.clock.values(np.column_stack([t, side]))
+    def workspace(self) -> Array:
+        """A workspace (width,) with the constants filled in and 0 elsewhere."""
+        return np.concatenate([np.zeros(self._first_constant), self._constants, [0.0]])
 
     def node_place(self, head: str, node: Node, component: int) -> int:
         """Slot of a component of a node. head: "q", "u", their rates "qp", "up"; for loaded nodes also "wq", "wu", the terms that
@@ -262,7 +241,7 @@ class Numbering:
 
     def velocities(self, target: Target, g: int) -> NDArray[np.intp]:
         """(instances,) numbers among the velocity unknowns of the velocity of a target (any head, name of a frame, component)."""
-        return self.places(("u", *target[1:]), g) - self.nq
+        return self.places(("u", *target[1:3]), g) - self.nq
 
     def row_numbers(self, g: int, r: int) -> NDArray[np.intp]:
         """(instances,) numbers, among the rows in force, of row r of the laws of group g; -1 where it is not in force."""

@@ -36,10 +36,6 @@ class Clock:
         self._split = timed.split(expressions)
         self._kernel = Kernel([timed.TIME, timed.SIDE, *self._split.symbols], self._split.expressions)
 
-    def values(self, inputs: Array) -> Array:
-        """Values (k, expressions) at inputs (k, 2): time, and time at which conditions are evaluated."""
-        return self._kernel.values(self._split.with_lookups(inputs))
-
     def emit(self, part: Operations, at: int, first: int) -> None:
         """Append the clock to a native program. It writes its values into the slots from `first` on; slot `at` holds the time,
         the next one the time at which conditions are evaluated."""

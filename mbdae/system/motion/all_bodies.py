@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.native.program import Operations
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.constrained import Workspace
+from mbdae.system.motion.constrained import Evaluator
+from mbdae.threads import check
 
 #: index and sign table by which the quaternion product is a matrix product: P o r = (P[FACTORS] * SIGNS) r
 FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
@@ -58,31 +60,6 @@ class Displacements:
         return out
 
 
-class _Motion(Workspace):
-    """Computes q, u and u' of all nodes, one after the other, from the unknowns and their rates."""
-
-    def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering) -> None:
-        super().__init__(numbering)
-        part, count = self.operations.part(), model.nq + 2 * model.nu
-        result = self.operations.slots(count)
-        starts = {"q": result, "u": result + model.nq, "up": result + model.nq + model.nu}
-
-        def place(node: Node, head: str, i: int) -> int:
-            return starts[head] + (node.q if head == "q" else node.u) + i
-
-        part.load(result, np.zeros(count))
-        for head, first in starts.items():
-            own = numbering.of_positions if head == "q" else numbering.of_velocities
-            unknown = numbering.nq * (head != "q") + numbering.n * (head == "up")
-            part.set(first + own, unknown + np.arange(len(own)))
-        for node in (n for n in model.nodes if n.name in moved.sharing.nodes or n.name in moved.sharing.turned):
-            for head in starts:
-                every = range(node.kind.sizes[head != "q"])
-                part.set([place(node, head, i) for i in every], [numbering.node_place(head, node, i) for i in every])
-        moved.motion(part, numbering, place)
-        self.results(part, result, count)
-
-
 class AllBodies:
     """The motion of all nodes of a model from its unknowns (q, u, s), among which are the coordinates of recursive joints."""
 
@@ -91,20 +68,38 @@ class AllBodies:
         self.numbering = moved.numbering(model, [], (), loaded=False)
         self.nq, self.nu = self.numbering.nq, self.numbering.nu
 
-    def __getstate__(self) -> dict[str, Any]:
-        """State for copies, without native tables, which contain addresses of arrays: a copy makes its own."""
-        return {name: value for name, value in self.__dict__.items() if name != "_native"}
-
     @cached_property
-    def _native(self) -> _Motion:
-        return _Motion(self.model, self.moved, self.numbering)
+    def _evaluator(self) -> Evaluator:
+        return Evaluator(self.numbering)
+
+    def _emitted(self, part: Operations) -> Any:
+        """Append q, u and u' of all nodes from the unknowns and their rates; returns their slots."""
+        model, nb, count = self.model, self.numbering, self.model.nq + 2 * self.model.nu
+        result = part.zeros(count)
+        starts = {"q": result, "u": result + model.nq, "up": result + model.nq + model.nu}
+
+        def place(node: Node, head: str, i: int) -> int:
+            return starts[head] + (node.q if head == "q" else node.u) + i
+
+        for head, first in starts.items():
+            own = nb.of_positions if head == "q" else nb.of_velocities
+            unknown = nb.nq * (head != "q") + nb.n * (head == "up")
+            part.set(first + own, unknown + np.arange(len(own)))
+        sharing = self.moved.sharing
+        for node in (n for n in model.nodes if n.name in sharing.nodes or n.name in sharing.turned):
+            for head in starts:
+                every = range(node.kind.sizes[head != "q"])
+                part.set([place(node, head, i) for i in every], [nb.node_place(head, node, i) for i in every])
+        self.moved.motion(part, nb, place)
+        return result + np.arange(count)
 
     def _of_all(self, t: Array, q: Array, u: Array, up: Array | None = None) -> tuple[Array, Array, Array]:
         """q, u and u' (nt, ...) of all nodes from those of the unknowns; up: None for 0."""
+        check("the motion of all bodies was evaluated")
         y = np.zeros((2, len(t), self.numbering.n))
         y[0, :, : self.nq], y[0, :, self.nq : self.nq + self.nu] = q, u
         y[1, :, self.nq : self.nq + self.nu] = 0.0 if up is None else up
-        found, nq, nu = self._native.at_states(t, *y), self.model.nq, self.model.nu
+        found, nq, nu = self._evaluator.at_states("motion", self._emitted, t, *y), self.model.nq, self.model.nu
         return found[:, :nq], found[:, nq : nq + nu], found[:, nq + nu :]
 
     def states(self, t: Array, y: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ the motion of loaded nodes.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from mbdae.deferred import entries_of, issparse, sp
 from mbdae.errors import internal
 from mbdae.native import Entries, largest_pivots
-from mbdae.native.program import Operations, Scene, Tangent, core
+from mbdae.native.program import Operations, Part, Scene, Tangent, core
 from mbdae.native.sparse import Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
+from mbdae.threads import Owner
 
 AT_ONCE = 1_000_000  #: number of entries of the matrices of states that are solved together, which bounds the memory
 #: length of a constraint row in joint coordinates, over its length in the coordinates of all nodes, up to which it counts as 0
@@ -232,7 +233,7 @@ class Workspace:
         of the other results, as in `Scene`."""
         nb = self.numbering
         self.W = np.zeros(self.operations.size)
-        self.W[: nb.width] = nb.workspace(1)[0]
+        self.W[: nb.width] = nb.workspace()
         self.operations.fill(self.W)
         self.of_rates = rates
         parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "rates": rates}
@@ -280,24 +281,6 @@ class Workspace:
         found = self.W[first : first + count]
         return found, found.ctypes.data
 
-    def results(self, part: Operations, first: int, width: int) -> None:
-        """Allocate the array and compile operations whose results are `width` numbers from slot `first` on."""
-        self.width = width
-        self.finish(part, rows=first)
-        self.make("residual")
-
-    def at_states(self, t: Array, y: Array, yp: Array | None = None) -> Array:
-        """The results (k, width) at times (k,), unknowns y (k, n or more) and their rates, of the same shape, which are 0 unless
-        given."""
-        t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
-        yp = None if yp is None else np.ascontiguousarray(yp, dtype=float)
-        if y.shape != (len(t), max(self.n, y.shape[1])) or (yp is not None and yp.shape != y.shape):
-            raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
-        out = np.empty((len(t), self.width))
-        rates = None if yp is None else yp.ctypes.data
-        core().scene_values(self.address, len(t), t.ctypes.data, y.ctypes.data, rates, y.shape[1], self.width, out.ctypes.data)
-        return out
-
     def solved(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'. Returns the number of the row at which a factorisation failed, because it depends on those before it, or
         -1."""
@@ -308,22 +291,51 @@ class Workspace:
         return int(self.scene.bad) if code > 0 else -1
 
 
-class StateValues(Workspace):
-    """Evaluates kernels at given states, such as that of the gaps of contacts."""
+class Evaluator(Workspace):
+    """Evaluates named lists of operations at many states in C. A list is made when it is first asked for; `emitted` appends its
+    operations and returns the slots of its results. Copies have no lists: tables contain addresses of arrays."""
 
-    def __init__(self, numbering: Numbering, motion: Emitted | None, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
+    def __init__(self, numbering: Numbering, motion: Emitted | None = None) -> None:
         super().__init__(numbering, motion)
-        self._made_of = numbering, motion, gathers, kernels
-        part = self.operations.part(self.motion)
-        pieces = [kernel.emit(part, gather).ravel() for gather, kernel in zip(gathers, kernels, strict=True)]
-        at = np.concatenate([np.zeros(0, dtype=np.intp), *pieces])
-        first = self.operations.slots(len(at))
-        part.set(first + np.arange(len(at)), at)
-        self.results(part, first, len(at))
+        self._made_of, self._owner, self._lists = (numbering, motion), Owner("an evaluation"), dict[Any, tuple[Part, int, int]]()
+        self.finish()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
-        return StateValues, self._made_of
+        return Evaluator, self._made_of
+
+    def choose(self, name: Any, emitted: Callable[[Operations], Any]) -> None:
+        """From now on `scene_values` of C evaluates this list, whose `width` numbers are the results."""
+        if name not in self._lists:
+            part = self.operations.part(self.motion)
+            found = np.asarray(emitted(part), dtype=np.intp).ravel()
+            first = int(found[0]) if len(found) else 0
+            if np.any(np.diff(found) != 1):
+                first = self.operations.slots(len(found))
+                part.set(first + np.arange(len(found)), found)
+            self.W = np.concatenate([self.W, np.zeros(self.operations.size - len(self.W))])
+            self.operations.fill(self.W)
+            self._x = np.zeros(max(len(self._x), part.widest))
+            self.scene.W, self.scene.x = self.W.ctypes.data, self._x.ctypes.data
+            table, kept = part.table(len(self.W))
+            self._kept.append(kept)
+            self._lists[name] = table, first, len(found)
+        self.scene.residual, self.scene.rows, self.width = self._lists[name]
+
+    def at_states(self, name: Any, emitted: Callable[[Operations], Any], t: Array, y: Array, yp: Array | None = None) -> Array:
+        """The results (k, width) of a list at times (k,), unknowns y (k, n or more) and their rates, of the same shape, which are
+        0 unless given. Other threads wait."""
+        return self._owner.alone(self._evaluated, name, emitted, t, y, yp)
+
+    def _evaluated(self, name: Any, emitted: Callable[[Operations], Any], t: Array, y: Array, yp: Array | None) -> Array:
+        t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
+        yp = None if yp is None else np.ascontiguousarray(yp, dtype=float)
+        if y.shape != (len(t), max(self.n, y.shape[1])) or (yp is not None and yp.shape != y.shape):
+            raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
+        self.choose(name, emitted)
+        out = np.empty((len(t), self.width))
+        rates = None if yp is None else yp.ctypes.data
+        core().scene_values(self.address, len(t), t.ctypes.data, y.ctypes.data, rates, y.shape[1], self.width, out.ctypes.data)
+        return out
 
 
 class Columns(NamedTuple):

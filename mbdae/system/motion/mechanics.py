@@ -11,22 +11,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import Later, issparse, sp, splu
+from mbdae.deferred import issparse, later, sp, splu
 from mbdae.kernels.plan import linearised_plan
+from mbdae.native.program import Operations
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.outputs import Target, dynamics, loads, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.model.numbering import Numbering
 from mbdae.system.motion.constrained import FixedPattern, row_lengths, solve_constrained, unique_multipliers
 from mbdae.system.motion.states import Solve, States, solve_with_friction
 from mbdae.threads import one_thread
 
 if TYPE_CHECKING:
-    from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs
+    from mbdae.system.model.beams import ElementBatch, batches
 else:
-    batches = Later("mbdae.system.model.beams", "batches")
-    nodal_inputs = Later("mbdae.system.model.beams", "nodal_inputs")
+    (batches,) = later("mbdae.system.model.beams", "batches")
 
 AT_ONCE = 100  #: number of rows whose `mobility` is computed together in large scenes with beams, which bounds the memory
 LARGE = 400  #: number of velocities above which mass matrix and constraint Jacobian are stored as sparse matrices
@@ -142,8 +143,7 @@ class Mechanics(States):
 
     def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
         """The result of `mobility_with_joints`, by one factorisation of sparse matrices."""
-        at = np.array([t])
-        G, places, give = self._entries_and_give(at, q[None])
+        G, places, give = self._entries_and_give(np.array([t]), q[None])
         found = FixedPattern(self.mass, self.m, *places, None)
         solve = found.at(found.values(G, None)[0], give[0], self.redundant > 0)
         return np.array([row @ solve(np.r_[row, np.zeros(self.m)])[: self.nu] for row in rows])
@@ -152,40 +152,27 @@ class Mechanics(States):
         """f (nt, nu) of M u' + G^T lambda = f: all forces but those of constraints and of friction that depends on lambda. s:
         internal states; z (nt, nz): stresses of the beams, None: those that follow from the strains (with stiff beams a small
         error of the positions is then a large error of the forces)."""
-        f = np.zeros((len(t), self.nu))
-        for g, p, values in self.evaluate(loads, t, q, u, s):
-            for o, target in enumerate(p.targets):
-                np.subtract.at(f.T, self.numbering.velocities(target, g), values[:, :, o].T)
-        return f + self._of_beams(t, q, u, z) if self.model.lines else f
+
+        def emitted(part: Operations) -> Any:
+            first = self.added(part, loads, self.nu, self.in_velocities, -1.0)
+            for line in self.model.lines:
+                part.add(first[line.places("u").ravel()], part.constant(line.dead) + np.arange(line.dead.size))
+            for batch in self._batches[z is not None]:
+                self._add_batch(part, batch, first)
+            return first
+
+        return self.at_states(("load", z is not None), emitted, t, q, u, s, None, z)
 
     @cached_property
     def _batches(self) -> dict[bool, list[ElementBatch]]:
-        return {mixed: batches(self.model.lines, mixed) for mixed in (False, True)}
+        return {mixed: batches(self.model.lines, mixed) if self.model.lines else [] for mixed in (False, True)}
 
-    def prescribed(self, t: Array, slots: tuple[tuple[int, str], ...]) -> Array:
-        """Values (nt, slots) at times t of loads on beams that are prescribed in time; slots: number of the beam and key in
-        `Line.timed`."""
-        W = self.numbering.workspace(len(t))
-        self.numbering.fill_clock(W, t)
-        return W[:, [self.numbering.slot(-1, *place) for place in slots]]
-
-    def _of_beams(self, t: Array, q: Array, u: Array, z: Array | None) -> Array:
-        """Forces (nt, nu) of beams and their loads, with the stresses z, or those of the strains where z is None."""
-        f = np.zeros((len(t), self.nu))
-        for line in self.model.lines:
-            np.add.at(f.T, line.places("u").ravel(), line.dead.ravel()[:, None])
-        for batch in self._batches[z is not None]:
-            self._add_batch(f, batch, t, q, u, z)
-        return f
-
-    def _add_batch(self, f: Array, batch: ElementBatch, t: Array, q: Array, u: Array, z: Array | None = None) -> None:
-        x = nodal_inputs(batch.kernel, batch.lines, q, u, self.prescribed(t, batch.timed))
-        if z is not None and batch.stresses.size:
-            x = np.hstack([x, z[:, batch.stresses].reshape(len(x), -1)])
+    def _add_batch(self, part: Operations, batch: ElementBatch, first: Any) -> None:
+        """Append the forces of elements on their nodes; first (nu,): the slots to which they are added."""
         momentum = [(o, a, i) for o, (head, a, i) in enumerate((*t, 0)[:3] for t in batch.kernel.targets) if head == "u"]
-        at = np.array([[e[a].u + i for _, a, i in momentum] for e in batch.nodes], dtype=np.intp).ravel()
-        values = batch.kernel.values(x)[:, [o for o, _, _ in momentum]]
-        np.add.at(f.T, at, -values.reshape(len(t), -1).T)
+        at = np.array([[e[a].u + i for _, a, i in momentum] for e in batch.nodes], dtype=np.intp)
+        values = batch.kernel.emit(part, inputs_of(batch, self.numbering))[:, [o for o, _, _ in momentum]]
+        part.add(first[at], values, -1.0)
 
     def elastic_force(self, q: Array) -> Array:
         """Internal elastic forces (nu,) of the beams at positions q (nq,)."""
@@ -197,11 +184,15 @@ class Mechanics(States):
 
     def _of_elements(self, loads: bool, t: Array, q: Array, u: Array) -> Array:
         """Forces (nt, nu) on the nodes of beams; loads: True for those of `Line.loads`, False for those of elements."""
-        f = np.zeros((len(t), self.nu))
-        for batch in self._batches[False]:
-            if batch.is_load is loads:
-                self._add_batch(f, batch, t, q, u)
-        return f
+
+        def emitted(part: Operations) -> Any:
+            first = part.zeros(self.nu) + np.arange(self.nu)
+            for batch in self._batches[False]:
+                if batch.is_load is loads:
+                    self._add_batch(part, batch, first)
+            return first
+
+        return self.at_states(("elements", loads), emitted, t, q, u)
 
     def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
                       z: Array | None = None) -> tuple[Array, Array]:
@@ -264,6 +255,14 @@ class Mechanics(States):
         np.add.at(give, at, (G * self.velocity_units[columns]) ** 2 / mass)
         give[give == 0] = 1 / mass
         return G, (rows, columns), give
+
+
+def inputs_of(batch: ElementBatch, nb: Numbering) -> Any:
+    """(elements, inputs) slots that a kernel over elements of beams reads."""
+    timed = iter([nb.slot(-1, *place) for place in batch.timed])
+    columns = [nb.start["z"] + batch.stresses[:, t[1]] if t[0] == "z" else np.full(len(batch.nodes), next(timed)) if t[0] == "p"
+               else [nb.node_place(t[0], nodes[t[1]], t[2]) for nodes in batch.nodes] for t in batch.kernel.inputs]
+    return np.stack(columns, axis=1)
 
 
 def in_units(mechanics: States, G: Any) -> Any:

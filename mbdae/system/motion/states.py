@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import sp
+from mbdae.deferred import distinct, sp
 from mbdae.errors import SolverError
-from mbdae.kernels.plan import Outputs, plan
+from mbdae.kernels.plan import Outputs, Plan, plan
+from mbdae.native.program import Operations
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Force
@@ -27,15 +28,11 @@ from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node, quaternion_product, turned
 from mbdae.system.model.numbering import Numbering, Row
+from mbdae.system.motion.constrained import Evaluator
 
 Index = NDArray[np.intp]
-AT_ONCE = 4_000_000  #: count of numbers in the workspaces of all states that are evaluated together, which bounds the memory
-
-
-def blocks(count: int, width: int) -> list[slice]:
-    """Slices that divide `count` states with workspaces of `width` numbers into parts of at most AT_ONCE numbers."""
-    size = max(1, AT_ONCE // max(width, 1))
-    return [slice(first, min(first + size, count)) for first in range(0, count, size)] or [slice(0, 0)]
+#: function (group, its plan) -> (instances, outputs) numbers in a vector of results to which the values are added, -1 for none
+Adding = Callable[[int, Plan], Index]
 
 
 class States:
@@ -44,11 +41,13 @@ class States:
 
     def __init__(self, model: Model, rows: list[Row], redundant: int = 0) -> None:
         self.model, self.rows, self.redundant = model, rows, redundant
-        self.numbering = Numbering(model, rows, ("lambda",))
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
-        self._in_G: dict[int, tuple[Index, Index, Index]] = {}
-        self._plans: dict[tuple[Outputs, int], tuple[Any, Index]] = {}
-        self._of_row: dict[tuple[int, int], Index] = {}
+        key = tuple(rows)
+        if key not in model.kept:
+            model.kept[key] = Evaluator(Numbering(model, rows, ("lambda", "z"))), {}
+        kept: tuple[Evaluator, dict[Any, list[tuple[int, Plan]]]] = model.kept[key]
+        self._evaluator, self._plans = kept
+        self.numbering = self._evaluator.numbering
 
     @cached_property
     def reactive(self) -> list[int]:
@@ -97,45 +96,69 @@ class States:
 
     def evaluate(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None,
                  multipliers: Array | None = None, groups: Sequence[int] | None = None,
-                 ) -> list[tuple[int, Any, Array]]:
+                 ) -> list[tuple[int, Plan, Array]]:
         """Evaluate outputs of the laws. Returns (group, plan, values (nt, instances, outputs)) for every group whose laws have
         such outputs. outputs: selects them; groups: numbers of the groups, None: all."""
-        parts = blocks(len(t), self.numbering.width)
-        if len(parts) > 1:
-            found = [self.evaluate(outputs, t[part], q[part], u[part], None if s is None else s[part],
-                                   None if multipliers is None else multipliers[part], groups) for part in parts]
-            return [(g, p, np.concatenate([of[k][2] for of in found])) for k, (g, p, _) in enumerate(found[0])]
-        W = self.workspace(t, q, u, s, multipliers)
-        chosen = range(len(self.model.groups)) if groups is None else groups
-        planned = ((g, *self._planned(outputs, g)) for g in chosen)
-        return [(g, p, p.kernel.values(W[:, columns])) for g, p, columns in planned if p.targets]
+        planned = self._planned(outputs, groups)
 
-    def _planned(self, outputs: Outputs, g: int) -> tuple[Any, Index]:
-        """The plan of these outputs for group g, and the slots (instances, inputs) of the workspace that it reads."""
-        if (outputs, g) not in self._plans:
-            p = plan(self.model.groups[g].derived, outputs)
-            self._plans[outputs, g] = p, self.numbering.gather(g, p.all_inputs)
-        return self._plans[outputs, g]
+        def emitted(part: Operations) -> Any:
+            return np.concatenate([self._emitted(part, g, p).ravel() for g, p in planned])
 
-    def workspace(self, t: Array, q: Array, u: Array, s: Array | None, multipliers: Array | None) -> Array:
-        """(nt, width) workspaces of all states, which the kernels read."""
-        nb = self.numbering
-        W = nb.workspace(len(t))
-        W[:, : self.nq], W[:, self.nq : self.nq + self.nu] = q, u
-        if s is not None:
-            W[:, nb.start["s"] : nb.start["s"] + len(nb.states)] = s
-        if multipliers is not None:
-            # laws read multipliers of scaled rows, which are the unknowns of the forms
-            W[:, nb.start["lambda"] : nb.start["lambda"] + self.m] = multipliers / nb.scaling()
-        nb.fill_clock(W, t)
-        return W
+        if not planned:
+            return []
+        found = self.at_states((outputs, tuple(g for g, _ in planned)), emitted, t, q, u, s, multipliers)
+        shapes = [(len(t), len(self.model.groups[g].instances), len(p.targets)) for g, p in planned]
+        parts = np.split(found, np.cumsum([i * o for _, i, o in shapes])[:-1], axis=1)
+        return [(g, p, values.reshape(shape)) for (g, p), values, shape in zip(planned, parts, shapes, strict=True)]
+
+    def at_states(self, name: Any, emitted: Callable[[Operations], Any], t: Array, q: Array, u: Array | None,
+                  s: Array | None = None, multipliers: Array | None = None, z: Array | None = None) -> Array:
+        """The results (nt, width) of a list of operations, see `Evaluator`. z (nt, nz): stresses of beams."""
+        y, nb = np.zeros((len(t), self.numbering.n)), self.numbering
+        # laws read multipliers of scaled rows, which are the unknowns of the forms
+        scaled = None if multipliers is None else multipliers / nb.scaling()
+        firsts = [*(nb.start[head] for head in ("q", "u", "s", "z", "lambda")), nb.start["mu"]]
+        for first, end, values in zip(firsts, firsts[1:], (q, u, s, z, scaled), strict=False):
+            if values is not None:
+                y[:, first:end] = values
+        return self._evaluator.at_states(name, emitted, t, y)
+
+    def _planned(self, outputs: Outputs, groups: Sequence[int] | None = None) -> list[tuple[int, Plan]]:
+        """The groups whose laws have such outputs, each with the plan of these."""
+        key = outputs, None if groups is None else tuple(groups)
+        if key not in self._plans:
+            chosen = range(len(self.model.groups)) if groups is None else groups
+            self._plans[key] = [(g, p) for g in chosen if (p := plan(self.model.groups[g].derived, outputs)).targets]
+        return self._plans[key]
+
+    def _emitted(self, part: Operations, g: int, p: Plan) -> Index:
+        """Slots (instances, outputs) of the outputs of a group."""
+        return p.kernel.emit(part, self.numbering.gather(g, p.all_inputs))
+
+    def added(self, part: Operations, outputs: Outputs, size: int, numbers: Adding, sign: float = 1.0,
+              groups: Sequence[int] | None = None) -> Index:
+        """Append outputs of the laws, times `sign`, added to a vector of results; returns its slots (size,)."""
+        first = part.zeros(size)
+        for g, p in self._planned(outputs, groups):
+            at, values = numbers(g, p), self._emitted(part, g, p)
+            part.add(first + at[at >= 0], values[at >= 0], sign)
+        return first + np.arange(size)
+
+    def in_velocities(self, g: int, p: Plan) -> Index:
+        """(instances, outputs) numbers of the velocities to which outputs belong, see `Adding`."""
+        return np.stack([self.numbering.velocities(target, g) for target in p.targets], axis=1)
+
+    def _in_rows(self, g: int, p: Plan) -> Index:
+        return np.stack([self.numbering.row_numbers(g, target[1]) for target in p.targets], axis=1)
+
+    def _in_states(self, g: int, p: Plan) -> Index:
+        return np.stack([self.numbering.places(target, g) for target in p.targets], axis=1) - self.numbering.start["s"]
 
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
         """Constraint Jacobian G (nt, m, nu)."""
+        values, rows, columns = self.entries_of_G(t, q)
         G = np.zeros((len(t), self.m, self.nu))
-        for values, rows, columns in self._entries_of_G(t, q):
-            places: Any = slice(None), rows, columns
-            np.add.at(G, places, values)
+        G[:, rows, columns] = values
         return G
 
     def sparse_constraint_jacobian(self, t: Array, q: Array) -> list[sp.csr_matrix]:
@@ -144,62 +167,54 @@ class States:
         return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
 
     def entries_of_G(self, t: Array, q: Array) -> tuple[Array, Index, Index]:
-        """Values (nt, k) of entries of G with their rows and columns (k,); values of the same entry have to be summed."""
-        parts = self._entries_of_G(t, q)
-        rows, columns = (np.concatenate([np.zeros(0, np.intp), *(part[i] for part in parts)]) for i in (1, 2))
-        return np.concatenate([np.zeros((len(t), 0)), *(part[0] for part in parts)], axis=1), rows, columns
+        """Values (nt, k) of the entries of G with their rows and columns (k,)."""
+        cells = self._cells_of_G
 
-    def _entries_of_G(self, t: Array, q: Array) -> list[tuple[Array, Index, Index]]:
-        """Values (nt, k) of the entries of G, group by group, with their rows and columns (k,)."""
-        found = []
-        for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu))):
-            taken, rows, columns = self._places_in_G(g, p)
-            found.append((values.reshape(len(t), -1)[:, taken], rows, columns))
-        return found
+        def numbers(g: int, p: Plan) -> Index:
+            at = self._in_G(g, p)
+            return np.where(at >= 0, np.searchsorted(cells, at), -1)
+
+        values = self.at_states("G", lambda part: self.added(part, jacobian_G, len(cells), numbers), t, q, None)
+        return values, cells // self.nu, cells % self.nu
+
+    @cached_property
+    def _cells_of_G(self) -> Index:
+        """(k,) row times nu plus column of every entry of G."""
+        found = np.concatenate([np.zeros(0, np.intp), *(self._in_G(g, p).ravel() for g, p in self._planned(jacobian_G))])
+        return distinct(found[found >= 0])
+
+    def _in_G(self, g: int, p: Plan) -> Index:
+        rows = self._in_rows(g, p)
+        columns = np.stack([self.numbering.velocities(("u", *target[2:]), g) for target in p.targets], axis=1)
+        return np.where(rows >= 0, rows * self.nu + columns, -1)
 
     def rows_without_slope(self, t: Array, q: Array) -> Any:
         """(m,) bool: which rows have no finite derivative, an entry of G being infinite or NaN, at positions q (nq,)."""
-        found = np.zeros(self.m, dtype=bool)
-        for g, p, values in self.evaluate(jacobian_G, t, q[None], np.zeros((1, self.nu))):
-            taken, rows, _ = self._places_in_G(g, p)
-            np.logical_or.at(found, rows, ~np.isfinite(values.reshape(-1)[taken]))
-        return found
-
-    def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
-        """Which of the values (instances times outputs, flat) of plan p of group g belong to rows in force, and their rows and
-        columns in G."""
-        if g not in self._in_G:
-            nb = self.numbering
-            rows = np.stack([self._rows_of(g, target[1]) for target in p.targets], axis=1).ravel()
-            columns = np.stack([nb.velocities(("u", *target[2:]), g) for target in p.targets], axis=1).ravel()
-            taken = np.flatnonzero(rows >= 0)
-            self._in_G[g] = taken, rows[taken], columns[taken]
-        return self._in_G[g]
+        values, rows, _ = self.entries_of_G(t, q[None])
+        return np.bincount(rows, ~np.isfinite(values[0]), self.m) > 0
 
     def _rows(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
-        out = np.zeros((len(t), self.m))
-        for g, p, values in self.evaluate(outputs, t, q, u):
-            for o, target in enumerate(p.targets):
-                rows = self._rows_of(g, target[1])
-                kept = rows >= 0
-                out[:, rows[kept]] = values[:, kept, o]
-        return out
-
-    def _rows_of(self, g: int, r: int) -> Index:
-        """(instances,) numbers among the rows in force of row r of the laws of group g, -1 for none; stored for later calls."""
-        key = g, r
-        if key not in self._of_row:
-            self._of_row[key] = self.numbering.row_numbers(g, r)
-        return self._of_row[key]
+        return self.at_states((outputs, "rows"), lambda part: self.added(part, outputs, self.m, self._in_rows), t, q, u)
 
     def of_states(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
         """Values (nt, ns) of outputs that belong to the internal states, such as their start values or rates."""
-        nb = self.numbering
-        out = np.zeros((len(t), len(nb.states)))
-        for g, p, values in self.evaluate(outputs, t, q, u, s):
-            for o, target in enumerate(p.targets):
-                out[:, nb.places(target, g) - nb.start["s"]] = values[:, :, o]
-        return out
+        size = len(self.numbering.states)
+        if not size:
+            return np.zeros((len(t), 0))
+        return self.at_states((outputs, "states"), lambda part: self.added(part, outputs, size, self._in_states), t, q, u, s)
+
+    def forces(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
+        """Sums (nt, nu) of outputs that belong to velocities, such as generalised forces."""
+        return self.at_states((outputs, "u"), lambda part: self.added(part, outputs, self.nu, self.in_velocities), t, q, u)
+
+    def sums(self, outputs: Outputs, names: Sequence[str], *state: Array | None) -> Array:
+        """Sums (nt, names) of outputs over all laws, by the first entry of their targets; state: as in `evaluate`, from t on."""
+
+        def numbers(g: int, p: Plan) -> Index:
+            at = [names.index(target[0]) for target in p.targets]
+            return np.broadcast_to(np.array(at, dtype=np.intp), (len(self.model.groups[g].instances), len(at)))
+
+        return self.at_states((outputs, "sums"), lambda part: self.added(part, outputs, len(names), numbers), *state)  # type: ignore[arg-type]
 
     def position_residual(self, t: Array, q: Array) -> Array:
         """Constraint residual g (nt, m)."""
@@ -277,19 +292,21 @@ Solve = Callable[[Array, Array | None], tuple[Array, Array]]
 
 def friction_of(mechanics: States, state: State, multipliers: Array) -> tuple[Array, Array]:
     """The friction R (nt, nu) and its derivative dR/dlambda (nt, nu, m) at multipliers lambda (nt, m)."""
-    nb, scaling = mechanics.numbering, mechanics.numbering.scaling()
-    R, slope = np.zeros((len(multipliers), mechanics.nu)), np.zeros((len(multipliers), mechanics.nu, mechanics.m))
-    for g, p, values in mechanics.evaluate(slopes, *state, multipliers, groups=mechanics.reactive):
-        for i in range(values.shape[1]):
-            for o, target in enumerate(p.targets):
-                at = nb.velocity(target, g, i)
-                if target[0] != "slope":
-                    R[:, at] -= values[:, i, o]
-                    continue
-                row = nb.row(g, i, target[3])
-                if row is not None:
-                    slope[:, at, row] -= values[:, i, o] / scaling[row]
-    return R, slope
+    nb, nu, m = mechanics.numbering, mechanics.nu, mechanics.m
+
+    def numbers(g: int, p: Plan) -> Index:
+        at = mechanics.in_velocities(g, p)
+        for o, target in enumerate(p.targets):
+            if target[0] == "slope":
+                row = nb.row_numbers(g, target[3])
+                at[:, o] = np.where(row >= 0, nu + at[:, o] * m + row, -1)
+        return at
+
+    def emitted(part: Operations) -> Index:
+        return mechanics.added(part, slopes, nu * (1 + m), numbers, -1.0, mechanics.reactive)
+
+    found = mechanics.at_states("friction", emitted, *state, multipliers)
+    return found[:, :nu], found[:, nu:].reshape(-1, nu, m) / nb.scaling()
 
 
 def solve_with_friction(mechanics: States, state: State, f: Array, solve: Solve) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.all_bodies import AllBodies
-from mbdae.system.motion.constrained import Workspace, least_norm, solve_constrained
+from mbdae.system.motion.constrained import Evaluator, least_norm, solve_constrained
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import Solve
 
@@ -28,19 +29,25 @@ NOTHING = 1e-13
 Inertia = Mapping[tuple[int, int], float]  #: (row, column) among the velocity unknowns -> entry of the mass matrix
 
 
-class _Accelerations(Workspace):
+class _Accelerations(Evaluator):
     """Computes u' of all nodes from forces on them, which are given in the slots from `force` on. mass: (row, column) -> entry of
     the mass matrix among the velocity unknowns."""
 
     def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering, mass: Inertia) -> None:
         super().__init__(numbering)
-        nb, part = numbering, self.operations.part()
-        self.force = self.operations.slots(model.nu)
+        self._given = model, moved, mass
+        self.force, self.pivots = self.operations.slots(model.nu), list[tuple[int, int]]()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        model, moved, mass = self._given
+        return _Accelerations, (model, moved, self.numbering, mass)
+
+    def _emitted(self, part: Operations) -> Any:
+        (model, moved, mass), nb = self._given, self.numbering
         rates, own, every = part.slots(nb.nu), nb.of_velocities, part.zeros(model.nu)
         left = part.zeros(model.nu)
         part.add(left + np.arange(model.nu), self.force + np.arange(model.nu), -1.0)
         part.set(rates + np.arange(nb.nu), self.force + own)
-        self.pivots: list[tuple[int, int]] = []
         for tree in moved.trees:
             ordered = moved.passes(nb, _bare(model, tree), inertia={
                 pair: part.constant([m]) for pair, m in own_inertia(nb, tree, mass).items()})
@@ -51,15 +58,19 @@ class _Accelerations(Workspace):
             part.set([to for to, _ in driven], [slot for _, slot in driven])
         solve_alone(part, mass, lambda k: rates + k, sorted(set(range(nb.nu)) - {k for _, k in self.pivots}))
         part.set(every + own, rates + np.arange(nb.nu))
-        self.results(part, every, model.nu)
+        return every + np.arange(model.nu)
 
     def of_forces(self, t: Array, q: Array, u: Array, f: Array) -> Array:
         """u' (nt, nu) of all nodes at q, u of the unknowns (nt, ...), for forces f (nt, nu) on all nodes."""
+        return self._owner.alone(self._of_forces, t, q, u, f)
+
+    def _of_forces(self, t: Array, q: Array, u: Array, f: Array) -> Array:
         y, out = np.zeros((1, self.n)), np.empty_like(f)
+        self.choose("accelerations", self._emitted)
         for i in range(len(t)):
             y[0, : self.numbering.nq], y[0, self.numbering.nq : self.numbering.nq + self.numbering.nu] = q[i], u[i]
             self.W[self.force : self.force + f.shape[1]] = f[i]
-            out[i] = self.at_states(t[i : i + 1], y)[0]
+            out[i] = self.at_states("accelerations", self._emitted, t[i : i + 1], y)[0]
         return out
 
     def _solve(self, part: Operations, ordered: TreePasses, tree: Tree, left: int, rates: int) -> list[tuple[int, int]]:
