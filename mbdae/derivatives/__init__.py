@@ -210,7 +210,7 @@ class Refined:
         form = form_of(self.result.info.form)
         # derivatives follow all vibrations of beams, which steps may leave out of a run: velocities and forces contain them
         if self.prepared.model.lines and hasattr(form, "waves"):
-            form, self._first = replace(form, waves=True), None
+            form, self._first = replace(form, waves=True), None  # type: ignore[type-var]
         return system_for(self.prepared, form, self.result.info.solver.highest_index)
 
     def _with_other_method(self) -> None:

@@ -13,9 +13,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import symengine as se
 
 from mbdae.derivatives.lists import data_of, structure_of
 from mbdae.errors import DerivativeError, MbdaeError, OptionError
+from mbdae.inputs import timed
 from mbdae.results.result import Result
 from mbdae.run.choice import prepared_from
 from mbdae.study.statements import changed
@@ -67,7 +69,7 @@ class Equations:
         """The numbers in all slots, and the data, in the order of `lists.Lists`."""
         ev = self.assembly.operations()
         W, nb = np.zeros(ev.operations.size), ev.numbering
-        W[: nb.width] = nb.workspace(1)[0]
+        W[: nb.width] = nb.workspace()
         ev.operations.fill(W)
         return np.concatenate([W, *(values for _, values in data_of(ev.residual_part))])
 
@@ -154,8 +156,11 @@ class Chart:
         """Derivative (k, values) of the prescribed values at times (k,), conditions being read at the times `sides` (k,)."""
         if not self._moves:
             return np.zeros((len(t), len(self.varied.base.assembly.numbering.clock.expressions)))
-        at = np.column_stack([t, sides])
-        return self.varied.sum_of(lambda one, _: one.assembly.numbering.clock.values(at))[0]
+
+        def values(one: Equations, _: int) -> Array:
+            return np.column_stack([timed.values(se.sympify(e), t, sides) for e in one.assembly.numbering.clock.expressions])
+
+        return self.varied.sum_of(values)[0]
 
     def refuse_moving_breaks(self, t0: float) -> None:
         """Raise DerivativeError where the number moves an instant at which an input of time jumps or has a kink."""

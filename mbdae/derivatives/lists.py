@@ -9,13 +9,14 @@ law, element and form; of a kernel they take the kernels `tangent` and `pullback
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import ctypes
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdae.errors import internal
-from mbdae.native.program import ADD, CALL, LOAD, MULTIPLY, SET, Operations, Step, block
+from mbdae.native.program import ADD, CALL, LOAD, MULTIPLY, SET, Operations, Step, block, core
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import Index
@@ -87,7 +88,7 @@ class Lists:
         for i, step in reversed(list(enumerate(self._of.steps))):
             self._back(i, step)
         self.ev.compile()
-        self._parts = {name: self.ev.runner(part) for name, part in (("tangent", self.tangent), ("pullback", self.pullback))}
+        self._parts = {name: self._runner(part) for name, part in (("tangent", self.tangent), ("pullback", self.pullback))}
         assembly.__dict__["evaluation"] = self.ev  # its Jacobian is evaluated on the same array
 
     def _checked(self) -> None:
@@ -156,6 +157,16 @@ class Lists:
 
     # -- evaluation
 
+    def _runner(self, part: Operations) -> Callable[[float, Array, Array], int]:
+        """A function (t, y (n,), y' (n,)) that fills in a state and runs operations of these lists."""
+        ev, (table, kept) = self.ev, part.table(len(self.ev.W))
+        ev._kept.append((table, kept))
+        if part.widest > len(ev._x):
+            ev._x = np.zeros(part.widest)
+            ev.scene.x = ev._x.ctypes.data
+        run, own = core().scene_part, ctypes.byref(table)
+        return lambda t, y, yp: int(run(ev.address, own, t, y.ctypes.data, yp.ctypes.data))
+
     def residual(self, t: float, y: Array, yp: Array) -> Array:
         """F (n,) at a state, which `along` and `back` refer to afterwards."""
         out = np.empty(self.n)
@@ -165,8 +176,8 @@ class Lists:
 
     def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' (n, n)."""
-        fy, fyp = self.assembly.dense_jacobian(t, y, yp)
-        return fy, fyp
+        fy, fyp = self.assembly.dense_stages(np.array([t]), y[None], yp[None])
+        return fy[0], fyp[0]
 
     def along(self, changes: Array) -> Array:
         """(k, n) changes of F for changes (k, inputs) of the inputs, at the state evaluated last."""

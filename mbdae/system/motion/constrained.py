@@ -265,16 +265,6 @@ class Workspace:
                 self._kept.append(kept)
                 del self._parts[name]
 
-    def runner(self, part: Operations) -> Callable[[float, Array, Array], int]:
-        """A function (t, y (n,), y' (n,)) that fills in a state and runs operations that were appended before `finish`."""
-        table, kept = part.table(len(self.W))
-        self._kept.append((table, kept))
-        if part.widest > len(self._x):
-            self._x = np.zeros(part.widest)
-            self.scene.x = self._x.ctypes.data
-        run, own = core().scene_part, ctypes.byref(table)
-        return lambda t, y, yp: int(run(self.address, own, t, y.ctypes.data, yp.ctypes.data))
-
     def view(self, first: int, count: int) -> tuple[Array, int]:
         """View of `count` numbers from slot `first` on, and its address, which callers store because asking NumPy for it takes
         long."""
