@@ -144,6 +144,8 @@ def test_continued_runs_and_early_refusals() -> None:
         s.simulate(0.4, start=first, derivatives=True)
     with pytest.raises(mb.DerivativeError, match="sampled controller"):
         controlled().simulate(0.4, derivatives=True)
+    with pytest.raises(mb.DerivativeError, match="state at rest has no derivatives yet"):
+        pendulum(spring=20.0).equilibrium().gradient(mb.at_end("A.angle"), to="A.spring")
 
 
 def test_named_numbers_are_recorded_and_have_one_value(tmp_path: Any) -> None:
