@@ -18,7 +18,8 @@ from scipy.integrate import solve_ivp
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.base import Asked, Solver
-from mbdae.run.control import measure_of, run_controlled
+from mbdae.run.control import run_controlled
+from mbdae.run.estimate import measure_of
 from mbdae.system.base import System
 from mbdae.system.prepare import Prepared, prepare
 

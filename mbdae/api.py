@@ -23,7 +23,8 @@ from mbdae.run.checkpoint import keeper_of, kept, progress_of, statement_of
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.conditions import conditions, ends_of_curves
-from mbdae.run.control import Controlled, plausible
+from mbdae.run.control import plausible
+from mbdae.run.estimate import Controlled
 from mbdae.run.events import Watched
 from mbdae.run.job import Job
 from mbdae.run.stepper import Stepper

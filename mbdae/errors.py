@@ -12,7 +12,7 @@
     ├── SolverError         the integration stopped; with the time, the culprit and the solution so far
     │   ├── WallClockError  its wall-clock time was used up
     │   └── ChatteringError the motion switches back and forth without end
-    ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on with it
+    ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on; with the solution so far
     ├── DerivativeError     a derivative that there is not, with the reason
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
     ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
@@ -114,8 +114,8 @@ class WallClockError(SolverError):
 
 
 class DiskError(OptionError):
-    """A run cannot be kept in the folder named for it (`checkpoint`), because the disk is full or the folder is gone. The folder
-    holds an earlier state of it, from which the same call goes on; solution: what was computed until now, or None."""
+    """A run or study cannot be kept where it was asked for (`checkpoint`, `resume`): the disk is full or the folder is gone. What
+    is there is an earlier state, from which the same call goes on; solution: what was computed until now, or None."""
 
     solution: Any = None
 
@@ -132,15 +132,20 @@ class DerivativeError(MbdaeError):
 
 
 class StoppedError(MbdaeError):
-    """A run that is kept in a folder was ended by SIGTERM, after the step under way; the same call goes on with it."""
+    """A run that is kept in a folder was ended by SIGTERM, after the step under way, with what was computed until then (attribute
+    `solution`); the same call goes on."""
 
 
-ENDS = (KeyboardInterrupt, SystemExit, process.RaisedError, DiskError)  #: what ends a call, with what was computed until then
+class Stopping(BaseException):
+    """Raised to end the process after it was asked to end (SIGTERM) and its run has been stored."""
+
+
+#: what ends a call, with what was computed until then as attribute `solution`
+ENDS = (KeyboardInterrupt, SystemExit, process.RaisedError, DiskError, Stopping)
 
 
 def interrupted(error: BaseException, text: str, solution: Any) -> None:
     """Say in a KeyboardInterrupt what it stopped, and attach what was computed until then as `solution` to it or another of ENDS.
-
     The class of the exception stays: a script that does not catch it ends as Ctrl-C ends any script."""
     if isinstance(error, KeyboardInterrupt):
         error.args = (text,)

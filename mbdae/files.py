@@ -42,16 +42,7 @@ def replacing(path: Any) -> Iterator[Path]:
             return
         part = place.with_name(f".{secrets.token_hex(8)}{named.suffix}")
         try:
-            # create the empty file `part` with the rights of the file at `place`; OSError where that file may not
-            # be replaced
-            if place.is_dir():
-                raise IsADirectoryError("there is a folder of this name")
-            there = place.exists()
-            if there and not os.access(place, os.W_OK):
-                raise PermissionError("there is a file of this name that may not be changed")
-            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-            if there:
-                part.chmod(place.stat().st_mode & 0o777)
+            _begin(part, place)
             yield part
             # wait until the file is on the disk: only then may it replace another
             with part.open("rb+") as file:
@@ -88,6 +79,18 @@ def read_file(path: Any) -> str:
     """The text (UTF-8) of a regular file."""
     with regular(path) as file:
         return file.read().decode("utf-8")
+
+
+def _begin(part: Path, place: Path) -> None:
+    """Create the empty file `part` with the rights of the file at `place`; OSError where that file may not be replaced."""
+    if place.is_dir():
+        raise IsADirectoryError("there is a folder of this name")
+    there = place.exists()
+    if there and not os.access(place, os.W_OK):
+        raise PermissionError("there is a file of this name that may not be changed")
+    os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    if there:
+        part.chmod(place.stat().st_mode & 0o777)
 
 
 def _flush_folder(folder: Path) -> None:

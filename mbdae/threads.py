@@ -135,6 +135,10 @@ class Owner:
     def alone(self, function: Callable[..., T], *args: Any) -> T:
         """An evaluation, which other threads wait for; WallClockError where the time of the present call is over."""
         check("the equations were evaluated")
+        return self.waiting(function, *args)
+
+    def waiting(self, function: Callable[..., T], *args: Any) -> T:
+        """An evaluation, which other threads wait for."""
         lock = self.taken()
         try:
             return function(*args)

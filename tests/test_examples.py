@@ -344,3 +344,11 @@ def test_a_loop_in_real_time_holds_the_rod_upright():
     step, margin = example.run(2.0)
     assert abs(step["pin.angle"]) < 0.05
     assert margin < 1
+
+
+def test_the_hook_rises_with_a_quarter_of_the_drums_speed():
+    import hook_block as example
+
+    r = example.scene().simulate(2.0, accuracy=1e-5)
+    assert r["guide"].rate[-1] == pytest.approx(example.R * example.RATE / 4, rel=3e-3)  # the rope to the drum is not upright
+    assert r["rope"].tension[-1] == pytest.approx(example.LOAD * example.G / 4, rel=3e-3)

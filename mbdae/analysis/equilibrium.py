@@ -153,13 +153,7 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     unresisted = statics.soft_motions(statics.tangent(point))
     if unresisted:
         raise EquilibriumError(f"the state at rest is not the only one: nothing resists {unresisted[0]}; {STOP_IT}", result)
-    # raises where a redundant row is not satisfied: the rows that are used allow motions that all rows together do not
-    m, q, t = result.prepared.with_all_rows, result.prepared.start.q[None], np.array([result.prepared.start.t])
-    off = np.abs(m.position_residual(t, q)[0])
-    if m.redundant and np.max(off) > OFF * max(1.0, result.prepared.length):
-        row = m.rows[int(np.argmax(off))].name
-        raise EquilibriumError(f"the search for a state at rest ended where the redundant constraint {row} is violated by "
-                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", result)
+    _refuse_other_branch(result)
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
@@ -168,6 +162,16 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
         raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {motion}; loads or joints change with "
                                f"time as seen in that frame; give another frame=", result)
     return result
+
+
+def _refuse_other_branch(found: Equilibrium) -> None:
+    """Raises where a redundant row is not satisfied: the rows that are used allow motions that all rows together do not."""
+    m, q, t = found.prepared.with_all_rows, found.prepared.start.q[None], np.array([found.prepared.start.t])
+    off = np.abs(m.position_residual(t, q)[0])
+    if m.redundant and np.max(off) > OFF * max(1.0, found.prepared.length):
+        row = m.rows[int(np.argmax(off))].name
+        raise EquilibriumError(f"the search for a state at rest ended where the redundant constraint {row} is violated by "
+                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)
 
 
 def as_result(statics: Statics, point: Point) -> Equilibrium:
@@ -307,12 +311,7 @@ class _Path:
             self.progress(point.load_factor, point.iterations)
             if size <= CONVERGED:
                 return point
-        s = self.statics
-        T = s.tangent(point)
-        force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
-        soft = s.soft_motions(T)
-        unheld_motion = f"nothing resists {soft[0]}" if soft else (
-            f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
+        unheld_motion = self._unheld(point)
         raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'iteration')}: {unheld_motion}; "
                                f"{STOP_IT}, or start the scene nearer to its state at rest")
 
@@ -323,8 +322,7 @@ class _Path:
         found = s.stiffness(T)
         pull = float(np.max(acceleration_scale(s.mechanics, s.rest.t, s.q(point), s.u(point), s.s(point))))
         if isinstance(found, DenseStiffness):
-            K = (found.reduced + found.reduced.T) / 2
-            values = np.asarray(scipy.linalg.eigh(K, T.N.T @ W @ T.N, eigvals_only=True)) if len(K) else np.zeros(1)
+            values = _eigenvalues((found.reduced + found.reduced.T) / 2, T.N.T @ W @ T.N)
             shift = max(0.0, -1.5 * values[0]) if values[0] < -1e-9 * abs(values[-1]) else 0.0
             unit = max(abs(values[0]), abs(values[-1]), pull)
         else:
@@ -338,3 +336,15 @@ class _Path:
                 return x
             shift = max(3 * shift, 1e-8 * unit)
         return np.full(T.K.shape[0], np.nan)
+
+    def _unheld(self, point: Point) -> str:
+        s = self.statics
+        T = s.tangent(point)
+        force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
+        soft = s.soft_motions(T)
+        return f"nothing resists {soft[0]}" if soft else (
+            f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
+
+
+def _eigenvalues(K: Array, metric: Array) -> Array:
+    return np.asarray(scipy.linalg.eigh(K, metric, eigvals_only=True)) if len(K) else np.zeros(1)

@@ -239,16 +239,7 @@ def _converged(system: SceneSystem, directions: Departures, period: float, steps
             before, steps = None, 2 * steps
             continue
         if before is not None:
-            # the finer one of two results, with its errors from the difference to the coarser one. Nearly equal
-            # roots with nearly the same vector count as one multiple root: its mean is compared, which is more
-            # accurate than the single roots
-            a, b, V = now.values, before.values, now.vectors
-            b = b[linear_sum_assignment(np.abs(a[:, None] - b))[1]]
-            group = (np.abs(a[:, None] - a) <= NEAR * np.abs(a)) & (np.abs(V.conj().T @ V) > 1 - NEAR)
-            number = np.maximum(np.sum(group, axis=1), 1)
-            size = np.maximum(np.abs(a), np.finfo(float).tiny)
-            change = np.abs(group @ (a - b)) / number / size / GAIN
-            now = replace(now, change=change, errors=change + np.abs(a - group @ a / number) / size + now.rounding)
+            now = _compared(now, before)
             asked = (np.arange(len(now.values)) < count) & (np.abs(now.values) > LOST * np.max(np.abs(now.values), initial=0.0))
             worst, last = (float(np.max(found.change[asked], initial=0.0)) for found in (now, before))
             if worst <= accuracy or 2 * steps > MOST or (worst < ROUND and worst > last / 2):
@@ -264,6 +255,18 @@ def _in_steps(system: SceneSystem, directions: Departures, period: float, steps:
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
     unknown = np.full(len(values), np.inf)
     return Monodromy(matrix, steps, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order])
+
+
+def _compared(fine: Monodromy, coarse: Monodromy) -> Monodromy:
+    """The finer one of two results, with its errors from the difference to the coarser one. Nearly equal roots with nearly the
+    same vector count as one multiple root: its mean is compared, which is more accurate than the single roots."""
+    a, b, V = fine.values, coarse.values, fine.vectors
+    b = b[linear_sum_assignment(np.abs(a[:, None] - b))[1]]
+    group = (np.abs(a[:, None] - a) <= NEAR * np.abs(a)) & (np.abs(V.conj().T @ V) > 1 - NEAR)
+    number = np.maximum(np.sum(group, axis=1), 1)
+    size = np.maximum(np.abs(a), np.finfo(float).tiny)
+    change = np.abs(group @ (a - b)) / number / size / GAIN
+    return replace(fine, change=change, errors=change + np.abs(a - group @ a / number) / size + fine.rounding)
 
 
 def _judged(found: Monodromy, asked: Array, worst: float, accuracy: float) -> Monodromy:

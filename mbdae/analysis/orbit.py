@@ -244,11 +244,7 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
     m, nb, y = prepared.mechanics, system.numbering, system.y0
     nq, nu, acting = nb.nq, nb.nu, returned.acting
     Fy = derivatives(system, system.t0, y, system.yp0)[0].tocsr()
-    z = np.flatnonzero(np.array(system.kinds) == "z")
-    rigid = z[np.asarray(abs(Fy[z][:, z]).sum(axis=1)).ravel() == 0] if len(z) else z
-    if len(rigid):
-        raise OptionError(f"floquet needs finite stiffnesses of all beams, and the one that belongs to {system.names[rigid[0]]} "
-                          f"is infinite; give that beam a section with finite ones")
+    _refuse_rigid(system, Fy)
     q = prepared.states(np.array([system.t0]), y[None])[0][0]
     H = np.array([m.rates(q, e)[nb.of_positions] for e in np.eye(m.nu)[nb.of_velocities]]).T
     length = m.velocity_units[nb.of_velocities]
@@ -268,6 +264,14 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
                           f"at the start, where {expected} are expected: the position is singular; start at another instant "
                           f"of the motion (at=(result, t))")
     return Departures(T, back * returned.sign, units, Q, nu)
+
+
+def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
+    z = np.flatnonzero(np.array(system.kinds) == "z")
+    rigid = z[np.asarray(abs(Fy[z][:, z]).sum(axis=1)).ravel() == 0] if len(z) else z
+    if len(rigid):
+        raise OptionError(f"floquet needs finite stiffnesses of all beams, and the one that belongs to {system.names[rigid[0]]} "
+                          f"is infinite; give that beam a section with finite ones")
 
 
 def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:

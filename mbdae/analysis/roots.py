@@ -119,8 +119,7 @@ def _as_given(E: Array, A: Array, dE: Array, dA: Array) -> Roots:
     apart = np.abs(values[:, None] - values) / np.maximum(np.abs(values)[:, None], np.abs(values) + 1e-300)
     np.fill_diagonal(apart, np.inf)
     simple = (np.min(apart, axis=1, initial=np.inf) > APART) & (values != 0)
-    # left vectors W with W^H E V = 1
-    W = np.asarray(_solve((E @ V).astype(complex), np.eye(len(E), dtype=complex)).conj().T)
+    W = _left(E, V)
     if len(E) > FEW:  # only those where the error of the first solution is larger than that of the data
         F = _carried(E, values, V, W, dE, dA)
         simple &= kept > np.abs(np.diagonal(F))
@@ -247,6 +246,11 @@ def _improved(E: Array, A: Array, values: Complex, V: Complex, W: Complex,
 def _normed(x: Complex) -> Complex:
     largest = np.max(np.abs(x), axis=-1, keepdims=True)
     return np.asarray(x / np.where(np.isfinite(largest) & (largest > 0), largest, 1.0))
+
+
+def _left(E: Array, V: Complex) -> Complex:
+    """Left vectors W with W^H E V = 1."""
+    return np.asarray(_solve((E @ V).astype(complex), np.eye(len(E), dtype=complex)).conj().T)
 
 
 # -- errors

@@ -40,7 +40,7 @@ class Owner(Protocol):
 
 
 @dataclass(frozen=True)
-class Shape:
+class ModeShape:
     """Motion of a node or a place in a mode, complex: displacement (3,) m and rotation (3,) rad along the frame's axes; of
     a beam (nodes, 3) each, at the lengths `stations` (nodes,) along it, m."""
 
@@ -82,7 +82,7 @@ class Mode(ListsAttributes):
         size = abs(self.eigenvalue)
         return 0.0 - self.eigenvalue.real / size if size else 0.0
 
-    def __getitem__(self, body: str | Body | Place) -> Shape:
+    def __getitem__(self, body: str | Body | Place) -> ModeShape:
         if isinstance(body, Place):
             return self._at(body)
         model = self.owner.prepared.model
@@ -94,19 +94,19 @@ class Mode(ListsAttributes):
         if line is not None:
             shapes = [self._of(node) for node in line.nodes]
             move, turn = (np.array([getattr(s, k) for s in shapes]) for k in ("displacement", "rotation"))
-            return Shape(move, turn, line.mesh.stations)
+            return ModeShape(move, turn, line.mesh.stations)
         return self._of(model.node(model.scene[name]))
 
-    def _of(self, node: Node | None) -> Shape:
+    def _of(self, node: Node | None) -> ModeShape:
         move, turn = np.zeros(3, dtype=complex), np.zeros(3, dtype=complex)
         if node is not None:
             n, part = node.kind.translations, self.vector[node.u : node.u + node.kind.sizes[1]]
             move[:n] = part[:n]
             if len(part) > n:
                 turn[2 if len(part) == 3 else slice(None)] = part[2] if len(part) == 3 else part[3:]
-        return Shape(move, turn)
+        return ModeShape(move, turn)
 
-    def _at(self, place: Place) -> Shape:
+    def _at(self, place: Place) -> ModeShape:
         """Motion of a place: that of its rigid body, or of a beam by its shape functions, plus rotation x arm."""
         model, start = self.owner.prepared.model, self.owner.prepared.start
         body = model.scene[place.body.name]
@@ -123,9 +123,9 @@ class Mode(ListsAttributes):
             shape, origin = self._of(node), body.drawn.position
             move, turn = shape.displacement, shape.rotation
         if node is None or not node.kind.turns:
-            return Shape(move, turn)
+            return ModeShape(move, turn)
         arm = attitude(node, start.q) @ body.drawn.rotation.T @ (place.point - origin)
-        return Shape(move + np.cross(turn, self.owner.axes.T @ arm), turn)
+        return ModeShape(move + np.cross(turn, self.owner.axes.T @ arm), turn)
 
     @property
     def participation(self) -> dict[str, float]:

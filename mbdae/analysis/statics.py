@@ -8,7 +8,7 @@ subtracted, times 1 - mu: at mu = 0 the start is at rest, at mu = 1 the scene is
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from mbdae.analysis.pencil import Pencil, complete_system, derivatives, pencil
 from mbdae.analysis.plane import DenseStiffness, SparseStiffness, Tangent, stiffness
 from mbdae.analysis.spectrum import free_basis
 from mbdae.analysis.steady import Rest, acceleration_scale
+from mbdae.deferred import as_full
 from mbdae.errors import EquilibriumError
 from mbdae.formulations import Index3
 from mbdae.symbolic.derive import Derived
@@ -81,9 +82,7 @@ class Statics:
         y[: m.nq], y[self.kinds == "s"] = rest.start.q, rest.start.s
         self.unbalanced = np.zeros(self.system.n)
         self.begin = self.with_reactions(self.at_rest(Point(y, np.zeros(self.system.n), 0.0)))
-        out = self._residual(self.system, self.begin) - self._residual(self.loads, self.begin)
-        out[self.kinds == "lambda"] = 0.0
-        self.unbalanced = out
+        self.unbalanced = self._unloaded(self.begin)
 
     def q(self, point: Point) -> Array:
         """Positions (nq,) of a point."""
@@ -112,6 +111,12 @@ class Statics:
         system.residual(self.t, point.y, point.yp, out)
         return out
 
+    def _unloaded(self, point: Point) -> Array:
+        """F (n,) without the applied loads, constraints left out."""
+        out = self._residual(self.system, point) - self._residual(self.loads, point)
+        out[self.kinds == "lambda"] = 0.0
+        return out
+
     def _inertia(self, point: Point) -> Array:
         """(nu,) inertial and gyroscopic forces of rest in the frame, as on the left-hand side of the equations."""
         m = self.mechanics
@@ -127,14 +132,15 @@ class Statics:
             return point
         if self.elastic:
             return self._with_stresses(point)
-        G = m.constraint_jacobian(self.rest.t, self.q(point)[None])[0]
+        G = as_full(m.constraint_jacobian(self.rest.t, self.q(point)[None])[0])
+        divided = splu(sp.csc_matrix(m.weight)).solve if m.large else partial(np.linalg.solve, m.weight)
         y = point.y.copy()
         y[self.kinds == "lambda"] = 0.0
         point, multipliers = replace(point, y=y), np.zeros(m.m)
         for _ in range(FRICTION_ITERATIONS if m.reactive else 1):  # friction depends on the multipliers, which it changes
             r = self._residual(self.system, point)[m.nq : m.nq + m.nu] if point.load_factor == 1 else self._inertia(point)
             less = r - G.T @ multipliers if point.load_factor == 1 else r
-            mobile, before = np.linalg.solve(m.weight, np.column_stack([G.T, less])), multipliers
+            mobile, before = divided(np.column_stack([G.T, less])), multipliers
             multipliers = -np.linalg.lstsq(G @ mobile[:, :-1], G @ mobile[:, -1], rcond=1e-12)[0]
             y[self.kinds == "lambda"] = multipliers / self.system.numbering.scaling()
             if np.max(np.abs(multipliers - before)) <= 1e-14 * np.max(np.abs(multipliers)):

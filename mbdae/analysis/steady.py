@@ -244,6 +244,9 @@ class Rest:
             off = velocity(node, u) - np.cross(self.frame.rate, position(node, q) - self.center)
             if np.linalg.norm(off) > size * self.model.length:
                 return f"'{node.name}' moves there at {np.linalg.norm(off):.4g} m/s"
+        return self._driven(q, u, size)
+
+    def _driven(self, q: Array, u: Array, size: float) -> str | None:
         if not self.mechanics.m:
             return None
         rate = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]

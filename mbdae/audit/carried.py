@@ -90,20 +90,24 @@ def formula(node: Node, letters: Letters = _NONE, level: int = 0) -> str:
         rows = r" \\ ".join(" & ".join(formula(p, letters) for p in row.parts) for row in parts)
         return rf"\begin{{bmatrix}} {rows} \end{{bmatrix}}"
     if kind in ("cross", "transposed"):
-        transposed = node.kind == "transposed"
-        inner = node.parts[0] if transposed else node
-        tilde = inner.kind == "cross"
-        base = inner.parts[0] if tilde else inner
-        if base.kind == "symbol":
-            return name(base.value, letters, transposed, tilde)
-        text = rf"\widetilde{{{formula(base, letters, 2)}}}" if tilde else formula(base, letters, 2)
-        return f"{{{text}}}^{{T}}" if transposed else text
+        return _marked(node, letters)
     if kind == "power":
         return f"{{{formula(parts[0], letters, 2)}}}^{{{formula(parts[1], letters)}}}"
     if kind == "inverse":
         return rf"\frac{{1}}{{{formula(parts[0], letters)}}}"
     text = _sum(node, letters) if kind in ("sum", "neg") else _product(node, letters)
     return rf"\left({text}\right)" if level > (0 if kind in ("sum", "neg") else 1) else text
+
+
+def _marked(node: Node, letters: Letters) -> str:
+    transposed = node.kind == "transposed"
+    inner = node.parts[0] if transposed else node
+    tilde = inner.kind == "cross"
+    base = inner.parts[0] if tilde else inner
+    if base.kind == "symbol":
+        return name(base.value, letters, transposed, tilde)
+    text = rf"\widetilde{{{formula(base, letters, 2)}}}" if tilde else formula(base, letters, 2)
+    return f"{{{text}}}^{{T}}" if transposed else text
 
 
 def _sum(node: Node, letters: Letters) -> str:
@@ -259,15 +263,18 @@ class Carried:
     def _input(self, place: tuple[Any, ...], k: dict[str, Value], state: Any) -> Value:
         head, j, i = place
         if head == "number":
-            # value of a parameter of the joint; parameters of its points and axes make them coincide with those
-            # of the bodies
-            side, _, what = i.partition("_")
-            if side not in ("k", "l") or not what:
-                return float(state.positive(f"parameter {i}"))
-            return float(what in ("Qx1", "Qy2", "Qz3", "P0"))
+            return _number(i, state)
         if j < 0:
             return state.coordinates[self.coordinates[-j - 1]][("q", "u", "up").index(head)]
         if head in ("wu", "wq"):
             return 0.0
         moves, turns = {"q": ("x", k["P"]), "u": ("v", k["Q"].T @ k["w"]), "up": ("a", k["Q"].T @ k["alpha"])}[head]
         return k[moves][i, 0] if i < 3 else turns[i - 3, 0]
+
+
+def _number(name: str, state: Any) -> float:
+    """Value of a parameter of the joint; parameters of its points and axes make them coincide with those of the bodies."""
+    side, _, what = name.partition("_")
+    if side not in ("k", "l") or not what:
+        return float(state.positive(f"parameter {name}"))
+    return float(what in ("Qx1", "Qy2", "Qz3", "P0"))

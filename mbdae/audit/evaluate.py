@@ -243,10 +243,7 @@ def _call(node: Node, at: Source) -> Value:
         first, last = map(int, ends)
         return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
     if name == "integral":
-        low, high = (_number(evaluate(p, at)) for p in node.parts[2:])
-        middle, half = (low + high) / 2, (high - low) / 2
-        inside = [evaluate(node.parts[0], at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
-        return half * sum(w * v for w, v in zip(_WEIGHTS, inside, strict=True))
+        return _integral(node, at)
     values = [evaluate(p, at) for p in parts]
     if name in _REAL and at.scale is None and not isinstance(values[0], se.Basic):
         real, condition = _REAL[name]
@@ -278,6 +275,13 @@ def _partial(e: Node, by: Node, at: Source) -> Value:
 _T = np.arange(-62, 63) * 0.05
 _NODES = np.tanh(np.pi / 2 * np.sinh(_T))
 _WEIGHTS = 0.05 * np.pi / 2 * np.cosh(_T) / np.cosh(np.pi / 2 * np.sinh(_T)) ** 2
+
+
+def _integral(node: Node, at: Source) -> Value:
+    low, high = (_number(evaluate(p, at)) for p in node.parts[2:])
+    middle, half = (low + high) / 2, (high - low) / 2
+    inside = [evaluate(node.parts[0], at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
+    return half * sum(w * v for w, v in zip(_WEIGHTS, inside, strict=True))
 
 
 def _transposed(node: Node, at: Source) -> Value:

@@ -37,6 +37,15 @@ def turned(vector: Value) -> Value:
     return total
 
 
+def carried_on(Q: Value, w: Value, alpha: Value, dt: complex) -> Value:
+    """Attitude after the time dt at angular velocity w + alpha t: series solution of Q' = ~(w + alpha t) Q."""
+    W, A = cross(w), cross(alpha)
+    terms = [Q, dt * W @ Q]
+    for i in range(2, _TERMS):
+        terms.append((dt * W @ terms[-1] + dt * dt * A @ terms[-2]) / i)
+    return sum(terms)
+
+
 def quaternion(Q: Value) -> Value:
     """Euler parameters (4, 1) of a rotation matrix, scalar part first and positive."""
     e0 = np.sqrt(1 + np.trace(Q) + 0j) / 2
@@ -250,13 +259,7 @@ class RandomMotion:
         self.clock = self.clock + dt
         for s in "kl":
             x, v, a, w, alpha = (self.vectors[n][s] for n in VECTORS)
-            # attitude after the time dt at angular velocity w + alpha t: series solution of Q' = ~(w + alpha t) Q
-            Q = self.Q[s]
-            W, A = cross(w), cross(alpha)
-            terms = [Q, dt * W @ Q]
-            for i in range(2, _TERMS):
-                terms.append((dt * W @ terms[-1] + dt * dt * A @ terms[-2]) / i)
-            self.Q[s] = sum(terms)
+            self.Q[s] = carried_on(self.Q[s], w, alpha, dt)
             self.vectors["x"][s], self.vectors["v"][s] = x + v * dt + a * dt * dt / 2, v + a * dt
             self.vectors["w"][s] = w + alpha * dt
         for c in self.coordinates.values():

@@ -159,7 +159,7 @@ def negated(node: Node) -> Node:
 # -- reading
 
 
-class Reader:
+class TextReader:
     """Reads one statement."""
 
     def __init__(self, text: str, line: int = 0, relations: bool = False) -> None:

@@ -30,7 +30,7 @@ from mbdae.audit import rules_contact, rules_laws, rules_motion
 from mbdae.audit.evaluate import SizeError, Value
 from mbdae.audit.laws import Own
 from mbdae.audit.motion import checked_kind
-from mbdae.audit.notation import AuditError, Node, Reader, Relation
+from mbdae.audit.notation import AuditError, Node, Relation, TextReader
 from mbdae.audit.phrases import OWN, PARAMETER, Definition, Env, Meaning, Scope, understand
 from mbdae.audit.rules_laws import unit_of_parameter
 from mbdae.audit.rules_motion import SAID, Assumption, assumptions
@@ -235,7 +235,7 @@ class _File:
         return understand(words, units, at, name, letter)
 
     def _defined(self, at: int, name: str, words: str, units: tuple[Unit, ...], letter: str) -> Meaning:
-        node = Reader(words, at).expression()
+        node = TextReader(words, at).expression()
         scope = self._scope()
         self._known(node, f"line {at}", node.free, scope)
         return Definition(f"defined as {node}", units, OWN, (), letter, node, scope)
@@ -266,7 +266,7 @@ class _File:
             raise AuditError(f"line {at}: the equation in line {first} is {match[1]} too: give each a number of its own")
         said = understand(match[2], (), at) if match[2] else None
         body, *assumed = _ASSUMING.split(line[match.start(3) :], maxsplit=1)
-        statements = tuple(Reader(text, at + shift).statement() for shift, text in _statements(body))
+        statements = tuple(TextReader(text, at + shift).statement() for shift, text in _statements(body))
         scope = self._scope()
         for statement in statements:
             self._known(statement, f"line {statement.line}", statement.symbols(), scope)

@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdae.audit.evaluate import STEP, SizeError, Value, attempt
 from mbdae.audit.motion import RandomMotion, axial
-from mbdae.audit.notation import Comparison, Node, Reader, symbol
+from mbdae.audit.notation import Comparison, Node, TextReader, symbol
 from mbdae.audit.phrases import Env, Rule, Scope, register
 from mbdae.symbolic.rebuild import complex_atan2
 
@@ -185,7 +185,7 @@ def assumptions(text: str, line: int) -> list[Assumption]:
         if match[0] in (",", ";", "and") and not depth:
             pieces.append(text[start : match.start()].strip())
             start = match.end()
-    read = [(piece, Reader(piece, line, relations=True).assumption()) for piece in filter(None, pieces)]
+    read = [(piece, TextReader(piece, line, relations=True).assumption()) for piece in filter(None, pieces)]
     return [Assumption(piece, tuple(c for c in parts if _ENDLESS.value not in c[0].free | c[2].free)) for piece, parts in read]
 
 

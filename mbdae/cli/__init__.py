@@ -49,7 +49,8 @@ def _parsed_and_run(words: list[str]) -> int:
             return 2
         except KeyboardInterrupt as stop:
             name = "" if stops.number == SIGINT else f"{stops.name}: "
-            return _complain(a, stop, 128 + stops.number, f"{name}{stop if str(stop) else 'interrupted'}")
+            said = (str(stop) or "interrupted").replace("resume=FILE", "--resume FILE")
+            return _complain(a, stop, 128 + stops.number, f"{name}{said}")
         except OutputLostError:
             raise
         except Exception as error:

@@ -16,7 +16,7 @@ from typing import Any
 
 from mbdae.cli.streams import REPORTS, UsageError
 from mbdae.cli.userfile import compare_file, map_of_file, scene_of, user_file
-from mbdae.errors import OptionError, SolverError, meant
+from mbdae.errors import MbdaeError, OptionError, SolverError, meant
 
 # -- commands
 
@@ -41,7 +41,8 @@ def run(a: argparse.Namespace) -> int:
     out, module = _folder(a.out), _load(a)
     t_end, scene = _t_end(a, module), _scene(a, module)
     measure = _measure(a, module, scene)
-    options = {"accuracy": a.accuracy, "solver": a.solver, "form": a.form}
+    accuracy = getattr(module, "accuracy", 1e-6) if a.accuracy is None else a.accuracy
+    options = {"accuracy": accuracy, "solver": a.solver, "form": a.form}
     with closing(bar()) as shown, _partial_kept(a, out, t_end):
         r = scene.simulate(t_end, **options, progress=shown)
     try:
@@ -283,7 +284,10 @@ def _measure(a: argparse.Namespace, module: ModuleType, scene: Any) -> str | Non
         return None
     if not (isinstance(measure, str) and all(split(measure))):
         raise UsageError(f"measure = {measure!r} in '{a.file}' is no sensor: give item.quantity, such as \"C.angle\"")
-    placed(scene, split(measure)[0])
+    try:
+        placed(scene, split(measure)[0])
+    except MbdaeError as error:
+        raise UsageError(f"measure = {measure!r} in '{a.file}': {error}") from None
     return measure
 
 

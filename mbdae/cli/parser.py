@@ -73,7 +73,7 @@ def make_parser() -> argparse.ArgumentParser:
     p = _command(commands, "run", do.run, "simulate a scene with controlled accuracy")
     p.add_argument("--solver", metavar="NAME", help="as in simulate: ida, cvode, radau3, hht, ...; default: chosen for the scene")
     p.add_argument("--form", metavar="NAME", help="as in simulate: ggl, index1, index3, ode; default: chosen for the scene")
-    p.add_argument("--accuracy", type=_positive, default=1e-6, help="bound of the error over the run (default 1e-6)")
+    p.add_argument("--accuracy", type=_positive, help="bound of the error over the run (default: that of FILE, else 1e-6)")
     _common(p, "folder for the result (.npz) and a picture of `measure`; a run that is stopped leaves what it computed there")
     p = _command(commands, "compare", do.compare, "solvers side by side against a confirmed reference")
     p.add_argument("--accuracies", type=_accuracies, help="comma separated (default 1e-3,1e-4,1e-5,1e-6)")
@@ -86,6 +86,20 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("--resume", type=_name, metavar="FILE.json", help="file that keeps every finished value of the map")
     p.add_argument("--budget", type=_positive, metavar="S", help="wall time in s after which no further value is begun")
     _common(p, "folder for the page (.html) and its data (.json)")
+    _report(commands, do.report)
+    _validate(commands, do.validate)
+    _cache(commands, cache)
+    return parser
+
+
+def _cache(commands: Any, action: Any) -> None:
+    text = "show what is kept on disk of derived and compiled laws, or remove it"
+    p = commands.add_parser("cache", help=text, description=text[0].upper() + text[1:] + ".")
+    p.add_argument("what", nargs="?", choices=("show", "clear"), default="show", help="default: show")
+    _always(p, action)
+
+
+def _report(commands: Any, action: Any) -> None:
     text = "derivation of a law with its checks, the sheet of a scene, or an audit of published formulas"
     p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
     what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; a Python file with "
@@ -94,13 +108,7 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("what", metavar="NAME|FILE", help=what)
     p.add_argument("--format", choices=formats, help="default: that of --out, else md (of an audit a table)")
     p.add_argument("--out", type=_name, metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
-    _always(p, do.report)
-    _validate(commands, do.validate)
-    text = "show what is kept on disk of derived and compiled laws, or remove it"
-    p = commands.add_parser("cache", help=text, description=text[0].upper() + text[1:] + ".")
-    p.add_argument("what", nargs="?", choices=("show", "clear"), default="show", help="default: show")
-    _always(p, cache)
-    return parser
+    _always(p, action)
 
 
 def _validate(commands: Any, action: Any) -> None:

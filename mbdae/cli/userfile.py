@@ -64,18 +64,7 @@ def user_file(file: str) -> Iterator[ModuleType]:
     try:
         with _mistakes_as_usage(file, path, f"'{file}' fails"):
             exec(code, module.__dict__)
-        # UsageError unless FILE has a function scene() that needs no arguments
-        found = getattr(module, "scene", None)
-        if found is None:
-            raise UsageError(f"'{file}' has no function scene(); {EXAMPLE}")
-        if not callable(found):
-            raise UsageError(f"scene of '{file}' is {_a(found)}, no function scene(); {EXAMPLE}")
-        try:
-            inspect.signature(found).bind()
-        except TypeError as error:
-            raise UsageError(f"scene() of '{file}' cannot be called without arguments: {error}; give them defaults") from None
-        except ValueError:  # scene has no signature that Python can inspect
-            pass
+        _check_function(module, file)
         yield module
     finally:
         sys.path.remove(folder)
@@ -93,6 +82,9 @@ def scene_of(module: ModuleType, file: str) -> Any:
 
     with _mistakes_as_usage(file, Path(str(module.__file__)), f"scene() of '{file}' fails"):
         scene = module.scene()
+    if hasattr(scene, "cr_await"):
+        scene.close()
+        raise UsageError(f"scene() of '{file}' is stated by `async def`, so that it returns no scene; state it by `def`")
     if not isinstance(scene, Scene):
         raise UsageError(f"scene() of '{file}' returns {_a(scene)}, not a mb.Scene; end it with `return s`")
     return scene
@@ -152,6 +144,21 @@ def _mistakes_as_usage(file: str, path: Path, failure: str) -> Iterator[None]:
         in_line = f" ({place})" if (place := place_in(error, str(path))) else ""
         said = error.msg if isinstance(error, SyntaxError) else str(error)
         raise UsageError(f"{failure}: {type(error).__name__}: {said}{in_line}; correct the file") from error
+
+
+def _check_function(module: ModuleType, file: str) -> None:
+    """UsageError unless FILE has a function scene() that needs no arguments."""
+    found = getattr(module, "scene", None)
+    if found is None:
+        raise UsageError(f"'{file}' has no function scene(); {EXAMPLE}")
+    if not callable(found):
+        raise UsageError(f"scene of '{file}' is {_a(found)}, no function scene(); {EXAMPLE}")
+    try:
+        inspect.signature(found).bind()
+    except TypeError as error:
+        raise UsageError(f"scene() of '{file}' cannot be called without arguments: {error}; give them defaults") from None
+    except ValueError:  # scene has no signature that Python can inspect
+        pass
 
 
 def _warn_of_hidden(tree: ast.Module, path: Path, file: str) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from hashlib import sha256
 from types import FunctionType
 from typing import Any
@@ -231,8 +232,18 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     if own is None and hasattr(problem.scene, "simulate"):
         queue += [(None, a) for a in asked]
     smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(problem.system(None).label)) is not None)])
-    with told_when_interrupted(kept.path, "runs", lambda: (len(kept.rows), len(queue))):
+    made = partial(_made, problem, asked, kept)
+    with told_when_interrupted(kept.path, "runs", lambda: (len(kept.rows), len(queue)), made):
         _execute(problem, queue, smallest, kept, begin, tell)
+    found = made()
+    assert found is not None
+    return found
+
+
+def _made(problem: Problem, asked: tuple[float, ...], kept: Checkpoint) -> Comparison | None:
+    """The comparison of the runs that are done; None before the reference is."""
+    if "" not in kept.references:
+        return None
     reference, values = kept.references[""]
     differences = pairwise(list(kept.tightest_runs.values()), problem.error)
     rows = with_front(kept.rows, reference.difference or 0.0)

@@ -40,7 +40,7 @@ class Measure(ABC):
         return float(np.max(np.abs(a - b), initial=0.0))
 
 
-class Motion(Measure):
+class BodiesMotion(Measure):
     """Positions and velocities of the bodies, in the unknowns of the scene with kinematic joints."""
 
     name = "motion"

@@ -129,14 +129,7 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
     for axis, (work, title) in zip(axes, PANELS, strict=True):
         for i, label in enumerate(labels):
             _line(axis, [row for row in w.runs if row.label == label and not row.loose], work, i, names[i])
-        # label the ticks at 1, 2 and 5 times every power of ten with plain numbers; only the powers of ten where
-        # there are many
-        from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-        low, high = axis.get_xlim()
-        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,)))
-        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.xaxis.set_minor_formatter(NullFormatter())
+        _ticks(axis)
         axis.set_xlabel(title)
         axis.grid(True, which="major", color="0.9")
         axis.spines[["top", "right"]].set_visible(False)
@@ -206,6 +199,16 @@ def own_look(i: int) -> tuple[dict[str, Any], str]:
     beyond these every method still has a combination of its own."""
     colours = (*COLOURS, *FURTHER)
     return style(i) | {"color": colours[i % len(colours)]}, MARKERS[(i + i // len(colours)) % len(MARKERS)]
+
+
+def _ticks(axis: Any) -> None:
+    """Label the ticks at 1, 2 and 5 times every power of ten with plain numbers; only the powers of ten where there are many."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_xlim()
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,)))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
 
 
 class Comparison(ComparisonData):

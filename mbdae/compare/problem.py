@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.measures import (
+    BodiesMotion,
     Energies,
     JointForces,
     Measure,
-    Motion,
     Reference,
     Sensor,
     Unknown,
@@ -240,7 +240,7 @@ def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool
     if named:
         return Problem(scene, stated, end, tuple(Sensor.of(scene, name) for name in named), wall)
     forces = () if alone or not 0 < len(scene.joints) <= MANY else (JointForces(),)
-    return Problem(scene, stated, end, (Motion(), *forces, *(() if alone else (Energies(),))), wall)
+    return Problem(scene, stated, end, (BodiesMotion(), *forces, *(() if alone else (Energies(),))), wall)
 
 
 # -- The reference of a comparison: the tightest Radau run, confirmed by a second method

@@ -20,7 +20,8 @@ from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.process import cold, measured
-from mbdae.run.control import Controlled, companions_of
+from mbdae.run.control import companions_of
+from mbdae.run.estimate import Controlled
 from mbdae.run.job import Job
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare

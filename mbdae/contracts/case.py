@@ -183,18 +183,22 @@ class Case:
             finite = np.isfinite(g).all(axis=1) & np.isfinite(G).all(axis=(1, 2))  # states with other values stay as they are
             G[~finite], g[~finite] = 0.0, 0.0
             steps = np.array([np.linalg.lstsq(A, -b, rcond=1e-12)[0] for A, b in zip(G, g, strict=True)])
-            values, start = dict(values), 0
-            for f in self.d.frames:
-                part = steps[:, start : start + f.kind.sizes[1]]
-                start += f.kind.sizes[1]
-                if f.kind.by_quaternion:
-                    n = f.kind.translations
-                    P = columns(f.q[n:], values)
-                    new = np.hstack([part[:, :n], turned(P, part[:, n:]) - P])
-                else:
-                    new = part
-                values |= {str(s): values[str(s)] + new[:, i] for i, s in enumerate(f.q)}
+            values = self._displaced(values, steps)
         return values
+
+    def _displaced(self, values: Values, steps: Array) -> Values:
+        out, start = dict(values), 0
+        for f in self.d.frames:
+            part = steps[:, start : start + f.kind.sizes[1]]
+            start += f.kind.sizes[1]
+            if f.kind.by_quaternion:
+                n = f.kind.translations
+                P = columns(f.q[n:], values)
+                new = np.hstack([part[:, :n], turned(P, part[:, n:]) - P])
+            else:
+                new = part
+            out |= {str(s): values[str(s)] + new[:, i] for i, s in enumerate(f.q)}
+        return out
 
 
 def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Iterator[Measured]:

@@ -200,11 +200,7 @@ def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -
             in_plane = any(kind.flat for kind, _ in sides)
             if i and not (_is_main(law, sides) and (flat or not in_plane)):
                 continue
-            axes = f", axis {sides[0][1].value}" if any(kind.flat for kind, _ in sides) else ""
-            parts = [f"{o}={getattr(v, '__name__', v)}" for o, v in structure.options if v not in (None, False)]
-            parts += [f"without {'/'.join(sorted(structure.absent))}"] if structure.absent else []
-            parts += ["timed"] if structure.timed else []
-            name = f"{' - '.join(kind.value for kind, _ in sides)}{axes}{' (' + ', '.join(parts) + ')' if parts else ''}"
+            name = _variant_name(structure, sides)
             try:
                 derive(law, structure, sides)
             except LawError as error:
@@ -218,3 +214,11 @@ def _is_main(law: type[Law], sides: tuple[Side, ...]) -> bool:
     where it is planar."""
     outside = issubclass(law, Force) and law.external
     return all(kind.turns and axes in (Axes.GENERAL, Axes.NORMAL) for kind, axes in sides[1 if outside else 0 : len(law.frames)])
+
+
+def _variant_name(structure: Structure, sides: tuple[Side, ...]) -> str:
+    axes = f", axis {sides[0][1].value}" if any(kind.flat for kind, _ in sides) else ""
+    parts = [f"{o}={getattr(v, '__name__', v)}" for o, v in structure.options if v not in (None, False)]
+    parts += [f"without {'/'.join(sorted(structure.absent))}"] if structure.absent else []
+    parts += ["timed"] if structure.timed else []
+    return f"{' - '.join(kind.value for kind, _ in sides)}{axes}{' (' + ', '.join(parts) + ')' if parts else ''}"

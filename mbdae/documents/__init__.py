@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from unicodedata import combining, normalize
 
 from mbdae.documents.blocks import Block, Code, Drawing, Equation, Paragraph, Picture, Section, Table, every
@@ -19,7 +20,7 @@ from mbdae.documents.mathml import GREEK, SIGNS
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.files import write_file
 from mbdae.notation import framed
-from mbdae.values import file_to_write, option, shown
+from mbdae.values import file_to_write, option, optional, shown
 
 # -- Text for TeX: escapes of special characters, Greek letters and signs, substitutes for characters that TeX lacks
 
@@ -111,14 +112,7 @@ def _tex_block(block: Block, level: int, files: Mapping[int, str]) -> str:
         note = f"\n\n{{\\small {_text(block.note)}}}" if block.note else ""
         return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
     if isinstance(block, Table):
-        columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(block))
-        head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in block.head)
-        rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in block.rows)
-        caption = f"{_text(block.caption)}\n\n" if block.caption else ""
-        below = r"\hline\noalign{\smallskip}"
-        body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
-        size = "small" if len(block.head) < 6 else "scriptsize"
-        return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
+        return _tex_table(block)
     if isinstance(block, Code):
         return f"{{\\small\n\\begin{{verbatim}}\n{verbatim(block.text)}\n\\end{{verbatim}}}}"
     name = files.get(id(block))
@@ -133,6 +127,17 @@ def displayed(formula: str) -> str:
     lines = folded(signs(formula), LETTERS, lambda part: max(width(part), 2 * extent(part)))
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
     return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if max(map(extent, lines)) > WIDEST else body
+
+
+def _tex_table(table: Table) -> str:
+    columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(table))
+    head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
+    rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
+    caption = f"{_text(table.caption)}\n\n" if table.caption else ""
+    below = r"\hline\noalign{\smallskip}"
+    body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
+    size = "small" if len(table.head) < 6 else "scriptsize"
+    return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
 
 
 def _shares(table: Table) -> list[float]:
@@ -175,14 +180,18 @@ def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:
         note = f"\n\n{_plain(block.note)}" if block.note else ""
         return f"$$\n{body}{tag}\n$$" + note
     if isinstance(block, Table):
-        head = "| " + " | ".join(map(_cell, block.head)) + " |\n|" + "---|" * len(block.head)
-        rows = "\n".join("| " + " | ".join(map(_cell, row)) + " |" for row in block.rows)
-        caption = f"{_plain(block.caption)}\n\n" if block.caption else ""
-        return f"{caption}{head}\n{rows}"
+        return _markdown_table(block)
     if isinstance(block, Code):
         return f"```text\n{block.text}\n```"
     name, caption = files.get(id(block)), _plain(block.caption)
     return f"![{caption}]({name})" if name else f"*Picture: {caption}*"
+
+
+def _markdown_table(table: Table) -> str:
+    head = "| " + " | ".join(map(_cell, table.head)) + " |\n|" + "---|" * len(table.head)
+    rows = "\n".join("| " + " | ".join(map(_cell, row)) + " |" for row in table.rows)
+    caption = f"{_plain(table.caption)}\n\n" if table.caption else ""
+    return f"{caption}{head}\n{rows}"
 
 
 def _cell(text: str) -> str:
@@ -209,17 +218,25 @@ class Document(NamesArguments):
         sections = ", ".join(block.title for block in self.blocks if isinstance(block, Section))
         return f"Document({self.title!r}: {sections or 'no sections'}; .save(path) writes .html, .md, .tex or .pdf)"
 
-    def to_html(self) -> str:
-        """An HTML page that loads no other file: mathematics as MathML, pictures embedded."""
-        return html(self.title, self.blocks)
+    def to_html(self, path: Any = None) -> str:
+        """An HTML page that loads no other file: mathematics as MathML, pictures embedded; also written to `path`, if given."""
+        return self._text(html, path)
 
-    def to_markdown(self) -> str:
-        """Markdown with mathematics between dollar signs; pictures are replaced by their captions."""
-        return markdown(self.title, self.blocks)
+    def to_markdown(self, path: Any = None) -> str:
+        """Markdown with mathematics between dollar signs; pictures are replaced by their captions. path: as in `to_html`."""
+        return self._text(markdown, path)
 
-    def to_latex(self) -> str:
-        """A LaTeX article that needs only packages of a basic installation; pictures are replaced by their captions."""
-        return latex(self.title, self.blocks)
+    def to_latex(self, path: Any = None) -> str:
+        """A LaTeX article that needs only packages of a basic installation; pictures are replaced by their captions. path: as in
+        `to_html`."""
+        return self._text(latex, path)
+
+    def _text(self, made: Callable[..., str], path: Any) -> str:
+        place = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
+        text = made(self.title, self.blocks)
+        if place is not None:
+            write_file(place, text)
+        return text
 
     def _repr_html_(self) -> str:
         return framed(self.to_html())
@@ -232,26 +249,29 @@ class Document(NamesArguments):
         file: Path = option("path", path, file_to_write, "write .html, .md, .tex or .pdf into a folder that exists",
                             suffixes=(".html", ".md", ".tex", ".pdf"))
         if file.suffix.lower() == ".pdf":
-            # compile the document's LaTeX to a PDF; OptionError without a TeX installation
-            compiler = next((found for found in map(shutil.which, COMPILERS) if found), None)
-            if compiler is None:
-                raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or "
-                                  f"{INSTALL_TEX}")
-            with TemporaryDirectory() as folder:
-                self.save(Path(folder) / "report.tex")
-                command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
-                for _ in range(2):  # the second run knows the column widths of the tables
-                    done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
-                if done.returncode:
-                    output = done.stdout.decode(errors="replace")
-                    last_output = output.partition("\n! ")[2][:300] or output[-300:].strip() or "it printed nothing"
-                    raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {last_output}; write .tex, or "
-                                      f"{INSTALL_TEX}")
-                return write_file(file, (Path(folder) / "report.pdf").read_bytes())
+            return self._typeset(file)
         writers: dict[str, Callable[[], str]] = {
             ".html": self.to_html, ".md": lambda: self._with_pictures(file), ".tex": lambda: self._with_pictures(file),
         }
         return write_file(file, writers[file.suffix.lower()]())
+
+    def _typeset(self, file: Path) -> Path:
+        """Compile the document's LaTeX to a PDF; OptionError without a TeX installation."""
+        compiler = next((found for found in map(shutil.which, COMPILERS) if found), None)
+        if compiler is None:
+            raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or "
+                              f"{INSTALL_TEX}")
+        with TemporaryDirectory() as folder:
+            self.save(Path(folder) / "report.tex")
+            command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
+            for _ in range(2):  # the second run knows the column widths of the tables
+                done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
+            if done.returncode:
+                output = done.stdout.decode(errors="replace")
+                last_output = output.partition("\n! ")[2][:300] or output[-300:].strip() or "it printed nothing"
+                raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {last_output}; write .tex, or "
+                                  f"{INSTALL_TEX}")
+            return write_file(file, (Path(folder) / "report.pdf").read_bytes())
 
     def _with_pictures(self, file: Path) -> str:
         """Markdown or LaTeX text of the document, after its pictures were written to the same folder (LaTeX cannot include SVG:

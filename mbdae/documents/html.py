@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from html import escape
 
-from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
 from mbdae.documents.formulas import split_text, tokens
 from mbdae.documents.mathml import GREEK, FormulaError, display, inline
 
@@ -175,12 +175,7 @@ class _Writer:
             return self.table(block)
         if isinstance(block, Code):
             return f"<pre>{escape(block.text, quote=False)}</pre>\n"
-        if isinstance(block.content, bytes):
-            data = b64encode(block.content).decode()
-            shown = f'<img alt="{escape(_plain(block.caption))}" src="data:image/png;base64,{data}">'
-        else:
-            shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", str(block.file))
-        return f"<figure>{shown}<figcaption>{_text(block.caption)}</figcaption></figure>\n"
+        return _picture(block)
 
     def section(self, section: Section, level: int) -> str:
         """HTML of a heading and its blocks."""
@@ -209,3 +204,12 @@ class _Writer:
             return f"<details><summary>{_text(table.caption)}</summary>{inside}</details>\n"
         return (f'{caption}<div class="scroll" role="region" aria-label="{label}" tabindex="0"><table><thead>'
                 f"<tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n")
+
+
+def _picture(picture: Picture) -> str:
+    if isinstance(picture.content, bytes):
+        data = b64encode(picture.content).decode()
+        shown = f'<img alt="{escape(_plain(picture.caption))}" src="data:image/png;base64,{data}">'
+    else:
+        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", str(picture.file))
+    return f"<figure>{shown}<figcaption>{_text(picture.caption)}</figcaption></figure>\n"

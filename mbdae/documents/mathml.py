@@ -194,11 +194,7 @@ class _Reader:
         if name == "sqrt":
             return f"<msqrt>{self.atom(font)}</msqrt>"
         if name == "left":
-            opening = self.fence()
-            inner = self.row(font, set())
-            self._close(r"\right")
-            closing = self.fence()
-            return f"<mrow>{_sign(opening, _FENCE) if opening else ''}{inner}{_sign(closing, _FENCE) if closing else ''}</mrow>"
+            return self.fenced(font)
         if name in ("bigl", "bigr", "Bigl", "Bigr", "big", "Big", "biggl", "biggr", "middle"):
             return _sign(self.fence(), _FIXED)
         if name == "begin":
@@ -223,6 +219,13 @@ class _Reader:
         """The bracket after `\\left` and similar commands."""
         token = self.take()
         return "" if token == "." else SIGNS[token[1:]] if token.startswith("\\") else token
+
+    def fenced(self, font: str) -> str:
+        opening = self.fence()
+        inner = self.row(font, set())
+        self._close(r"\right")
+        closing = self.fence()
+        return f"<mrow>{_sign(opening, _FENCE) if opening else ''}{inner}{_sign(closing, _FENCE) if closing else ''}</mrow>"
 
     def matrix(self, font: str) -> str:
         kind = self.raw()

@@ -77,12 +77,7 @@ class Program:
         outputs are left out. Signals, where there are any, are an argument of every function."""
         arguments = [*arguments, *(["signals"] if "signals" in self.inputs else [])]
         at, W = np.asarray(at, dtype=np.int64), filled(self.operations, self.numbers)
-        # operations (and kernel values) on which the output slots depend, and the slots whose initial numbers they
-        # need
-        live = np.zeros(len(W), dtype=bool)
-        live[at] = True
-        found = [_USED.get(step.fields["kind"], _of_slots)(step, live) for step in reversed(part.steps)]
-        steps = [step for step in reversed(found) if step is not None]
+        steps, live = _needed(part.steps, at, len(W))
         for vector in arguments:
             W[self.slots[vector][:, 1]] = 0.0  # these slots are inputs, not constants
         fixed, begin = np.flatnonzero(live & (W != 0)), self.operations.part()
@@ -144,6 +139,14 @@ def run(steps: Sequence[Step], W: Array) -> None:
     part.steps += steps
     (table, _kept), x = part.table(len(W)), np.zeros(part.widest + 1)
     core().scene_part(ctypes.byref(Scene(W=W.ctypes.data, x=x.ctypes.data)), ctypes.byref(table), 0.0, None, None)
+
+
+def _needed(steps: Sequence[Step], outputs: Index, size: int) -> tuple[list[Step], NDArray[np.bool_]]:
+    """Operations (and kernel values) on which the output slots depend, and the slots whose initial numbers they need."""
+    live = np.zeros(size, dtype=bool)
+    live[outputs] = True
+    found = [_USED.get(step.fields["kind"], _of_slots)(step, live) for step in reversed(steps)]
+    return [step for step in reversed(found) if step is not None], live
 
 
 def _of_call(step: Step, live: NDArray[np.bool_]) -> Step | None:

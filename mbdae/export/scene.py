@@ -185,12 +185,7 @@ def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated:
         program.missing["joint_forces"] = str(error)
         return
     out = part.zeros(6 * len(items))
-    for g, group in enumerate(nb.model.groups):
-        p, active = plan(group.derived, reaction_outputs), [i for i, one in enumerate(group.instances) if one.item in items]
-        if p.targets and active:
-            values = p.kernel.emit(part, nb.gather(g, p.all_inputs, active) + base)
-            to = [[out + 6 * items.index(group.instances[i].item) + t[1] for t in p.targets] for i in active]
-            part.add(to, values)
+    _emit_reactions(part, nb, base, out, items)
     names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
              for i in range(3)]
     program.add("joint_forces", "force and torque (about the joint) on body l, inertial components", arguments, names,
@@ -239,3 +234,14 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
     moved.motion(part, nb, to)
     place = {name: nb.start["s"] + i for i, name in enumerate(nb.states.values())}
     return [*found, *((every.start["s"] + i, place[name]) for i, name in enumerate(every.states.values()))]
+
+
+def _emit_reactions(part: Operations, nb: Numbering, base: int, out: int, items: list[str]) -> None:
+    """Add the reactions of all laws to the outputs of their items. base: the first slot of the numbering `nb` in the work array;
+    out: the first slot of the outputs, six per item."""
+    for g, group in enumerate(nb.model.groups):
+        p, active = plan(group.derived, reaction_outputs), [i for i, one in enumerate(group.instances) if one.item in items]
+        if p.targets and active:
+            values = p.kernel.emit(part, nb.gather(g, p.all_inputs, active) + base)
+            to = [[out + 6 * items.index(group.instances[i].item) + t[1] for t in p.targets] for i in active]
+            part.add(to, values)

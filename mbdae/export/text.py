@@ -16,7 +16,7 @@ from mbdae.export.languages import CASADI, SYMPY, described
 from mbdae.export.program import Function, Program, reach, run, weights
 from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LOOKUP, LU, MULTIPLY, SET, Step
 from mbdae.reports.letters import unit_text
-from mbdae.reports.vectors import Record
+from mbdae.reports.vectors import NamedQuantities
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.program import Language, reached, written
 from mbdae.symbolic.rebuild import rebuilt
@@ -239,7 +239,7 @@ def _equations(program: Program, f: Function) -> list[str]:
     d, lines, parts = derivation(program, f), list[str](), dict[Any, Any]()
     names = {str(s): _letter(vector, i) for vector, symbols in d.vectors.items() for i, s in enumerate(symbols)}
     names |= {str(s): f"w_{{{i}}}" for i, (s, _) in enumerate(d.steps)}
-    writer = Writer(Record(), names)
+    writer = Writer(NamedQuantities(), names)
     left = [*(names[str(s)] for s, _ in d.steps), *(f"\\text{{{plain(e.name)}}}" for e in f.outputs)]
 
     def parted(whole: Any) -> Any:

@@ -111,10 +111,18 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     total = sum(len(p.values) for p in parameters)
     execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1),
                            most or math.inf)
-    with told_when_interrupted(kept.path, "values", lambda: (len(kept.rows), total)):
+
+    def made() -> Extremes:
         blocks = tuple(block for p in parameters if (block := execution.block(p)).values)
-    return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin,
-                    tuple(execution.left_out))
+        return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin,
+                        tuple(execution.left_out))
+
+    def so_far() -> Extremes:
+        execution.budget, execution.left_out = 0.0, []
+        return made()
+
+    with told_when_interrupted(kept.path, "values", lambda: (len(kept.rows), total), so_far):
+        return made()
 
 
 @dataclass

@@ -21,7 +21,8 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.sundials import IDA
 from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
-from mbdae.run.control import Controlled, run_controlled
+from mbdae.run.control import run_controlled
+from mbdae.run.estimate import Controlled
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
 

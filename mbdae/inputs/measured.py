@@ -96,18 +96,7 @@ def pieces(table: Table, order: int, x0: float, x1: float, tolerance: float) -> 
     if not s.range > 0:
         return Pieces(*np.zeros((3, 0)))
     allowed = max(tolerance, FINEST) * s.range
-    # indices in `at` (m,) of the ends of joined segments: blocks of 2^k segments, halved until a polynomial follows each
-    n = len(s.at) - 1
-    level, begin, done = (n - 1).bit_length(), np.zeros(1, dtype=np.intp), [np.array([0, n], dtype=np.intp)]
-    while level and len(begin):
-        end, good = np.minimum(begin + 2**level, n), np.ones(len(begin), dtype=bool)
-        for count in sorted({min(SOME, 2**level), 2**level}):  # a few segments exclude most large blocks
-            good[good] = _of_blocks(s, level, begin[good], end[good], count) <= allowed
-        done += [begin[good], end[good]]
-        level, begin = level - 1, begin[~good]
-        begin = np.sort(np.concatenate([begin, begin + 2**level]))
-        begin = begin[begin < n]
-    ends = distinct(np.concatenate([*done, begin, np.minimum(begin + 1, n)]))
+    ends = _joined(s, allowed)
     inner = ends[1:-1]
     width = np.minimum(s.at[ends[1:-1]] - s.at[ends[:-2]], s.at[ends[2:]] - s.at[ends[1:-1]]) / 2
     single = (np.diff(ends)[:-1] == 1) & (np.diff(ends)[1:] == 1)
@@ -132,6 +121,21 @@ def _across(s: _Samples, point: Index, width: Array, most: int) -> Array:
     shares = np.arange(most) / max(most - 1, 1)
     chosen = np.hstack([point[:, None] - 1 - (left * shares).astype(np.intp), point[:, None] + (right * shares).astype(np.intp)])
     return s.deviation(low, high, chosen)
+
+
+def _joined(s: _Samples, allowed: float) -> Index:
+    """Indices in `at` (m,) of the ends of joined segments: blocks of 2^k segments, halved until a polynomial follows each."""
+    n = len(s.at) - 1
+    level, begin, done = (n - 1).bit_length(), np.zeros(1, dtype=np.intp), [np.array([0, n], dtype=np.intp)]
+    while level and len(begin):
+        end, good = np.minimum(begin + 2**level, n), np.ones(len(begin), dtype=bool)
+        for count in sorted({min(SOME, 2**level), 2**level}):  # a few segments exclude most large blocks
+            good[good] = _of_blocks(s, level, begin[good], end[good], count) <= allowed
+        done += [begin[good], end[good]]
+        level, begin = level - 1, begin[~good]
+        begin = np.sort(np.concatenate([begin, begin + 2**level]))
+        begin = begin[begin < n]
+    return distinct(np.concatenate([*done, begin, np.minimum(begin + 1, n)]))
 
 
 def _of_blocks(s: _Samples, level: int, begin: Index, end: Index, count: int) -> Array:

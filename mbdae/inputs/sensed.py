@@ -236,9 +236,10 @@ def with_values(value: Any) -> Any:
 
 def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:
     """Raise BadValueError where an expression contains a symbol of no sensor, or one of a sensor although `sensors` is false."""
-    said, others = tables.readable(shown(value)), sorted(str(s) for s in symbols if not (sensors and path_of(s)))
+    others = sorted(str(s) for s in symbols if not (sensors and path_of(s)))
     if not others:
         return
+    said = tables.readable(shown(value))
     if path_of(others[0]):
         raise BadValueError(f"{said} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
                             f"alone; loads, states and signals may depend on sensors")

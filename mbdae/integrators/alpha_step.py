@@ -136,6 +136,17 @@ class AlphaStep:
             Y[self.s], Yp[self.s] = self._s0 + self._by_s * x[self.xs], x[self.xs]
         Y[self.algebraic] = x[self.xz]
 
+    def _predict(self, h: float) -> Array:
+        """Starting values of Newton's method: the unknowns extrapolated from the last two steps; eta as in the last step."""
+        last = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
+        self._last, x = last, last.copy()
+        if self._old is not None:
+            width, before = self._old
+            x += (h / width) * (last - before)
+        if self.stabilised:
+            x[self.xe] = last[self.xe]
+        return x
+
     # -- iteration matrix
 
     def _jacobian(self, t: float, y: Array, yp: Array) -> None:
@@ -213,15 +224,7 @@ class AlphaStep:
             self._directions()
         self._begin(h)
         for attempt in range(3):
-            # starting values of Newton's method: the unknowns extrapolated from the last two steps; eta as in the
-            # last step
-            last = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
-            self._last, x = last, last.copy()
-            if self._old is not None:
-                width, before = self._old
-                x += (h / width) * (last - before)
-            if self.stabilised:
-                x[self.xe] = last[self.xe]
+            x = self._predict(h)
             try:
                 if attempt or fresh or self._factored != h:
                     if attempt:
@@ -254,16 +257,7 @@ class AlphaStep:
             dx *= self._column
             x -= dx
             self._correction = dx
-            # largest change of a velocity (in units `speed`), a displacement (in units `unit`) or an internal
-            # state by a correction dx
-            rate = dx[self.xu]
-            psi = self._by_psi * rate
-            if self.stabilised:
-                psi += h * (dx[self.xe] @ self._G)
-            norm = max(float(np.max(np.abs(self._by_u * rate) / speed)), float(np.max(np.abs(psi) / unit)))
-            if self._states:
-                size = ROUND * (np.abs(self.y[self.s]) + self.system.scale[self.s])
-                norm = max(norm, float(np.max(np.abs(self._by_s * dx[self.xs]) / size)))
+            norm = self._norm(dx, h, speed, unit)
             if not isfinite(norm):
                 return False
             theta = norm / previous if k else 0.5
@@ -280,6 +274,19 @@ class AlphaStep:
             self._factored = 0.0
         self._compose(h, x)
         return True
+
+    def _norm(self, dx: Array, h: float, speed: Array, unit: Array) -> float:
+        """Largest change of a velocity (in units `speed`), a displacement (in units `unit`) or an internal state by a correction
+        dx."""
+        rate = dx[self.xu]
+        psi = self._by_psi * rate
+        if self.stabilised:
+            psi += h * (dx[self.xe] @ self._G)
+        worst = max(float(np.max(np.abs(self._by_u * rate) / speed)), float(np.max(np.abs(psi) / unit)))
+        if self._states:
+            size = ROUND * (np.abs(self.y[self.s]) + self.system.scale[self.s])
+            worst = max(worst, float(np.max(np.abs(self._by_s * dx[self.xs]) / size)))
+        return worst
 
     def _failed(self, h: float, unknown: int) -> StepFailedError:
         names = self.system.names

@@ -15,7 +15,7 @@ import numpy as np
 from mbdae.errors import OptionError, warn
 from mbdae.inputs.resolution import Bound, divided, with_edges
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.record import Record
+from mbdae.integrators.record import RunRecord
 from mbdae.integrators.solution import Interpolant, Solution, Stats, said
 from mbdae.integrators.stored_runs import active
 from mbdae.system.base import Array, System
@@ -189,7 +189,7 @@ class Solver(ABC):
             solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
             solver.check(system)
             what = f"{solver!r} of {system.label} to {asked.t_end!r} s"
-            record = Record(keeper, solver.restarts, what) if (keeper := active()) else None
+            record = RunRecord(keeper, solver.restarts, what) if (keeper := active()) else None
             with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
                           asked.begin, asked.stop, record, asked.impacts) as loop, (
                               nullcontext() if record is None else record.guarding(loop)):

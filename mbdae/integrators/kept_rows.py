@@ -107,7 +107,7 @@ class Spill:
         return np.asarray(np.memmap(self.file, dtype, "r", 0, (rows, *shape)))
 
 
-class State(NamedTuple):
+class FileState(NamedTuple):
     """Number of rows in the file; parts behind them, each a Block, or a list where rows are not arrays; rows that are in no part
     yet, the last one always among them."""
 
@@ -124,7 +124,7 @@ class Rows:
 
     def __init__(self, name: str, *first: Array) -> None:
         self.name = name
-        self._state = State(0, (), list(first))
+        self._state = FileState(0, (), list(first))
         self._row: tuple[tuple[int, ...], Any] = (), float  # shape and type of the rows in the file
         self._spill: Spill | None = None
         self._memory_only = False
@@ -140,7 +140,7 @@ class Rows:
         if len(tail) < BLOCK and not (isinstance(row, np.ndarray) and len(tail) * row.nbytes > IN_MEMORY):
             tail.append(row)
             return
-        self._state = State(saved, _joined(parts, tail), [row])
+        self._state = FileState(saved, _joined(parts, tail), [row])
         self._relieve()
 
     def extend(self, rows: Any) -> None:
@@ -150,7 +150,7 @@ class Rows:
                 self.append(row)
             return
         saved, parts, tail = self._state
-        self._state = State(saved, _joined(_joined(parts, tail), rows[:-1]), [rows[-1]])
+        self._state = FileState(saved, _joined(_joined(parts, tail), rows[:-1]), [rows[-1]])
         self._relieve()
 
     def _relieve(self) -> None:
@@ -164,7 +164,7 @@ class Rows:
             self._memory_only = True
             _say_full(str(error.strerror or error))
             return
-        self._state = State(saved + len(parts[0]), (), tail)
+        self._state = FileState(saved + len(parts[0]), (), tail)
 
     def _write(self, saved: int, rows: Array) -> None:
         """Write rows behind the first `saved` ones of the file; not flushed to the disk (fsync), since the file goes with this
@@ -191,7 +191,8 @@ class Rows:
         found, mapped = self._on_disk(saved, block) if saved else (block.given(), False)
         # views of the result, so that rows are not stored twice
         before = len(found) - 1
-        self._state = State(before, (), [found[-1]]) if mapped else State(0, (Block(Room(found, True), before),), [found[-1]])
+        own = (Block(Room(found, True), before),)
+        self._state = FileState(before, (), [found[-1]]) if mapped else FileState(0, own, [found[-1]])
         return found[:count]
 
     def _on_disk(self, saved: int, block: Block) -> tuple[Array, bool]:

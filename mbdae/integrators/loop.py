@@ -15,7 +15,7 @@ import numpy as np
 from mbdae.errors import ENDS, ChatteringError, OptionError, SolverError, WallClockError, interrupted, keeping
 from mbdae.integrators.dense import piecewise
 from mbdae.integrators.kept_rows import Rows
-from mbdae.integrators.record import Record
+from mbdae.integrators.record import RunRecord
 from mbdae.integrators.solution import Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import check, one_thread
@@ -42,7 +42,7 @@ class StepLoop:
         max_residuals: float = inf,
         begin: float | None = None,
         stop: Callable[[Solution], bool] | None = None,
-        record: Record | None = None,
+        record: RunRecord | None = None,
         impacts: float = 1.0,
     ) -> None:
         self.impacts, self.record = impacts, record  # impacts: factor on the longest step during an impact
@@ -95,16 +95,18 @@ class StepLoop:
         if isinstance(error, MemoryError):
             raise self.failure("the memory is used up: loosen the accuracy, or make the run shorter", "") from error
         if isinstance(error, ENDS):
-            # attach the solution so far to an exception that ends the call (Ctrl-C, one raised by a user's
-            # handler, a full disk)
-            with keeping(None, "a second time, while what was computed was put together: it is lost"):
-                solution = self.solution()
-            where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
-            interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", solution)
+            self._interrupted(error)
         elif isinstance(error, SolverError):
             error.solution = self.solution() if error.solution is None else error.solution
         elif error is not None:
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g} s (steps made: {self.stats.steps})")
+
+    def _interrupted(self, error: BaseException) -> None:
+        """Attach the solution so far to an exception that ends the call (Ctrl-C, one raised by a user's handler, a full disk)."""
+        with keeping(None, "a second time, while what was computed was put together: it is lost"):
+            solution = self.solution()
+        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
+        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", solution)
 
     def _clock(self) -> None:
         self.stats.wall_s = time.perf_counter() - self._wall + self._before[1]
@@ -195,13 +197,14 @@ class StepLoop:
                                "accuracy", "", WallClockError)
         try:
             check("steps were made")
+            if self.stats.residuals > self._max_residuals:
+                raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are too "
+                                   "small to reach the end in it; loosen the accuracy or, if max_residuals was given, raise it",
+                                   "")
+            if len(self._t) >= self._next_stall and not self.solver.fixed:
+                self._look_for_a_stall()
         except WallClockError as over:
             raise self.failure(str(over), "", WallClockError) from None
-        if self.stats.residuals > self._max_residuals:
-            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are too "
-                               "small to reach the end in it; loosen the accuracy or, if max_residuals was given, raise it", "")
-        if len(self._t) >= self._next_stall and not self.solver.fixed:
-            self._look_for_a_stall()
         if self._progress is not None and now - self._wall >= self._next_progress:
             self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()

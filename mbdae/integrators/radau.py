@@ -92,7 +92,7 @@ class Adaptive:
                 f"that is not met: loosen rtol to {10 * noise * self.rtol:.0e}, or, in a scene, draw the bodies nearer to "
                 "the origin of coordinates",
                 AccuracyWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
         count = len(made.t)
         kept = self._kept(watch, made, before) if watch is not None and before is not None and count else count
@@ -146,22 +146,27 @@ class Adaptive:
             kept += one
         self.rows = min(max(2 * self.rows, FEW), self.most) if kept == count else 1
         if kept < count:
-            control, loop = self.control, self.loop
-            if closely:
-                control.h, control.rejected = control.tried, control.careful
-            else:
-                control.h, control.rejected = float(times[kept + 1] - times[kept]), False
-            if kept:
-                width = times[kept] - times[kept - 1]
-                before = increments[kept - 1], width, width, made.errors[kept - 1]
-            y, yp = (made.y[kept - 1], made.yp[kept - 1]) if kept else loop.state
-            self.step.run.back(y, yp, before)
-            loop.stats.rejected += closely
+            self._go_back(made, times, increments, kept, closely, before)
             self.control.landing = landing
         elif closely and watch.stiffness_changed():
             self.step.renew()
             watch.jacobian_at(float(times[-1]), states[-1])
         return kept
+
+    def _go_back(self, made: AcceptedSteps, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
+        """Return to the last stored step. times, increments: of all `made` steps, of which the first `kept` are stored; closely:
+        whether the next one was examined by itself; before: state of the step control before the block."""
+        control, loop = self.control, self.loop
+        if closely:
+            control.h, control.rejected = control.tried, control.careful
+        else:
+            control.h, control.rejected = float(times[kept + 1] - times[kept]), False
+        if kept:
+            width = times[kept] - times[kept - 1]
+            before = increments[kept - 1], width, width, made.errors[kept - 1]
+        y, yp = (made.y[kept - 1], made.yp[kept - 1]) if kept else loop.state
+        self.step.run.back(y, yp, before)
+        loop.stats.rejected += closely
 
     def first_step(self) -> float:
         """A small first step (s) from the rates at the start; the step control then enlarges the steps."""

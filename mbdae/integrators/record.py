@@ -24,10 +24,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, SolverError, Stopping, WallClockError
 from mbdae.integrators.matrices import keep_order, kept_order
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.stored_runs import DamagedError, Keeper, NotPlainError, Stopping, Tree, packed
+from mbdae.integrators.stored_runs import DamagedError, Keeper, NotPlainError, Tree, packed
 from mbdae.native import Entries, Order
 from mbdae.native.collocation import Contacts
 from mbdae.native.equations import Equations, Number, Whole
@@ -145,7 +145,7 @@ END, RENEWED, PLANNED = "end", "renewed", "planned"
 
 
 class StepLoop(Protocol):
-    """The interface of `integrators.loop.StepLoop` that a `Record` needs (that module imports this one)."""
+    """The interface of `integrators.loop.StepLoop` that a `RunRecord` needs (that module imports this one)."""
 
     t_end: float
     system: System
@@ -186,7 +186,7 @@ class StepLoop(Protocol):
         """The steps accepted so far."""
 
 
-class Record:
+class RunRecord:
     """One run in the folder of a keeper. restarts: whether the method begins anew at checkpoints; what: description of the run in
     words, by which a stored run is recognised."""
 

@@ -182,6 +182,39 @@ def check_times(coarse: Solution, outputs: Array | None = None) -> Array:
     return distinct(np.concatenate([asked, t, inner]))
 
 
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """A run beside another one: a companion, a run of a second method, on a finer mesh, of a short window. Both are compared at
+    `times` (k,) in a `measure`; the error of the other one counts as `margin` times their distance.
+
+    better: whether this is the more accurate one of the two, to whose size the measure relates differences."""
+
+    run: Solution
+    times: Array
+    measure: Measure
+    margin: float = 1.0
+    better: bool = False
+
+    def distance(self, other: Solution) -> float:
+        """Largest distance of the other run from this one."""
+        a, b = (other, self.run) if self.better else (self.run, other)
+        return float(np.max(self.measure(self.times, a(self.times), b(self.times))))
+
+    def error(self, other: Solution) -> float:
+        """The error of the other run that the distance shows."""
+        return self.margin * self.distance(other)
+
+
+SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
+
+
+def by_speeds(run: Solution, measure: Measure) -> Measure:
+    """The measure with differences of velocities relative to the speeds of the whole `run`."""
+    steps = run.t[:: len(run.t) // SAMPLES + 1]
+    whole = run(steps)
+    return lambda t, a, b: measure(np.r_[t, steps], np.concatenate([a, whole]), np.concatenate([b, whole]))
+
+
 #: a run is said to reject too many steps where these are at least MANY times those accepted, and where FEW steps or more were
 #: accepted. Measured: at most 0.51 times in the examples, with each of the default solver, IDA and Radau IIA, contacts included;
 #: 0.87 times, at 20 times the cost, where IDA stays at short steps (transistor amplifier)

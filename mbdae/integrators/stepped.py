@@ -23,7 +23,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, LawError, OptionError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import ACCURACY, DEFAULT_ACCURACY, Asked, Solver
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.solution import Measure, Solution, check_times, scaled_distance
+from mbdae.integrators.solution import Beside, Measure, Solution, check_times, scaled_distance
 from mbdae.system.base import Array, System
 from mbdae.values import number, option, set_option, text
 
@@ -56,11 +56,9 @@ class SecondMethod:
         method, where that is larger or the second method fails."""
         if not self.runs:
             self._solve()
-        return estimate if self._run is None else max(self._between(run, self._run), estimate)
-
-    def _between(self, a: Solution, b: Solution) -> float:
-        times = check_times(a)
-        return float(np.max(self._measure(times, a(times), b(times))))
+        if self._run is None:
+            return estimate
+        return max(Beside(run, check_times(run), self._measure).distance(self._run), estimate)
 
     def tell(self, estimate: float, distance: float, accuracy: float) -> None:
         """Warn where the `distance` of a run from the second method contradicts its `estimate`, and where the second method
@@ -90,7 +88,7 @@ class SecondMethod:
                 self._why_not = str(error)
                 return
             self.cpu_s += found.stats.cpu_s
-            apart = self._between(found, known) if known is not None else inf
+            apart = Beside(found, check_times(found), self._measure).distance(known) if known is not None else inf
             known, rtol = found, rtol / AGAIN
         if apart <= self._apart:
             self._run = known
@@ -134,15 +132,14 @@ ALGEBRAIC = ("lambda", "mu", "z")
 @dataclass(frozen=True)
 class Halved:
     """The finest run, its solver with the step, the estimate of its error, the number of runs and their CPU seconds. coarser: the
-    run that it was compared with, the times of the comparison, and the assumed ratio of the finest run's error to the difference
-    of the two runs."""
+    run that it was compared with, whose margin is the assumed ratio of the finest run's error to their difference."""
 
     solution: Solution
     solver: Any
     estimate: float
     runs: int
     cpu_s: float
-    coarser: tuple[Solution, Array, float] | None = None
+    coarser: Beside | None = None
     own: float = inf  #: the estimate by runs of this method alone, without a second method
     told: tuple[tuple[float, float], ...] = ()  #: step (s), and estimate without a second method, of each run after the first
 
@@ -192,17 +189,17 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
             coarse, best = (fine, h), Halved(fine, now, float("inf"), runs, spent)
             h = min(h / 2, fine.stats.resolving_step or h)
             continue
-        gap, times = _gap(coarse[0], fine, measure)
+        coarser = Beside(coarse[0], check_times(coarse[0]), measure)
+        gap = coarser.distance(fine)
         order, earlier = _order(order, most, earlier, (gap, coarse[1])), (gap, coarse[1])
-        share = _share(h / coarse[1], order)
-        estimate, coarser = gap * share, (coarse[0], times, share)
-        estimate = inf if fine.stats.unresolved else estimate
+        coarser = replace(coarser, margin=_share(h / coarse[1], order))
+        estimate = inf if fine.stats.unresolved else gap * coarser.margin
         if estimate <= accuracy and h < NEARBY * coarse[1]:  # a far longer step may alias a vibration: compare with step 2 h
             with keeping(fine, COARSER.format(h)):
                 near = solver.with_step(2 * h).run(system, replace(asked, share=2 * SHARE * h / first))
             runs, spent = runs + 1, spent + near.stats.cpu_s
-            (gap, times), share = _gap(near, fine, measure), _share(0.5, order)
-            estimate, coarser = gap * share, (near, times, share)
+            coarser = Beside(near, check_times(near), measure, _share(0.5, order))
+            estimate = coarser.error(fine)
         own, stalled = estimate, False
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
@@ -234,12 +231,6 @@ def _dividing(h: float, span: float) -> float:
     """The largest step up to h (s) that divides a run of `span` (s) into an even number: a last step that is cut has multipliers
     that are far off (measured with index 3: by 4e-3, where the others were off by 7e-6)."""
     return span / (2 * ceil(span / (2 * h) * (1 - 1e-12)))
-
-
-def _gap(coarse: Solution, fine: Solution, measure: Measure) -> tuple[float, Array]:
-    """Largest distance of two runs, and the times at which they were compared."""
-    times = check_times(coarse)
-    return float(np.max(measure(times, coarse(times), fine(times)))), times
 
 
 def _share(ratio: float, order: float) -> float:

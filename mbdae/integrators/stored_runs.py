@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.deferred import csc_matrix, issparse
-from mbdae.errors import DiskError, OptionError
+from mbdae.errors import DiskError, OptionError, Stopping
 from mbdae.files import regular, replacing
 
 TEXT, DIGEST = "tree", "digest"
@@ -108,10 +108,6 @@ def unpacked(value: Any, arrays: Any) -> Tree:
 
 T = TypeVar("T")
 PAUSE = 1.0  #: shortest wall time (s) between two checkpoints, unless the process is asked to end
-
-
-class Stopping(BaseException):
-    """Raised to end the process after it was asked to end (SIGTERM) and its run has been stored."""
 
 
 class Keeper:

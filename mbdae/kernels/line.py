@@ -70,10 +70,7 @@ class LineKernel(ElementKernel):
         self.points, self.turns = len(at.xi), turns
         self.nodes = Nodes(derived.kind, at.values.shape[1], turns)
         names = [name for name in derived.parameters if name not in self.given]
-        arrays = [np.asarray(v, dtype=float) for v in [constants[name] for name in names]]
-        arrays = [a[:, None] if a.ndim == 1 else a for a in arrays]
-        shape = np.broadcast_shapes(*(a.shape for a in arrays), (1, self.points))
-        self.numbers = np.stack([np.broadcast_to(a, shape) for a in arrays], axis=-1) if arrays else np.zeros((*shape, 0))
+        self.numbers = _per_point([constants[name] for name in names], self.points)
         self.parameters = (*self.given, *names)
         self.elements = len(self.numbers)
         self.fields = self._table(derived.fields)
@@ -183,7 +180,10 @@ class LineKernel(ElementKernel):
 
     def full_jacobian(self, x: Array) -> Array:
         q, u, X = self._gather(x)
-        values = _evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1)
+        return self._assembled(_evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1), q, u)
+
+    def _assembled(self, values: Array, q: Array, u: Array) -> Array:
+        """Derivatives (N, outputs, inputs) of the elements, from the values (N, points, width) of `point_jacobian`."""
         N, n, D = len(values), self.nodes, len(self.derived.duals)
         covector = self._covector(values[:, :, :D].reshape(N, -1))
         K = self._spread.of(values[:, :, D:].reshape(N, -1).T)
@@ -228,6 +228,14 @@ def _point_jacobian(derived: LineDerived, parameters: tuple[str, ...]) -> tuple[
         keep(part_key(key, "places"), places := list(derived.derivatives))
     made = Kernel(point.symbols, lambda: [*duals, *derived.derivatives.values()], None, len(duals) + len(places), key)
     return made, places
+
+
+def _per_point(values: Sequence[Any], points: int) -> Array:
+    """The parameters as one array (m, points, parameters); each is given as a number, as (m,) or as (m, points)."""
+    arrays = [np.asarray(v, dtype=float) for v in values]
+    arrays = [a[:, None] if a.ndim == 1 else a for a in arrays]
+    shape = np.broadcast_shapes(*(a.shape for a in arrays), (1, points))
+    return np.stack([np.broadcast_to(a, shape) for a in arrays], axis=-1) if arrays else np.zeros((*shape, 0))
 
 
 def _evaluated(kernel: Kernel, X: Array) -> Array:

@@ -43,8 +43,8 @@ from mbdae.symbolic.links import (
     MemberProgram,
     NodeProgram,
     Pass,
+    PassShape,
     RootProgram,
-    Shape,
     directions,
     inward,
     outward,
@@ -126,7 +126,7 @@ class BodyKernels:
             keep(key, tables := self._tables())
         known, self.freedoms = tables
         self.outward = ProgramKernel(self._outward, part_key(key, "outward"))
-        self.shape = Shape(len(directions(self.kind)), len(directions(parent)), len(self.freedoms), known)
+        self.shape = PassShape(len(directions(self.kind)), len(directions(parent)), len(self.freedoms), known)
 
     @cached_property
     def _made(self) -> tuple[LinkProgram | RootProgram, Program, list[tuple[Place, Expr]]]:
@@ -159,14 +159,14 @@ def quaternion_rate() -> Kernel:
     return Kernel(list(symbols), rate_from_body_spin(symbols[:4], Vec(*symbols[4:])))
 
 
-_PASSES: dict[str, Callable[[Shape], Pass]] = {
+_PASSES: dict[str, Callable[[PassShape], Pass]] = {
     "inward": inward, "outward": outward, "outward, given": partial(outward, given=True), "projected": projected,
     "balance": partial(projected, moving=True),
 }
 
 
 @lru_cache(maxsize=512)
-def pass_kernel(shape: Shape, name: str) -> ProgramKernel:
+def pass_kernel(shape: PassShape, name: str) -> ProgramKernel:
     """A pass over bodies of a shape: "inward"; "outward", and "outward, given" with given second rates of the coordinates;
     "projected" projects forces on a body on the freedoms of its joint and transfers them to the body that carries it, "balance"
     does so with its inertia and forces at given accelerations."""

@@ -57,18 +57,7 @@ class TreePasses:
         if len({id(own.kernels) for own in self.bodies.values()}) > MOST_KINDS:
             self._open = Open.ALL
             self.bodies = self._bodies()
-        # the bodies in runs, each of bodies with the same kernels; a body comes after the one that carries it
-        depth: dict[int, int] = {}
-        for j, own in self.bodies.items():  # in this dictionary a body comes after the one that carries it
-            depth[j] = depth[own.parent] + 1 if own.parent >= 0 else 0
-        number = {k: i for i, k in enumerate(dict.fromkeys(id(own.kernels) for own in self.bodies.values()))}
-        runs: list[list[int]] = []
-        for j in sorted(self.bodies, key=lambda j: (depth[j], number[id(self.bodies[j].kernels)], j)):
-            if runs and self.bodies[runs[-1][-1]].kernels is self.bodies[j].kernels:
-                runs[-1].append(j)
-            else:
-                runs.append([j])
-        self._runs = runs
+        self._runs = self._ordered()
 
     def copied(self, inertia: Mapping[tuple[Place, Place], int]) -> TreePasses:
         """A copy with another inertia by laws outside, to be continued on its own after what has been appended so far."""
@@ -107,6 +96,20 @@ class TreePasses:
             found[j] = Own(kernels, link.parent if link.parent in found else -1, members)
         return found
 
+    def _ordered(self) -> list[list[int]]:
+        """The bodies in runs, each of bodies with the same kernels; a body comes after the one that carries it."""
+        depth: dict[int, int] = {}
+        for j, own in self.bodies.items():  # in this dictionary a body comes after the one that carries it
+            depth[j] = depth[own.parent] + 1 if own.parent >= 0 else 0
+        number = {k: i for i, k in enumerate(dict.fromkeys(id(own.kernels) for own in self.bodies.values()))}
+        runs: list[list[int]] = []
+        for j in sorted(self.bodies, key=lambda j: (depth[j], number[id(self.bodies[j].kernels)], j)):
+            if runs and self.bodies[runs[-1][-1]].kernels is self.bodies[j].kernels:
+                runs[-1].append(j)
+            else:
+                runs.append([j])
+        return runs
+
     def at(self, j: int, place: Place) -> int:
         """Slot of a result of the outward pass for body j: its motion ("x", name), inertia ("M", i, j), forces ("p", i), or an
         entry of X, S and c, by which its acceleration follows from that of its parent, see `LinkProgram.outward`."""
@@ -134,12 +137,16 @@ class TreePasses:
         kinds: dict[int, list[tuple[int, tuple[int, ...]]]] = {}
         kernels: dict[int, ProgramKernel] = {}
         for m, nodes in self._between:
-            member: Member = links.between(self.structure.members[m], {n: i for i, n in enumerate(nodes)}, self._open)
-            kernel = links.member_kernel(tuple(self._kind(j) for j in nodes), member)
+            kernel = self._kernel_between(m, nodes)
             kinds.setdefault(id(kernel), []).append((m, nodes))
             kernels[id(kernel)] = kernel
         for key, places in kinds.items():
             self._laws(part, kernels[key], places)
+
+    def _kernel_between(self, m: int, nodes: tuple[int, ...]) -> ProgramKernel:
+        kinds = tuple(self._kind(j) for j in nodes)
+        member: Member = links.between(self.structure.members[m], {n: i for i, n in enumerate(nodes)}, self._open)
+        return links.member_kernel(kinds, member)
 
     def _kind(self, j: int) -> NodeKind:
         return self.bodies[j].kernels.kind

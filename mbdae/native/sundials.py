@@ -59,15 +59,7 @@ class Method:
         self._free = ExitStack()
         with ExitStack() as failed:
             failed.callback(self.close)
-            # a SUNContext that prints neither errors nor warnings
-            S, context, logger = self.S, Pointer(), Pointer()
-            S.SUNContext_Create(0, ctypes.byref(context))
-            self._free.callback(lambda: S.SUNContext_Free(ctypes.byref(context)))
-            S.SUNContext_ClearErrHandlers(context)
-            S.SUNContext_GetLogger(context, ctypes.byref(logger))
-            for name in ("Error", "Warning"):
-                getattr(S, f"SUNLogger_Set{name}Filename")(logger, os.devnull.encode())
-            self._context = context.value or 0
+            self._context = self._silent_context()
             self._y, self._yp, self._own = self._vector(y), self._vector(yp), self._vector(y)
             self._tolerances = self._vector(self._atol)
             self._fill(equations)
@@ -76,15 +68,7 @@ class Method:
             self.run.memory = self.memory
             free = Pointer(self.memory)
             self._free.callback(lambda: self._call("Free", ctypes.byref(free), checked=False))
-            settings, user = self.settings, ctypes.addressof(self.run)
-            self._initialise(t)
-            self._set_tolerances()
-            self._call("SetUserData", user)
-            self._call("SetLinearSolver", solver, matrix)
-            self._call("SetJacFn", getattr(self.C, self.jacobian))
-            self._call("SetMaxOrd", settings.order)
-            self._call("SetInitStep", settings.first_step)
-            self._call("SetMaxNumSteps", -1)  # a negative number: steps are not limited
+            self._set_up(t, matrix, solver)
             failed.pop_all()
 
     def __enter__(self) -> Self:
@@ -206,6 +190,17 @@ class Method:
         self._free.callback(free, made)
         return made
 
+    def _silent_context(self) -> int:
+        """A SUNContext that prints neither errors nor warnings."""
+        S, context, logger = self.S, Pointer(), Pointer()
+        S.SUNContext_Create(0, ctypes.byref(context))
+        self._free.callback(lambda: S.SUNContext_Free(ctypes.byref(context)))
+        S.SUNContext_ClearErrHandlers(context)
+        S.SUNContext_GetLogger(context, ctypes.byref(logger))
+        for name in ("Error", "Warning"):
+            getattr(S, f"SUNLogger_Set{name}Filename")(logger, os.devnull.encode())
+        return context.value or 0
+
     def _vector(self, values: Array) -> int:
         made = self._owned(self.S.N_VNew_Serial(self.n, self._context), self.S.N_VDestroy)
         self._view(made)[:] = values
@@ -227,6 +222,17 @@ class Method:
         run.atol, run.rtol = at(self._atol), self.settings.rtol
         run.y, run.yp, run.values, run.jacobian_y = map(at, (self.y, self.yp, self.values, self._jacobian_y))
         run.t, run.cj, run.most = -np.inf, 1.0, np.inf
+
+    def _set_up(self, t: float, matrix: int, solver: int) -> None:
+        settings, user = self.settings, ctypes.addressof(self.run)
+        self._initialise(t)
+        self._set_tolerances()
+        self._call("SetUserData", user)
+        self._call("SetLinearSolver", solver, matrix)
+        self._call("SetJacFn", getattr(self.C, self.jacobian))
+        self._call("SetMaxOrd", settings.order)
+        self._call("SetInitStep", settings.first_step)
+        self._call("SetMaxNumSteps", -1)  # a negative number: steps are not limited
 
     def _set_tolerances(self) -> None:
         self._call("SVtolerances", self.settings.rtol, self._tolerances)

@@ -81,23 +81,7 @@ class Functions:
         if major.value != MAJOR:
             raise unavailable(f"scikit-sundae brings SUNDIALS {major.value}.{minor.value}.{patch.value}, mbdae needs "
                               f"{MAJOR}.x: install a scikit-sundae that brings it")
-        # integer type of matrix indices in this build of SUNDIALS. It is found from the column pointers 0, 1, 2 of a
-        # sparse identity matrix (2, 2): if they are int64, the first three numbers read as int32 are 0, 0, 1
-        context = c_void_p()
-        self.SUNContext_Create(0, ctypes.byref(context))
-        dense = self.SUNDenseMatrix(2, 2, context)
-        entries = np.ctypeslib.as_array((c_double * 4).from_address(self.SUNDenseMatrix_Data(dense)))
-        entries[:] = 1.0, 0.0, 0.0, 1.0
-        sparse = self.SUNSparseFromDenseMatrix(dense, 0.0, 0)
-        found = list((ctypes.c_int32 * 3).from_address(self.SUNSparseMatrix_IndexPointers(sparse)))
-        self.SUNMatDestroy(sparse)
-        self.SUNMatDestroy(dense)
-        self.SUNContext_Free(ctypes.byref(context))
-        kinds: dict[tuple[int, ...], type[np.signedinteger[Any]]] = {(0, 1, 2): np.int32, (0, 0, 1): np.int64}
-        if tuple(found) not in kinds:
-            raise unavailable("the SUNDIALS of scikit-sundae takes indices that are neither int32 nor int64 (a test gave "
-                              f"{found}): install the scikit-sundae of the package index")
-        self.index = kinds[tuple(found)]
+        self.index = self._index()
 
     def __getattr__(self, name: str) -> Any:
         """A function by its name; Python calls this only for functions of a library that is not open yet, and it opens that."""
@@ -119,6 +103,25 @@ class Functions:
         except (OSError, AttributeError) as error:
             raise unavailable(f"the file {self._files[name].name} of scikit-sundae cannot be used: {error}; install "
                               "scikit-sundae again") from error
+
+    def _index(self) -> type[np.signedinteger[Any]]:
+        """Integer type of matrix indices in this build of SUNDIALS. It is found from the column pointers 0, 1, 2 of a sparse
+        identity matrix (2, 2): if they are int64, the first three numbers read as int32 are 0, 0, 1."""
+        context = c_void_p()
+        self.SUNContext_Create(0, ctypes.byref(context))
+        dense = self.SUNDenseMatrix(2, 2, context)
+        entries = np.ctypeslib.as_array((c_double * 4).from_address(self.SUNDenseMatrix_Data(dense)))
+        entries[:] = 1.0, 0.0, 0.0, 1.0
+        sparse = self.SUNSparseFromDenseMatrix(dense, 0.0, 0)
+        found = list((ctypes.c_int32 * 3).from_address(self.SUNSparseMatrix_IndexPointers(sparse)))
+        self.SUNMatDestroy(sparse)
+        self.SUNMatDestroy(dense)
+        self.SUNContext_Free(ctypes.byref(context))
+        kinds: dict[tuple[int, ...], type[np.signedinteger[Any]]] = {(0, 1, 2): np.int32, (0, 0, 1): np.int64}
+        if tuple(found) not in kinds:
+            raise unavailable("the SUNDIALS of scikit-sundae takes indices that are neither int32 nor int64 (a test gave "
+                              f"{found}): install the scikit-sundae of the package index")
+        return kinds[tuple(found)]
 
 
 @cache

@@ -13,7 +13,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.errors import internal
-from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
+from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Vector
 from mbdae.symbolic.rebuild import nodes, rebuilt
 from mbdae.symbolic.vectors import Expr
 
@@ -47,7 +47,7 @@ def tidy(e: Expr) -> Expr:
 FIXED = ("x", "y", "z", "s", "bx", "by", "bz")  #: kinds of vectors that rotate with their body
 
 
-def body_of(record: Record, atom: Atom) -> str | None:
+def body_of(record: NamedQuantities, atom: Atom) -> str | None:
     """The body to which all terms of a named vector are fixed, so that it rotates with it; None where there is none."""
     parts = record.vectors[atom.number].terms if isinstance(atom, NamedVector) else {}
     sides = {a.side if isinstance(a, Base) and a.kind in FIXED else body_of(record, a) for a in parts}
@@ -58,7 +58,7 @@ class ForwardDerivative:
     """Forward derivative. base: function that gives the change of a frame vector; clock: changes of the symbols; turn: kind of
     the rotation vectors in a change ("w": angular velocity, "dpsi": virtual); sign: LaTeX before the letter of a change."""
 
-    def __init__(self, record: Record, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str,
+    def __init__(self, record: NamedQuantities, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str,
                  turn: str = "") -> None:
         self.record, self.base, self.clock, self.sign, self.turn = record, base, clock, sign, turn
         self._known: dict[Any, Any] = {}
@@ -136,7 +136,7 @@ def times(pairs: dict[str, Pair], factor: Expr) -> dict[str, Pair]:
     return {side: (force * factor, moment * factor) for side, (force, moment) in pairs.items()}
 
 
-def summed(record: Record, parts: Iterable[dict[str, Pair]]) -> dict[str, Pair]:
+def summed(record: NamedQuantities, parts: Iterable[dict[str, Pair]]) -> dict[str, Pair]:
     """Sums of forces and moments of all parts, by side."""
     out = {side: (record.zero(), record.zero()) for side in record.sides}
     for pairs in parts:
@@ -148,7 +148,7 @@ def summed(record: Record, parts: Iterable[dict[str, Pair]]) -> dict[str, Pair]:
 class Dual:
     """Backward derivative of a scalar: for every body the factors of its virtual displacement (force) and rotation (moment)."""
 
-    record: Record
+    record: NamedQuantities
     velocities: bool = False  #: whether to differentiate by velocities instead of positions
     symbols: tuple[Expr, ...] = ()  #: scalar unknowns by which to differentiate too
 
@@ -234,7 +234,7 @@ class Dual:
             raise internal("the report cannot differentiate an energy that contains a velocity", NotImplementedError)
 
 
-def virtual(record: Record) -> Callable[[Base], Vector | None]:
+def virtual(record: NamedQuantities) -> Callable[[Base], Vector | None]:
     """Changes of frame vectors in a virtual displacement: delta r of the points, delta psi of the bodies."""
 
     def base(atom: Base) -> Vector | None:
@@ -249,7 +249,7 @@ def virtual(record: Record) -> Callable[[Base], Vector | None]:
     return base
 
 
-def actual(record: Record, still: tuple[str, ...] = ()) -> Callable[[Base], Vector | None]:
+def actual(record: NamedQuantities, still: tuple[str, ...] = ()) -> Callable[[Base], Vector | None]:
     """Rates of frame vectors without accelerations of the nodes: v for r, omega x (omega x s) for v."""
 
     def base(atom: Base) -> Vector | None:

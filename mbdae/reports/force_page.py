@@ -18,9 +18,9 @@ from mbdae.reports.letters import Letter, letters
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, Page, described, document, provenance, title_of
 from mbdae.reports.parts_page import part_section
 from mbdae.reports.sections import figure_of, planar_pages, power_blocks, state_blocks, thrust_blocks
-from mbdae.reports.statement import Statement
+from mbdae.reports.statement import ReportedLaw
 from mbdae.reports.states import POINTS
-from mbdae.reports.vectors import Record
+from mbdae.reports.vectors import NamedQuantities
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -32,7 +32,7 @@ class ForceReport(LawPage):
     """The report of one force law."""
 
     def __init__(self, law: type[Force], structure: Structure) -> None:
-        s = Statement(law, structure)
+        s = ReportedLaw(law, structure)
         _ = s.energy, s.dissipation, s.wrench
         self.losses = {name: s.scalar(e) for name, e in s.law.losses(*s.frames).items()}
         self.gaps = [(s.scalar(g), s.scalar(rate)) for g, rate in s.law.gaps(*s.frames)]
@@ -151,7 +151,7 @@ class ElementPage(Page):
                 f"b_up{i + 1}": Letter(f"\\dot v_{axis}", "m/s^2", f"acceleration of the centre, inertial {axis}"),
                 f"b_up{i + 4}": Letter(f"\\dot\\Omega_{axis}", "rad/s^2", f"angular acceleration about body {axis}"),
             }
-        self.writer, self.wanted = Writer(Record(), {name: letter.latex for name, letter in self.known.items()}), {}
+        self.writer, self.wanted = Writer(NamedQuantities(), {name: letter.latex for name, letter in self.known.items()}), {}
         rng = np.random.default_rng(2)
         self.values: dict[str, Any] = {name: rng.uniform(0.5, 1.5, POINTS) for name in self.known}
 

@@ -24,7 +24,7 @@ from mbdae.reports.sections import (
     solution_set,
     title_of_joint,
 )
-from mbdae.reports.statement import Statement
+from mbdae.reports.statement import ReportedLaw
 from mbdae.reports.states import STEP
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
@@ -57,7 +57,7 @@ class JointReport(LawPage):
     """The report of one joint law: its rows, and the forces, rates and stiffness derived from them."""
 
     def __init__(self, law: type[Law], structure: Structure) -> None:
-        statement = Statement(law, structure)
+        statement = ReportedLaw(law, structure)
         if not statement.rows and not statement.law.own_coordinates:
             raise LawError(f"{law.__name__} states no rows, so that there is nothing to report: return some from `constraints`")
         _ = statement.branches

@@ -17,7 +17,7 @@ from mbdae.kernels.plan import Outputs, plan
 from mbdae.reports.calculus import Pair, summed, times
 from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, rate_of, unit_text
 from mbdae.reports.page import BOTH, Check, Page
-from mbdae.reports.statement import Statement, derived
+from mbdae.reports.statement import ReportedLaw, derived
 from mbdae.reports.states import POINTS, STEP, FormulaValues, SymbolValues, random_state
 from mbdae.reports.units import Dimensions, dimensions, law_faults, unit, unit_in
 from mbdae.reports.vectors import Base, Vector
@@ -64,7 +64,7 @@ class LawPage(Page):
 
     stated = True
 
-    def __init__(self, s: Statement, what: str = "joint", rows: bool = True, others: frozenset[str] = frozenset(),
+    def __init__(self, s: ReportedLaw, what: str = "joint", rows: bool = True, others: frozenset[str] = frozenset(),
                  state: SymbolValues | None = None) -> None:
         self.s, self.d, self.what, self.others = s, s.derived, what, others
         self.defined: set[tuple[str, str]] = set()  #: intermediate quantities that printed equations define
@@ -277,7 +277,7 @@ def settled(a: Vector, n: Any) -> Vector:
     return a if a.terms and float(np.max(np.abs(n.vector(a)))) > 1e-12 else a.record.zero()
 
 
-def planar_of(s: Statement) -> Derived | None:
+def planar_of(s: ReportedLaw) -> Derived | None:
     """The law in the plane; None where it has no planar form."""
     try:
         return derived(s.cls, s.structure, planar=True)

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mbdae.reports.vectors import Base, Record
+from mbdae.reports.vectors import Base, NamedQuantities
 from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.part import Parameter
 
@@ -189,7 +189,7 @@ def specs_of_coordinates(law: Any) -> dict[str, Parameter]:
     return stated | {name: Parameter("rad or m", "coordinate of a joint") for name in law.own_coordinates if name not in stated}
 
 
-def name_vectors(record: Record, others: frozenset[str] = frozenset()) -> dict[int, str]:
+def name_vectors(record: NamedQuantities, others: frozenset[str] = frozenset()) -> dict[int, str]:
     """Letters of named vectors: given by the law, d between the points, else a, b, c. others: letters already used."""
     found: dict[int, str] = {}
     own = {key: label if label.startswith("\\") else f"\\mathbf{{{label}}}" for key, label in record.labels.items()}
@@ -215,7 +215,7 @@ def name_vectors(record: Record, others: frozenset[str] = frozenset()) -> dict[i
     return found
 
 
-def name_scalars(record: Record, others: frozenset[str] = frozenset()) -> dict[str, str]:
+def name_scalars(record: NamedQuantities, others: frozenset[str] = frozenset()) -> dict[str, str]:
     """Letters of named scalars: given by the law, else eta with a number. others: letters already used."""
     found: dict[str, str] = {}
     start = max((int(letter[6:-1]) for letter in others if letter.startswith(r"\eta_")), default=0)

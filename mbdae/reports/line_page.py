@@ -16,7 +16,7 @@ from mbdae.reports.law_page import inertial_axes
 from mbdae.reports.letters import Letter, letters, name_vectors
 from mbdae.reports.page import Page, described, document, made_from, title_of
 from mbdae.reports.states import POINTS, STEP, FormulaValues, LineState, value
-from mbdae.reports.vectors import Base, Record, Vector
+from mbdae.reports.vectors import Base, NamedQuantities, Vector
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
@@ -57,7 +57,7 @@ class LinePage(Page):
     """The page of a law stated at a point of a line."""
 
     def __init__(self, law: type[LineLaw], structure: Structure) -> None:
-        self.cls, self.law, self.record = law, law.symbolic(structure), Record()
+        self.cls, self.law, self.record = law, law.symbolic(structure), NamedQuantities()
         self.d: LineDerived = derive_line(law, structure, NodeKind.SPATIAL)
         self.flat: LineDerived = derive_line(law, structure, NodeKind.PLANAR)
         K, W = (Vec(*(se.Symbol(f"{name}{i + 1}") for i in range(3))) for name in ("kappa", "spin"))

@@ -18,7 +18,7 @@ from mbdae.documents.formulas import escaped
 from mbdae.formulations import ggl_outputs
 from mbdae.kernels.plan import linearised_plan
 from mbdae.reports.letters import Letter, results, worded
-from mbdae.reports.reading import RELATIONS, Key, Reader, Symbols, UnreadError, key_of, members
+from mbdae.reports.reading import RELATIONS, Key, LatexReader, Symbols, UnreadError, key_of, members
 from mbdae.reports.states import POINTS, residual
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
@@ -115,7 +115,7 @@ class Printed:
 
     def _value(self, line: Key) -> Any:
         with np.errstate(all="ignore"):
-            reader = Reader(line, self.symbols, self.points)
+            reader = LatexReader(line, self.symbols, self.points)
             found = reader.whole()
         self.largest = reader.largest
         return found

@@ -16,7 +16,7 @@ from mbdae.laws.on_coordinates import JointFriction
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import Letter, unit_text
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, described, document, made_from, short_hash
-from mbdae.reports.statement import Statement, structure_of
+from mbdae.reports.statement import ReportedLaw, structure_of
 from mbdae.reports.states import POINTS, STEP, random_state, value
 from mbdae.symbolic.outputs import dynamics, fingerprint
 from mbdae.symbolic.part import PartStructure, params
@@ -43,7 +43,7 @@ class PartPage(LawPage):
         self.part, self.key = structure, "friction" if issubclass(structure.cls, Friction) else "normal"
         self.user: Any = JointFriction if self.key == "friction" else JournalContact
         options = SLIDING | {"friction": structure} if self.key == "friction" else CENTRED | {"normal": structure}
-        s = Statement(self.user, structure_of(self.user, options))
+        s = ReportedLaw(self.user, structure_of(self.user, options))
         super().__init__(s, "law", state=random_state(s.derived, spread=0.4))
         self.symbolic: Any = structure.symbolic(self.key)
 
@@ -67,7 +67,7 @@ class PartPage(LawPage):
                        "normal_force": Letter("f_n", "N", "normal force, which presses l on k"),
                        "mu": Letter(r"\mu", "1", "signed friction coefficient")}
         self.refresh()
-        plain = Statement(self.user, structure_of(self.user, SLIDING | {"friction": Coefficient(mu=1).structure()}))
+        plain = ReportedLaw(self.user, structure_of(self.user, SLIDING | {"friction": Coefficient(mu=1).structure()}))
         named = {se.Symbol("friction_mu"): se.Symbol("mu")}
         push = plain.thrust[1] if plain.thrust else se.Integer(0)
         push = se.sympify(plain.record.scalars.get(push, push)).subs(named)
@@ -197,7 +197,7 @@ class PartPage(LawPage):
                 f" {sign} at 200 random penetrations and rates.")
 
 
-def part_section(s: Statement) -> list[Section]:
+def part_section(s: ReportedLaw) -> list[Section]:
     """Section on the friction and normal laws contained in a law, and the calls that report them."""
     parts = [(key, part, part.cls.__name__) for key, part in s.structure.options if isinstance(part, PartStructure)]
     rows = [[key, f"`mb.report(mb.{name}(...))`", short_hash(PartPage(part).d)] for key, part, name in parts]

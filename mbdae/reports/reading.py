@@ -89,7 +89,7 @@ class Symbols:
 _KINDS = ("a number", "a number", "a vector", "a matrix")
 
 
-class Reader:
+class LatexReader:
     """Evaluates one formula."""
 
     def __init__(self, line: Sequence[str], symbols: Symbols, points: int) -> None:
@@ -136,7 +136,8 @@ class Reader:
         """Value of a product, multiplied from left to right."""
         found = self.power()
         while self.peek() not in _STOP:
-            found = self._times(found, self.power(), self.take() if self.peek() in (r"\cdot", r"\times", "/") else "")
+            sign = self.take() if self.peek() in (r"\cdot", r"\times", "/") else ""
+            found = self._times(found, self.power(), sign)
         return found
 
     def _times(self, a: Any, b: Any, sign: str) -> Any:
@@ -192,7 +193,8 @@ class Reader:
         if token == r"\pi":
             return np.full(self.points, np.pi)
         if token in ("frac", r"\frac", r"\tfrac"):
-            return self._times(self.group(), self.group(), "/")
+            above = self.group()
+            return self._times(above, self.group(), "/")
         if token == r"\sqrt":
             return np.sqrt(self.group())
         if token == r"\mathbf" and self.line[self.i : self.i + 3] in (("{", "0", "}"), ("{", "1", "}")):

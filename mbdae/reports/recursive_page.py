@@ -18,7 +18,7 @@ from mbdae.reports.letters import effort_unit
 from mbdae.reports.page import BOTH, document, row_name, short_hash, title_of
 from mbdae.reports.recursive_values import MATRIX, ORACLE, TREE, RecursiveValues
 from mbdae.reports.sections import chain, motion_in
-from mbdae.reports.statement import Statement, structure_of
+from mbdae.reports.statement import ReportedLaw, structure_of
 from mbdae.reports.tree_vectors import inserted
 from mbdae.reports.vectors import Base, Vector
 from mbdae.symbolic.joint import Joint
@@ -169,7 +169,7 @@ def matrix(rows: list[str]) -> str:
     return rows[0] if len(rows) == 1 and "&" not in rows[0] else rf"\begin{{bmatrix}} {inside} \end{{bmatrix}}"
 
 
-def recursive_pages(s: Statement, others: frozenset[str]) -> list[tuple[Any, list[Block]]]:
+def recursive_pages(s: ReportedLaw, others: frozenset[str]) -> list[tuple[Any, list[Block]]]:
     """The page on a joint in the recursive formulation; empty for a joint that states no motion of l relative to k."""
     if not (isinstance(s.law, Joint) and s.law.states_motion() and s.sides == ("k", "l")):
         return []

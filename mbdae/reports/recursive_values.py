@@ -13,7 +13,7 @@ from mbdae.kernels.tree_plan import Piece, tree_plan
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import INERTIA, Letter, second_rate_of
 from mbdae.reports.page import Check
-from mbdae.reports.statement import Statement
+from mbdae.reports.statement import ReportedLaw
 from mbdae.reports.states import POINTS, STEP, SymbolValues, random_state, residual
 from mbdae.reports.tree_vectors import VectorTree, link_of, tree_of
 from mbdae.reports.vectors import Base
@@ -32,22 +32,13 @@ class RecursiveValues(LawPage):
     def __init__(self, law: type[Joint], structure: Structure, others: frozenset[str] = frozenset()) -> None:
         plain = {"kept": True, "friction": None, "rubs": None}
         options = tuple((name, plain.get(name, value)) for name, value in structure.options)
-        s = Statement(law, replace(structure, options=options, timed=frozenset()))
+        s = ReportedLaw(law, replace(structure, options=options, timed=frozenset()))
         super().__init__(s, rows=False, others=others, state=random_state(s.derived, seed=4))
         link = link_of(law, s.structure, s.law.derived())
         self.tree, self.plan = VectorTree(s, link), tree_plan(tree_of(link))
         self.further: dict[str, Any] = {}  #: values of symbols that single sections use
         self._letters()
-        # random states of k and of the coordinates, with l moved by the compiled recursion
-        free, rng = self.state, np.random.default_rng(5)
-        sides = [f.side for f in free.d.frames[2:]]
-        self.starts = np.cumsum([0, *(3 if side in self.s.turning.values() else 1 for side in sides)])
-        self.up, self.load = rng.normal(size=(POINTS, 6 + self.starts[-1])), rng.normal(size=(POINTS, 6))
-        found = self.run(self.plan.forward)
-        q, u, self.upl = (np.stack([found[head, 1, i] for i in range(n)], -1) for head, n in (("q", 7), ("u", 6), ("up", 6)))
-        names = [f"l_{n}" for n in ("r1", "r2", "r3", "P1", "P2", "P3", "P4", "v1", "v2", "v3", "W1", "W2", "W3")]
-        self.state = SymbolValues(free.d, free.given | dict(zip(names, np.concatenate([q, u], 1).T, strict=True)))
-        self.Rk, self.Rl = (np.stack([self.state.vector(c) for c in self.state.frame(side).body], -1) for side in "kl")
+        self._on_motion()
 
     def _letters(self) -> None:
         known = self.known
@@ -68,6 +59,18 @@ class RecursiveValues(LawPage):
         return program_fingerprint(made.program, [e for _, e in [*made.rows, *made.motion]])
 
     # -- values from the compiled recursion
+
+    def _on_motion(self) -> None:
+        """Random states of k and of the coordinates, with l moved by the compiled recursion."""
+        free, rng = self.state, np.random.default_rng(5)
+        sides = [f.side for f in free.d.frames[2:]]
+        self.starts = np.cumsum([0, *(3 if side in self.s.turning.values() else 1 for side in sides)])
+        self.up, self.load = rng.normal(size=(POINTS, 6 + self.starts[-1])), rng.normal(size=(POINTS, 6))
+        found = self.run(self.plan.forward)
+        q, u, self.upl = (np.stack([found[head, 1, i] for i in range(n)], -1) for head, n in (("q", 7), ("u", 6), ("up", 6)))
+        names = [f"l_{n}" for n in ("r1", "r2", "r3", "P1", "P2", "P3", "P4", "v1", "v2", "v3", "W1", "W2", "W3")]
+        self.state = SymbolValues(free.d, free.given | dict(zip(names, np.concatenate([q, u], 1).T, strict=True)))
+        self.Rk, self.Rl = (np.stack([self.state.vector(c) for c in self.state.frame(side).body], -1) for side in "kl")
 
     def run(self, piece: Piece, load: Any = None, up: Any = None, state: SymbolValues | None = None,
             stepped: bool = False) -> dict[Any, Any]:
@@ -197,13 +200,12 @@ class RecursiveValues(LawPage):
         st, s = self.state, self.s
         given = dict(st.given) | {f"k_v{i + 1}": np.zeros(POINTS) for i in range(3)}
         spin = np.einsum("pji,pj->pi", self.Rk, turn_k)
-        given |= {f"k_W{i + 1}": spin[:, i] for i in range(3)}
-        given |= {str(s.clock[c]): symbols[str(c)] for c in s.virtual}
+        given |= {f"k_W{i + 1}": spin[:, i] for i in range(3)} | {str(s.clock[c]): symbols[str(c)] for c in s.virtual}
         given |= {f"{side}_W{i + 1}": symbols[f"d{side}_W{i + 1}"] for side in s.turning.values() for i in range(3)}
         found = self.run(self.plan.forward, state=SymbolValues(st.d, given))
         return np.einsum("pij,pj->pi", self.Rl, np.stack([found["u", 1, i] for i in (3, 4, 5)], -1))
 
 
-def _name(s: Statement, side: str) -> str:
+def _name(s: ReportedLaw, side: str) -> str:
     found: str = next(name for name, place in s.places.items() if place == side)
     return found

@@ -18,7 +18,7 @@ from mbdae.reports.letters import of_name, unit_on
 from mbdae.reports.scene_solution import ZERO, Coefficients, solved
 from mbdae.reports.states import POINTS, value
 from mbdae.reports.units import Unit, dimensions, unit, unit_in
-from mbdae.reports.vectors import Record
+from mbdae.reports.vectors import NamedQuantities
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
@@ -111,7 +111,7 @@ class SceneEquations:
         self.latex: dict[str, str] = {}
         self.said: dict[str, Said] = {}  #: unit and meaning, by the LaTeX of a letter
         self.names = Names()
-        self.writer = Writer(Record(), self.latex)
+        self.writer = Writer(NamedQuantities(), self.latex)
         units = [unit_of_row(prepared.model, row, effort=True) for row in self.m.rows]
         self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{self.names.said('row', row.name)}}}", units[i],
                                      f"multiplier of the row {row.name}") for i, row in enumerate(self.m.rows)]
@@ -119,24 +119,7 @@ class SceneEquations:
         self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
         self.rows = self._equations()
         self.steps = solved(self.rows, self._number, {at: str(v.effort) for at, v in self.velocities.items()})
-        # components of the joint forces ("F") on the bodies l and of their moments ("T") about the joint's point on
-        # l, by item and axis
-        found: dict[tuple[str, str, int], Expr] = {}
-        groups = self.prepared.model.groups
-        for n, row in enumerate(self.m.rows):
-            d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
-            nodes = dict(zip([f.side for f in d.frames], instance.nodes, strict=True))
-            side, sign = ("l", -1) if nodes.get("l") is not None else ("k", 1)
-            if nodes.get(side) is None:
-                continue
-            force, moment = d.G[row.row][side]
-            arm = arm_of(d, next(f for f in d.frames if f.side == side))
-            for letter, part in (("F", force), ("T", moment - arm.cross(force))):
-                for i, e in enumerate(part):
-                    if (entry := se.expand(e)) != 0:
-                        old = found.get((letter, instance.item, i), ZERO)
-                        found[letter, instance.item, i] = old + sign * self._renamed(row, d, entry) * self.unknowns[n]
-        self.on_l = dict(sorted(found.items(), key=lambda entry: entry[0][0]))
+        self.on_l = self._forces_on_l()
 
     def _refuse(self) -> None:
         model = self.prepared.model
@@ -254,6 +237,26 @@ class SceneEquations:
     def _number(self, e: Expr) -> float:
         """Value of a coefficient at the start."""
         return float(np.broadcast_to(value(se.sympify(e), lambda symbol: self._at_start[str(symbol)]), (1,))[0])
+
+    def _forces_on_l(self) -> dict[tuple[str, str, int], Expr]:
+        """Components of the joint forces ("F") on the bodies l and of their moments ("T") about the joint's
+        point on l, by item and axis."""
+        found: dict[tuple[str, str, int], Expr] = {}
+        groups = self.prepared.model.groups
+        for n, row in enumerate(self.m.rows):
+            d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
+            nodes = dict(zip([f.side for f in d.frames], instance.nodes, strict=True))
+            side, sign = ("l", -1) if nodes.get("l") is not None else ("k", 1)
+            if nodes.get(side) is None:
+                continue
+            force, moment = d.G[row.row][side]
+            arm = arm_of(d, next(f for f in d.frames if f.side == side))
+            for letter, part in (("F", force), ("T", moment - arm.cross(force))):
+                for i, e in enumerate(part):
+                    if (entry := se.expand(e)) != 0:
+                        old = found.get((letter, instance.item, i), ZERO)
+                        found[letter, instance.item, i] = old + sign * self._renamed(row, d, entry) * self.unknowns[n]
+        return dict(sorted(found.items(), key=lambda entry: entry[0][0]))
 
     # -- values at states
 

@@ -184,6 +184,9 @@ class Sheet:
     def sparsity(self) -> Section:
         """Section with the sparsity pattern of the iteration matrix."""
         places, n = self.system.pattern, self.system.n
+        if places is None:
+            full = f"Jacobian of the system: {n} x {n}, full, since large trees are evaluated joint by joint."
+            return Section("Sparsity", [Paragraph(full)])
         nnz, columns = places.nnz, np.repeat(np.arange(n), np.diff(places.indptr))
         entries = sorted(zip(places.indices.tolist(), columns.tolist(), strict=True))
         text = (

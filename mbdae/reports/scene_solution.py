@@ -24,7 +24,7 @@ ZERO = se.Integer(0)
 Coefficients = dict[Any, Expr]  #: coefficients by multiplier; the constant term under None
 
 
-class Step(NamedTuple):
+class SolvedTogether(NamedTuple):
     """Multipliers that are solved for together, the rows that determine them, and the places of these in u. A row of a force
     balance is solved already: it holds the value of its multiplier, which is no longer in it."""
 
@@ -33,25 +33,25 @@ class Step(NamedTuple):
     places: list[int]
 
 
-def solved(rows: Mapping[int, Coefficients], number: Callable[[Expr], float], efforts: Mapping[int, str]) -> list[Step]:
+def solved(rows: Mapping[int, Coefficients], number: Callable[[Expr], float], efforts: Mapping[int, str]) -> list[SolvedTogether]:
     """The steps of the solution in their order. number: value of a coefficient at the start; efforts: units of the rows.
     ValueError where too many multipliers must be solved for together."""
-    left, later = {at: dict(row) for at, row in rows.items()}, list[Step]()
+    left, later = {at: dict(row) for at, row in rows.items()}, list[SolvedTogether]()
     while (found := _pivot(left)) is not None:
         at, unknown = found
         row = left.pop(at)
         c = row.pop(unknown)
         value = {key: -e * c for key, e in row.items()}  # c is 1 or -1, so that dividing by c is multiplying by it
-        later.insert(0, Step([unknown], [value], [at]))
+        later.insert(0, SolvedTogether([unknown], [value], [at]))
         left = {a: _inserted(r, unknown, value) for a, r in left.items()}
-    open_, steps, known = {a: r for a, r in left.items() if len(r) > 1}, list[Step](), set[Any]()
+    open_, steps, known = {a: r for a, r in left.items() if len(r) > 1}, list[SolvedTogether](), set[Any]()
     while open_:
         block = _block(open_, known, number)
         if block is None:
             raise ValueError(f"more than {LARGEST_BLOCK} constraint rows must be solved together (no mistake in the scene)")
         places, unknowns = block
         places += _further(open_, places, unknowns, known, efforts)
-        steps.append(Step(unknowns, [open_.pop(at) for at in places], places))
+        steps.append(SolvedTogether(unknowns, [open_.pop(at) for at in places], places))
         known |= set(unknowns)
         open_ = {a: r for a, r in open_.items() if _unsolved(r, known)}
     return steps + later

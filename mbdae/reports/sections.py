@@ -14,7 +14,7 @@ from mbdae.reports.calculus import Pair
 from mbdae.reports.law_page import LawPage, planar_of
 from mbdae.reports.letters import of_name, specs_of_coordinates, unit_text, worded
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, row_name, title_of
-from mbdae.reports.statement import Statement
+from mbdae.reports.statement import ReportedLaw
 from mbdae.reports.states import POINTS, SymbolValues, random_state, value
 from mbdae.reports.writer import subscript
 from mbdae.symbolic.derive import Derived
@@ -30,7 +30,7 @@ ANGLE, LENGTH = 0.6, 0.9  #: values of coordinates in the drawing: angles in rad
 COLOURS = ("#d55e00", "#009e73", "#0072b2")
 
 
-def figure_of(s: Statement) -> list[Block]:
+def figure_of(s: ReportedLaw) -> list[Block]:
     """Figure of the two bodies of a law with their frames; empty for a law on other frames."""
     if s.sides != ("k", "l"):
         return []
@@ -66,7 +66,7 @@ def figure_of(s: Statement) -> list[Block]:
     return [Picture(found, f"{caption}{given}.")]
 
 
-def _pose(s: Statement) -> tuple[Any, Any, list[str]]:
+def _pose(s: ReportedLaw) -> tuple[Any, Any, list[str]]:
     """Displacement (3,) and axes (3, 3, in columns) of l, and the values of the coordinates it is drawn at, in words."""
     law, drawn = s.law, list[str]()
     if not isinstance(law, Joint) or not law.states_motion():
@@ -161,7 +161,7 @@ class PlanarPage(LawPage):
     """A law in the plane, stated with the same vectors and compared with the planar kernel."""
 
     def __init__(self, of: LawPage) -> None:
-        statement = Statement(of.s.cls, of.s.structure, planar=True)
+        statement = ReportedLaw(of.s.cls, of.s.structure, planar=True)
         _ = statement.rows
         super().__init__(statement, of.what, others=of.taken)
         self.kernel = self.compiled(lambda d: [*position(d), *dynamics(d)])
@@ -201,7 +201,7 @@ def planar_pages(r: LawPage) -> tuple[Derived | None, list[Section], list[tuple[
 # -- a joint: coordinates and their motion; solution set of the rows, found from random attitudes
 
 
-def title_of_joint(s: Statement) -> str:
+def title_of_joint(s: ReportedLaw) -> str:
     """The name of the joint, and whether its coordinates are unknowns."""
     cls = s.cls
     title = title_of(cls) if "oint" in cls.__name__ or not issubclass(cls, Joint) else f"{title_of(cls)} joint"
@@ -210,7 +210,7 @@ def title_of_joint(s: Statement) -> str:
     return title
 
 
-def other_statements(s: Statement) -> list[Block]:
+def other_statements(s: ReportedLaw) -> list[Block]:
     """Sentence on how to get reports of the joint with other options."""
     cls = s.cls
     if not issubclass(cls, Joint) or not cls.coordinates:
@@ -227,7 +227,7 @@ def other_statements(s: Statement) -> list[Block]:
     return [Paragraph(f"Other statements: {'; '.join(said)}.")] if said else []
 
 
-def motion_in(s: Statement) -> Motion | None:
+def motion_in(s: ReportedLaw) -> Motion | None:
     """Motion of a joint in a statement's symbols; None if the joint states none, or has a free rotation that is no unknown."""
     if not isinstance(s.law, Joint):
         return None

@@ -15,7 +15,7 @@ from mbdae.laws.joints import Revolute
 from mbdae.laws.surfaces import SurfaceContact
 from mbdae.reports.calculus import Dual, ForwardDerivative, Pair, actual, virtual
 from mbdae.reports.letters import specs_of_coordinates
-from mbdae.reports.vectors import Record, Vector
+from mbdae.reports.vectors import NamedQuantities, Vector
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
@@ -134,7 +134,7 @@ def derived(law: type[Law], structure: Structure, planar: bool = False) -> Deriv
     return derive(law, structure, sides)
 
 
-class Statement:
+class ReportedLaw:
     """A law evaluated with recorded vectors; `derived`: the law as it is integrated, `still`: names of fixed frames.
 
     planar: all vectors lie in the plane and rotations are angles."""
@@ -148,7 +148,7 @@ class Statement:
         scalars = {name: c for name, c in own.items() if c.kind is NodeKind.COORDINATE}
         #: frames of the free rotations that are unknowns, by coordinate
         self.turning = {name: c.side for name, c in own.items() if name not in scalars}
-        self.record = Record((*law.frames, *self.turning.values()))
+        self.record = NamedQuantities((*law.frames, *self.turning.values()))
         self.record.resolve, self.record.flat = self.names, planar
         self.frames = tuple(self._frame(side, *kind) for side, kind in zip(law.frames, sides_of(law, planar), strict=True))
         #: names of the frames on which the law is stated, without those of free rotations that are unknowns

@@ -9,7 +9,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
+from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Vector
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.rebuild import complex_atan2
@@ -29,14 +29,7 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
     if e.is_Number or e == se.pi or e == se.E:
         return float(e)
     if isinstance(e, se.Piecewise):
-        # value of a Piecewise; a case whose condition is false may be undefined
-        conditions, values = [], []
-        with np.errstate(all="ignore"):
-            for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
-                conditions.append(True if str(condition) == "True" else value(condition, get))
-                values.append(value(result, get))
-            shape = np.broadcast_shapes(*(np.shape(x) for x in (*conditions, *values)))
-            return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
+        return _chosen(e, get)
     a = [value(x, get) for x in e.args]
     if isinstance(e, se.Add):
         return sum(a[1:], a[0])
@@ -63,10 +56,21 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
     return getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))(*a)
 
 
+def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
+    """Value of a Piecewise; a case whose condition is false may be undefined."""
+    conditions, values = [], []
+    with np.errstate(all="ignore"):
+        for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
+            conditions.append(True if str(condition) == "True" else value(condition, get))
+            values.append(value(result, get))
+        shape = np.broadcast_shapes(*(np.shape(x) for x in (*conditions, *values)))
+        return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
+
+
 class FormulaValues:
     """Values of a record's formulas at many states at once, from those of atoms (points, 3) and symbols (points,)."""
 
-    def __init__(self, record: Record, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], Any]) -> None:
+    def __init__(self, record: NamedQuantities, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], Any]) -> None:
         self.record, self.atoms, self.symbols = record, atoms, symbols
         self._known: dict[Any, Any] = {}
 

@@ -7,14 +7,14 @@ from typing import Any
 import symengine as se
 
 from mbdae.reports.calculus import distributed
-from mbdae.reports.statement import Statement
-from mbdae.reports.vectors import Base, NamedVector, Product, Record, Vector
+from mbdae.reports.statement import ReportedLaw
+from mbdae.reports.vectors import Base, NamedQuantities, NamedVector, Product, Vector
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.motion import Step
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.tree import TreeProgram, Wrench
-from mbdae.symbolic.tree_motion import Link, Moved, State, TreeStructure, Way
+from mbdae.symbolic.tree_motion import Link, LinkWay, Moved, NodeMotion, TreeStructure
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 
@@ -39,7 +39,7 @@ class _Vectors(Program):
 
     def __init__(self) -> None:
         super().__init__()
-        self.turns, self.last, self.record = 0, 0, Record()
+        self.turns, self.last, self.record = 0, 0, NamedQuantities()
         self.reached: tuple[Vec, ...] = ()
 
     def let(self, e: Any) -> Expr:
@@ -64,7 +64,7 @@ class VectorTree(TreeProgram):
     reached: axes of l; spins: angular velocity and acceleration of l by those of k and the coordinates; l: its motion;
     root: force and moment that the joint passes on to k."""
 
-    def __init__(self, s: Statement, link: Link) -> None:
+    def __init__(self, s: ReportedLaw, link: Link) -> None:
         self.s, self.link = s, link
         self.atom = s.record.atom
         super().__init__(tree_of(link))
@@ -99,11 +99,11 @@ class VectorTree(TreeProgram):
         q = self.s.coordinates[name]
         return {"q": q, "u": self.s.clock[q], "up": self.second(name)}[head]
 
-    def _root(self, kind: NodeKind) -> State:
+    def _root(self, kind: NodeKind) -> NodeMotion:
         r, v, w, a, al = (self.atom(name, "k") for name in ("c", "vc", "w", "ac", "al"))
-        return State(kind, r, UNIT, se.Integer(0), v, w, a, al)
+        return NodeMotion(kind, r, UNIT, se.Integer(0), v, w, a, al)
 
-    def _frame(self, j: int, link: Link, side: str, node: State, axes: Axes) -> tuple[Vec, tuple[Vec, ...]]:
+    def _frame(self, j: int, link: Link, side: str, node: NodeMotion, axes: Axes) -> tuple[Vec, tuple[Vec, ...]]:
         return self.atom("s", side), tuple(self.atom(name, side) for name in "xyz")
 
     def _motion(self, j: int, link: Link) -> list[Moved]:
@@ -119,14 +119,14 @@ class VectorTree(TreeProgram):
         rotation = self.s.values[name]
         return rotation, Moved(Step(True, ZERO, se.Integer(0), rotation), number=c, spin=spin, change=change)
 
-    def _spins(self, found: Way) -> tuple[Vec, Vec]:
+    def _spins(self, found: LinkWay) -> tuple[Vec, Vec]:
         self.spins: Any = (found.w, found.al)
         return self.atom("w", "l"), self.atom("al", "l")
 
-    def _orient(self, child: State, k: State, place: tuple[int, Link, str], found: Way) -> None:
+    def _orient(self, child: NodeMotion, k: NodeMotion, place: tuple[int, Link, str], found: LinkWay) -> None:
         pass
 
-    def _arm(self, j: int, link: Link, side: str, node: State) -> Vec:
+    def _arm(self, j: int, link: Link, side: str, node: NodeMotion) -> Vec:
         return self.atom("s", side)
 
     def _along(self, wrench: Wrench) -> dict[tuple[int, int], Expr]:
@@ -154,7 +154,7 @@ def inserted(a: Vector, atoms: dict[Base, Vector], symbols: dict[Expr, Expr]) ->
     return total
 
 
-def _replaced(record: Record, atom: Any, atoms: dict[Base, Vector], symbols: dict[Expr, Expr]) -> Vector:
+def _replaced(record: NamedQuantities, atom: Any, atoms: dict[Base, Vector], symbols: dict[Expr, Expr]) -> Vector:
     plain = Vector(record, {atom: se.Integer(1)})
     if isinstance(atom, Product):
         left, right = (_replaced(record, part, atoms, symbols) for part in (atom.left, atom.right))

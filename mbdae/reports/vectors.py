@@ -56,7 +56,7 @@ def _turning(atom: Atom) -> tuple[Any, ...]:
 AXES = tuple(Base("E", side) for side in "xyz")
 
 
-class Record:
+class NamedQuantities:
     """Intermediate quantities of one law: inner products, named scalars, named vectors."""
 
     def __init__(self, sides: tuple[str, ...] = ("k", "l")) -> None:
@@ -156,7 +156,7 @@ class Vector(Vec):
 
     __slots__ = ("record", "terms")
 
-    def __init__(self, record: Record, terms: dict[Atom, Expr]) -> None:
+    def __init__(self, record: NamedQuantities, terms: dict[Atom, Expr]) -> None:
         self.record = record
         self.terms = {atom: c for atom, c in terms.items() if c != 0}
 

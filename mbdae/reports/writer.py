@@ -8,7 +8,7 @@ from fractions import Fraction
 import symengine as se
 
 from mbdae.errors import LawError, internal
-from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
+from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Vector
 from mbdae.symbolic.vectors import Expr
 
 _SUM, _PRODUCT, _POWER, _ATOM = 0, 1, 2, 3  #: precedence of formulas, from loosest to tightest
@@ -27,7 +27,7 @@ _RELATIONS = {"LessThan": r"\le", "StrictLessThan": "<", "Equality": "=", "Unequ
 class Writer:
     """LaTeX of the formulas of one record; remembers the symbols, frame vectors and named vectors it wrote."""
 
-    def __init__(self, record: Record, letters: Mapping[str, str], names: Mapping[int, str] | None = None) -> None:
+    def __init__(self, record: NamedQuantities, letters: Mapping[str, str], names: Mapping[int, str] | None = None) -> None:
         self.record, self.letters, self.names = record, letters, dict(names or {})
         self.used: set[str] = set()  #: names of the scalar symbols written so far
         self.bases: set[Base] = set()

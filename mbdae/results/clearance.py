@@ -38,6 +38,35 @@ def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [((name, i), v.resolve(v.name(e))) for name, parts in d.law.observed(*d.sides).items() for i, e in enumerate(parts)]
 
 
+class RopeSensor(ConnectionSensor):
+    """Sensor of a force that states what it shows: force and torque on l, power, and these; arrays (nt, ...) over the times."""
+
+    @cached_property
+    def _columns(self) -> dict[str, Array]:
+        """(nt, n) of every observed quantity."""
+        ((_, targets, values),) = self._evaluated(observed_outputs)
+        names = [name for name, _ in targets]
+        return {name: values[:, [n == name for n in names]] for name in names}
+
+    @judged
+    @quantity("N", loop=True)
+    def tension(self) -> Array:
+        """Tension of a rope (nt,), N; 0 where it is slack."""
+        return self._columns["tension"][:, 0]
+
+    @property
+    @quantity("m")
+    def length(self) -> Array:
+        """Length of a rope's path (nt,), m; what was wound on drums since the drawing counts."""
+        return self._columns["length"][:, 0]
+
+    @property
+    @quantity("m")
+    def on_pulleys(self) -> Array:
+        """Lengths (nt, pulleys) of a rope on its pulleys, m; negative where it has left one."""
+        return self._columns.get("on_pulleys", np.zeros((len(self._result.t), 0)))
+
+
 class ContactSensor(ConnectionSensor):
     """Sensor of two surfaces that touch: force, torque and power as of every force, and the quantities of their contact.
 

@@ -217,11 +217,7 @@ def contacts_of(t: Array, gap: Array, rate: Array) -> tuple[Array, Array, Array]
     begin = np.r_[t[:1] if touching[0] else [], times[touching[change + 1]]] if len(change) else t[:1] if touching[0] else t[:0]
     end = times[~touching[change + 1]] if len(change) else t[:0]
     end = np.r_[end, t[-1:]] if touching[-1] else end
-    # (steps,) largest penetration inside every step
-    depth = np.maximum(-gap[:-1], -gap[1:])
-    for i in np.flatnonzero((rate[:-1] < 0) & (rate[1:] > 0) & (np.minimum(gap[:-1], gap[1:]) < 0)):
-        depth[i] = max(depth[i], -_minimum(_hermite(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]))[1])
-    depth = np.maximum(depth, 0.0)
+    depth = _deepest(t, gap, rate)
     peak = [np.max(depth[max(np.searchsorted(t, a, "right") - 1, 0) : max(np.searchsorted(t, b, "left"), 1)], initial=0.0)
             for a, b in zip(begin, end, strict=True)]
     return begin, end, np.array(peak)
@@ -241,6 +237,14 @@ def _zero(t: Array, g: Array, r: Array) -> float:
     inside = real[(real >= 0) & (real <= 1)]
     share = float(inside[0]) if len(inside) else float(g[0] / (g[0] - g[1]))
     return float(t[0] + share * (t[1] - t[0]))
+
+
+def _deepest(t: Array, gap: Array, rate: Array) -> Array:
+    """(steps,) largest penetration inside every step."""
+    depth = np.maximum(-gap[:-1], -gap[1:])
+    for i in np.flatnonzero((rate[:-1] < 0) & (rate[1:] > 0) & (np.minimum(gap[:-1], gap[1:]) < 0)):
+        depth[i] = max(depth[i], -_minimum(_hermite(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]))[1])
+    return np.maximum(depth, 0.0)
 
 
 def _minimum(c: Array) -> tuple[float, float]:

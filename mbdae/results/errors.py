@@ -285,7 +285,7 @@ class Errors:
     @property
     def _leaves_out(self) -> bool:
         """Whether the run may leave out vibrations of beams."""
-        return any(other.kind == "window" for other in self.others)
+        return bool(self.prepared.model.lines) and any(other.kind == "window" for other in self.others)
 
     def _remedy(self, asked: float) -> str:
         smaller = f"accuracy={asked / 10:.0e}"

@@ -14,7 +14,7 @@ from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution
 from mbdae.notation import counted, rows, titled
 from mbdae.results.accuracy import Drift, Event, OfRun, RunInfo
-from mbdae.results.clearance import ClearanceSensor, ContactSensor
+from mbdae.results.clearance import ClearanceSensor, ContactSensor, RopeSensor
 from mbdae.results.contacts import Peak, peak
 from mbdae.results.quantities import Quantity, to_csv, to_dataframe, to_xarray, value
 from mbdae.results.sensors import BodySensor, ConnectionSensor
@@ -325,6 +325,7 @@ class Result(OfRun, RunStates, ListsAttributes):
 def _sensor(run: RunStates, item: Body | Connection) -> Any:
     """The sensor of a body, beam, joint or force element."""
     if isinstance(item, Connection):
-        touches = any(isinstance(law, Contact) for law in item.laws)
-        return ClearanceSensor(run, item) if item.loose else (ContactSensor if touches else ConnectionSensor)(run, item)
+        if item.loose or any(isinstance(law, Contact) for law in item.laws):
+            return (ClearanceSensor if item.loose else ContactSensor)(run, item)
+        return (RopeSensor if any(getattr(law, "must_stay", None) for law in item.laws) else ConnectionSensor)(run, item)
     return BeamSensor(run, item) if isinstance(item, Beam) else BodySensor(run, item)

@@ -107,32 +107,8 @@ def _reason(error: Exception) -> str:
 
 
 def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> Result:
-    # badValueError unless the times of the steps rise and the times of the outputs lie between the first and the last
-    t, steps = arrays["t"], arrays["steps"]
-    parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
-    if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
-        raise BadValueError("the times of the steps in the file do not increase: it was changed or damaged")
-    if not len(t):
-        raise BadValueError("the file has no output times")
-    slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))
-    outside = (t < steps[0] - slack) | (t > steps[-1] + slack)
-    if np.any(outside):
-        raise BadValueError(f"the file's output time {t[outside][0]:g} s is outside of its run, {steps[0]:g} to {steps[-1]:g} s")
-    if abs(header["start"]["t"] - steps[0]) > slack:
-        raise BadValueError(f"the start in the file is at {header['start']['t']:g} s, but its run begins at {steps[0]:g} s")
-    # refuse a beam with more elements than the run has unknowns before its mesh is made: it could take all memory
-    unknowns = len(header["run"]["names"])
-    for method, args, kwargs in header["scene"]["statements"]:
-        given = kwargs.get("elements", 1) if method == "beam" else 1
-        for count in given if isinstance(given, list) else [given]:
-            if not isinstance(count, int) or count > unknowns:
-                name = args[0] if args else kwargs.get("name")
-                raise BadValueError(f"the beam {shown(name)} in the file has elements = {shown(count)}, where a whole number of "
-                                    f"at most {unknowns}, the number of unknowns of its run, is expected")
-    scene: SceneData = replay(header["scene"], SceneData, known)
-    if scene.problems or not scene.bodies:
-        problem = scene.problems[0] if scene.problems else "it has no bodies"
-        raise BadValueError(f"the scene in the file cannot be built: {problem}")
+    _check_times(header, arrays)
+    scene = _scene(header, known)
     numbers: dict[str, Any] = {name: arrays[f"start_{name}"] for name in _START}
     start = start_of(header["start"], numbers, scene, known)
     prepared = _prepared(header, scene, start)
@@ -165,6 +141,15 @@ def _rank(rank: RankReport) -> dict[str, Any]:
     return names | {"doubtful": doubtful, "degrees_of_freedom": rank.degrees_of_freedom, "smallest": rank.smallest}
 
 
+def _scene(header: dict[str, Any], known: Known) -> SceneData:
+    _check_elements(header["scene"]["statements"], len(header["run"]["names"]))
+    scene: SceneData = replay(header["scene"], SceneData, known)
+    if scene.problems or not scene.bodies:
+        problem = scene.problems[0] if scene.problems else "it has no bodies"
+        raise BadValueError(f"the scene in the file cannot be built: {problem}")
+    return scene
+
+
 def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepared:
     unknowns = header["run"]["names"]
     model, moved = modelled(scene)
@@ -188,6 +173,17 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     _check_unknowns(prepared, unknowns)
     prepared.contacts += expected_contacts(mechanics, start, {}, prepared.time)
     return prepared
+
+
+def _check_elements(statements: list[Any], unknowns: int) -> None:
+    """Refuse a beam with more elements than the run has unknowns before its mesh is made: it could take all memory."""
+    for method, args, kwargs in statements:
+        given = kwargs.get("elements", 1) if method == "beam" else 1
+        for count in given if isinstance(given, list) else [given]:
+            if not isinstance(count, int) or count > unknowns:
+                name = args[0] if args else kwargs.get("name")
+                raise BadValueError(f"the beam {shown(name)} in the file has elements = {shown(count)}, where a whole number of "
+                                    f"at most {unknowns}, the number of unknowns of its run, is expected")
 
 
 def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
@@ -303,3 +299,19 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
         if not fits:
             wanted = str(meant[name]).replace("None", "any")
             raise BadValueError(f"the file's array {name} has shape {shape}, not {wanted}; steps: {steps}, unknowns: {n}")
+
+
+def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
+    """BadValueError unless the times of the steps rise and the times of the outputs lie between the first and the last."""
+    t, steps = arrays["t"], arrays["steps"]
+    parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
+    if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
+        raise BadValueError("the times of the steps in the file do not increase: it was changed or damaged")
+    if not len(t):
+        raise BadValueError("the file has no output times")
+    slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))
+    outside = (t < steps[0] - slack) | (t > steps[-1] + slack)
+    if np.any(outside):
+        raise BadValueError(f"the file's output time {t[outside][0]:g} s is outside of its run, {steps[0]:g} to {steps[-1]:g} s")
+    if abs(header["start"]["t"] - steps[0]) > slack:
+        raise BadValueError(f"the start in the file is at {header['start']['t']:g} s, but its run begins at {steps[0]:g} s")

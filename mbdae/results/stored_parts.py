@@ -51,13 +51,7 @@ def statements(scene: SceneData) -> dict[str, Any]:
                                   f"texts, expressions of mb.t, laws, or a function defined with def")
             _check_name(f"{method} '{item}'", found.get("class", found.get("object", found.get("law"))))
     if set(scene.own) - set(Known().own):
-        # OptionError where the user's own laws are not the same in a scene built again from the data
-        try:
-            refuse_losses(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
-        except MbdaeError as error:
-            reason = "; ".join(error.problems) if isinstance(error, SceneError) else error
-            raise OptionError(f"this scene could not be built again from what would be stored of it: {reason}; keep "
-                              f"the script that states it, and its results by r.to_csv") from error
+        _check_own(scene, data)
     return data
 
 
@@ -88,6 +82,16 @@ def _check_name(item: str, name: Any) -> None:
     if isinstance(name, str) and name.endswith(")"):
         raise OptionError(f"{item}: two classes or functions are called {name.rpartition(' ')[0]}, which the file could not tell "
                           f"apart; give each a name of its own")
+
+
+def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
+    """OptionError where the user's own laws are not the same in a scene built again from the data."""
+    try:
+        refuse_losses(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
+    except MbdaeError as error:
+        reason = "; ".join(error.problems) if isinstance(error, SceneError) else error
+        raise OptionError(f"this scene could not be built again from what would be stored of it: {reason}; keep "
+                          f"the script that states it, and its results by r.to_csv") from error
 
 
 def own_laws(model: Model) -> dict[str, str]:

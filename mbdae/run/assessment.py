@@ -23,9 +23,9 @@ from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.amplification import decided_by_round_off
 from mbdae.run.checks import doubts
-from mbdae.run.control import LARGE, Controlled
+from mbdae.run.control import LARGE
 from mbdae.run.drift import Assessment, doubts_of_steps, energy_drift, joint_drift, reliability
-from mbdae.run.estimate import SLOW
+from mbdae.run.estimate import SLOW, Controlled
 from mbdae.run.growing import left_behind, total
 from mbdae.scene.models import spanning_tree
 from mbdae.symbolic.frames import NodeKind
@@ -234,7 +234,7 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     changed = dict.fromkeys(c for c in found.prepared.start.changes if isinstance(c, ChangedVelocity))
     notes = [*changed, *missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run, known.asked),
              *contact.notes, *singular, *growth_words(run, known.asked, found.prepared), *unequal_lengths(found),
-             *turned_aside(found), *energy_drift(found, run, known.asked)]
+             *turned_aside(found), *past_their_domain(found), *energy_drift(found, run, known.asked)]
     reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
     return Assessment(tuple(notes), reliable, bool(singular), off)
 
@@ -259,6 +259,17 @@ def turned_aside(result: Result) -> list[str]:
             if max(turning[:2]) > ASIDE * max(1 / result.prepared.time, float(np.max(turning))):
                 found.append(f"body '{body.name}' turns about its x or y axis, about which its inertia is 0: one number counts "
                              "about z alone; in space give three principal moments, or a matrix")
+    return found
+
+
+def past_their_domain(result: Result) -> list[str]:
+    """Warnings about forces that no longer mean what they state, such as a rope that has left a pulley."""
+    found = []
+    for c in result.prepared.model.scene.connections:
+        for name, words in (entry for law in c.laws for entry in getattr(law, "must_stay", {}).items()):
+            seen = getattr(result[c.name], name)
+            if (below := np.flatnonzero(np.any(seen < 0, axis=1))).size:
+                found.append(f"{c.kind} '{c.name}', at t = {result.t[below[0]]:.6g} s: {words}")
     return found
 
 

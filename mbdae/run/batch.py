@@ -25,7 +25,8 @@ from mbdae.integrators.dop853 import DOP853
 from mbdae.integrators.loop import StepLoop
 from mbdae.results import archive
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
-from mbdae.run.control import ATTEMPTS, FINER, measure_of, plausible
+from mbdae.run.control import ATTEMPTS, FINER, plausible
+from mbdae.run.estimate import measure_of
 from mbdae.scene.control import problems
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, System

@@ -22,11 +22,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mbdae.errors import OptionError, StoppedError
+from mbdae.errors import OptionError, StoppedError, Stopping, interrupted
 from mbdae.files import first_difference, read_file, write_file
 from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
-from mbdae.integrators.stored_runs import DamagedError, Keeper, Stopping, active, keeping_runs
+from mbdae.integrators.stored_runs import DamagedError, Keeper, active, keeping_runs
 from mbdae.results.reads import own_classes, own_of
 from mbdae.results.result import Result
 from mbdae.results.stored_parts import by_item, own_laws, statements
@@ -158,9 +158,11 @@ def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iter
             yield
     except DamagedError as error:
         raise OptionError(f"checkpoint: {error}") from error
-    except Stopping:
-        raise StoppedError(f"stopped by SIGTERM: what was computed is kept in '{keeper.folder}'; the same call goes on from "
-                           f"there") from None
+    except Stopping as stop:
+        ended = StoppedError(f"stopped by SIGTERM: what was computed is kept in '{keeper.folder}'; the same call goes on from "
+                             f"there")
+        interrupted(ended, "", getattr(stop, "solution", None))
+        raise ended from None
 
 
 def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form | None, start: Result | None,

@@ -20,6 +20,7 @@ from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.system.model.moved_bodies import expressions_of, timeline
 from mbdae.system.model.trees import Tree
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
+from mbdae.values import Array
 
 #: a joint whose point is off a rigid link that it holds by more than this fraction of the link's length is reported
 OFF = 0.01
@@ -139,9 +140,7 @@ class Check(ListsAttributes):
             for body, point in () if at is None else ((c.k, at), (c.l, at if c.joint.at_l is None else c.joint.at_l)):
                 ends = np.asarray(body.outline)
                 if len(ends) > 1 and not isinstance(body, Beam):
-                    along, to = np.diff(ends, axis=0), np.asarray(point) - ends[:-1]
-                    part = np.clip(np.sum(to * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
-                    away = float(np.min(np.linalg.norm(to - part[:, None] * along, axis=1)))
+                    away = _distance(np.asarray(point), ends)
                     if away > OFF * float(np.sum(np.linalg.norm(np.diff(ends, axis=0), axis=1))):
                         found.setdefault(c.name, {})[body.name] = away
         return found
@@ -332,3 +331,10 @@ def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:
 def check_scene(scene: SceneData, accuracy: float = 1e-6) -> Check:
     """Check a scene for an accuracy; raises SceneError with every problem found."""
     return Check(prepare(scene), accuracy)
+
+
+def _distance(point: Array, ends: Array) -> float:
+    """Distance (m) of a point (3,) from the straight pieces between `ends` (n, 3)."""
+    along, to = np.diff(ends, axis=0), point - ends[:-1]
+    part = np.clip(np.sum(to * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
+    return float(np.min(np.linalg.norm(to - part[:, None] * along, axis=1)))

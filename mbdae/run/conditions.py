@@ -87,21 +87,7 @@ def ends_of_curves(scene: Any) -> list[Condition]:
 def _read(scene: Any, option_and_value: str, given: Any) -> Condition:
     """The condition `given`; option_and_value: with which messages begin."""
     try:
-        # a condition as an expression of symengine
-        if isinstance(given, bool | np.bool_):
-            raise BadValueError(f"{given} is no condition (== of symbols is Python's own, which is {given} at once); write an "
-                                f"equation as text, 'J.angle == 0', or as sympy.Eq(...)")
-        if isinstance(given, str):
-            e = text.whole(_with_symbols(scene, given))
-        else:
-            try:
-                e = se.sympify(given)
-            except Exception:  # SymPy and symengine raise errors of many types
-                e = None
-        if e is None or not is_condition(e):
-            raise BadValueError(f"it is no comparison, nor And, Or or Not of comparisons; {EXAMPLE}")
-        if e in (se.true, se.false):
-            raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
+        e = _condition_of(scene, given)
         name = given if isinstance(given, str) else str(given)
         made = _Atoms()
         sides = _sides(scene, given)
@@ -112,6 +98,25 @@ def _read(scene: Any, option_and_value: str, given: Any) -> Condition:
         raise OptionError(f"{option_and_value}: {what_is_wrong}") from None
     functions = tuple(signals.in_sensors(scene, g) for g in made.functions)
     return Condition(name, functions, tuple(made.equations), tuple(made.meeting), tree)
+
+
+def _condition_of(scene: Any, given: Any) -> Expr:
+    """A condition as an expression of symengine."""
+    if isinstance(given, bool | np.bool_):
+        raise BadValueError(f"{given} is no condition (== of symbols is Python's own, which is {given} at once); write an "
+                            f"equation as text, 'J.angle == 0', or as sympy.Eq(...)")
+    if isinstance(given, str):
+        e = text.whole(_with_symbols(scene, given))
+    else:
+        try:
+            e = se.sympify(given)
+        except Exception:  # SymPy and symengine raise errors of many types
+            e = None
+    if e is None or not is_condition(e):
+        raise BadValueError(f"it is no comparison, nor And, Or or Not of comparisons; {EXAMPLE}")
+    if e in (se.true, se.false):
+        raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
+    return e
 
 
 def _sides(scene: Any, given: Any) -> tuple[Any, Any] | None:

@@ -25,6 +25,7 @@ from mbdae.deferred import Later, distinct, median
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
+from mbdae.integrators.watched_arguments import zero_between
 from mbdae.notation import counted
 from mbdae.results.clearance import observed_outputs
 from mbdae.results.contacts import contacts_of
@@ -65,8 +66,7 @@ def typical_speed(prepared: Prepared) -> float:
 
 def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
     """The largest rtol with which a solver resolves contacts and friction of a scene; inf without them."""
-    limits = [float("inf")]
-    limits += [solver.penetration_share * contact.depth / contact.size for contact in prepared.contacts]
+    limits = [float("inf")] + [solver.penetration_share * contact.depth / contact.size for contact in prepared.contacts]
     limits += [RESOLVED * velocity / typical_speed(prepared) for _, _, velocity in slowest_velocities(prepared)]
     return min(limits)
 
@@ -133,24 +133,29 @@ MOST = 20000  #: largest number of intervals that are halved together; where the
 #: contacts are sought down to this fraction of the depth from which on they count: a stiff one that is hardly touched changes
 #: speeds by more than its depth tells. Measured on bodies that graze stops: 3 times the accuracy from a tenth of it as depth
 GRAZING, DAMPED, TINY = 1e-3, 1.5, 1e-300
+FEW = 3  #: a contact counts as stepped over where it is closed at the ends of fewer than this number of steps
 
 Pairs = Callable[[Array], Array]  #: times (k,) -> gap and its rate at every place of contact (k, places, 2)
 
 
 class Hidden(NamedTuple):
-    """A contact that closed inside a step: it is closed at the time `deepest` (s), and open at both ends of the step. The times
-    `begin` and `end` (s), before and after it, are those between which it was found."""
+    """A contact that closed inside a step, or at the ends of fewer than FEW steps: it is closed at the time `deepest` (s), and
+    from `begin` to `end` (s), which may be wider where it closed inside a step."""
 
     name: str
     begin: float
     deepest: float
     end: float
 
+    def ends(self) -> Array:
+        """Times (s) at which steps end that do not pass over it."""
+        return np.append(np.linspace(self.begin, self.end, FEW + 2), self.deepest)
+
 
 def stepped_over(hidden: Sequence[Hidden]) -> str:
     """A warning of contacts that a run has stepped over."""
     first = hidden[0]
-    return (f"{counted(len(hidden), 'contact')} stepped over (closed and opened within a step), first '{first.name}' at "
+    return (f"{counted(len(hidden), 'contact')} stepped over (closed and opened within a step or two), first '{first.name}' at "
             f"t = {first.deepest:.6g} s: the motion from there on is wrong; take a smaller accuracy or tolerance, or constant "
             f"steps of at most "
             f"{(first.end - first.begin) / 2:.1g} s")
@@ -193,29 +198,40 @@ def _off_cubic(gap: Array, s: Any, h: Array, left: Array, right: Array) -> Array
 
 
 def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]:
-    """Contacts that close inside steps at whose ends they are open, in the order of time, by more than `depth` (m or rad), or so
-    that the motion changes by more than that. Where a contact closes several times in one step, one of them is returned. They are
-    counted in the statistics of the run."""
+    """Contacts that close inside steps at whose ends they are open, or at the ends of fewer than FEW steps, in the order of time,
+    by more than `depth` (m or rad), or so that the motion changes by more than that. Where a contact closes several times in one
+    step, one of them is returned. They are counted in the statistics of the run."""
     if system.guards is None or len(run.t) < 2:
         return []
-    pairs, random, found = _pairs_of(system, run), Random(SEED), list[tuple[int, float, float, float]]()
+    pairs, random = _pairs_of(system, run), Random(SEED)
+    every = pairs(run.t)
+    found = list(_of_few_steps(run.t, every[:, :, 0]))
     for first in range(0, len(run.t) - 1, AT_ONCE):
         steps = run.t[first : first + AT_ONCE + 1]
-        found += _in_steps(pairs, steps, _drawn(random, len(steps) - 1), GRAZING * depth)
-    found = _that_count(system, run, pairs, found, depth)
+        at_ends = every[first : first + AT_ONCE + 1, None]
+        found += _in_steps(pairs, steps, at_ends, _drawn(random, len(steps) - 1), GRAZING * depth)
+    found = _that_count(system, run, pairs, every, found, depth)
     run.stats.missed_dips = len(found)  # of those that the solver met, too, others do no harm
     hidden = [Hidden(contact_steps.guard_name(system, place), *times) for place, *times in found]
     return sorted(hidden, key=lambda one: one.deepest)
 
 
-def _that_count(system: System, run: Solution, pairs: Pairs, found: list[tuple[int, float, float, float]],
+def _of_few_steps(t: Array, gaps: Array) -> Iterator[tuple[int, float, float, float]]:
+    """(number of a contact, begin, time at which it is closed, end) for contacts that are closed at the ends of fewer than FEW
+    steps: too few to show the force. gaps (n, places): at the ends t (n,) of steps."""
+    for place, gap in enumerate(gaps.T):
+        turns = np.flatnonzero(np.diff(gap < 0)) + 1
+        turns = turns[1:] if gap[0] < 0 else turns
+        for first, after in zip(turns[::2].tolist(), turns[1::2].tolist(), strict=False):
+            if after - first < FEW:
+                yield place, float(t[first - 1]), float(t[first + np.argmin(gap[first:after])]), float(t[after])
+
+
+def _that_count(system: System, run: Solution, pairs: Pairs, every: Array, found: list[tuple[int, float, float, float]],
                 depth: float) -> list[tuple[int, float, float, float]]:
     """Those of the contacts found that are deeper than `depth` or would change the motion by more: by the impulse of a spring
     with the duration of their impacts and a damper of DAMPED times the critical one, at most that of an elastic impact, over the
     largest speed at which the gap changes, times the distance by which it does."""
-    if not found:
-        return []
-    every = pairs(run.t)
     kept = []
     for place, a, middle, b in found:
         times = np.array([a, middle, b])
@@ -228,8 +244,17 @@ def _that_count(system: System, run: Solution, pairs: Pairs, found: list[tuple[i
         kick = min(2 * sqrt(2 * bend * deep), 2 * w * deep * (DAMPED + w * sqrt(8 * deep / bend) / 3))
         moves, fastest = np.ptp(every[:, place, 0]), np.max(np.abs(every[:, place, 1]))
         if max(-gap[1], kick / max(fastest, TINY) * moves) > depth:
-            kept.append((place, a, middle, b))
+            kept.append((place, _closing(pairs, place, a, middle), middle, _closing(pairs, place, b, middle)))
     return kept
+
+
+def _closing(pairs: Pairs, place: int, outside: float, inside: float) -> float:
+    """The time (s) at which a contact closes or opens; `outside` where it is closed too. inside: a time when it is."""
+
+    def gap(part: float) -> float:
+        return float(pairs(np.array([outside + part * (inside - outside)]))[0, place, 0])
+
+    return outside + zero_between(gap, 1e-3) * (inside - outside) if gap(0.0) >= 0 > gap(1.0) else outside
 
 
 def _drawn(random: Random, steps: int) -> Array:
@@ -259,14 +284,15 @@ def _one_by_one(system: System, times: Array, y: Array) -> Array:
     return np.array([np.transpose(system.guards(float(t), state)[:2]) for t, state in zip(times, y, strict=True)])
 
 
-def _in_steps(pairs: Pairs, t: Array, parts: Array, depth: float) -> list[tuple[int, float, float, float]]:
+def _in_steps(pairs: Pairs, t: Array, at_ends: Array, parts: Array, depth: float) -> list[tuple[int, float, float, float]]:
     """(number of a contact, begin, time at which it is closed, end) for contacts that close inside the steps between the times t
-    (n+1,). parts (n, POINTS): every step is divided into POINTS intervals; fraction of each interval at which gaps are evaluated
-    first."""
+    (n+1,). at_ends (n+1, 1, places, 2): gaps and rates there; parts (n, POINTS): every step is divided into POINTS intervals;
+    fraction of each interval at which gaps are evaluated first."""
     steps = len(t) - 1
     inner = t[:-1, None] + (np.arange(POINTS) + parts) / POINTS * np.diff(t)[:, None]
     times = np.concatenate([t[:-1, None], inner, t[1:, None]], axis=1)
-    values = pairs(times.ravel()).reshape(steps, POINTS + 2, -1, 2)
+    inside = pairs(inner.ravel()).reshape(steps, POINTS, -1, 2)
+    values = np.concatenate([at_ends[:-1], inside, at_ends[1:]], axis=1)
     is_open = (values[:, 0, :, 0] >= 0) & (values[:, -1, :, 0] >= 0)
     found = dict[tuple[int, int], tuple[int, float, float, float]]()
     for s, i in np.argwhere(is_open & (np.min(values[:, 1:-1, :, 0], axis=1) < -depth)).tolist():

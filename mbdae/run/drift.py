@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdae.deferred import median
-from mbdae.integrators.solution import rejecting
+from mbdae.integrators.solution import rejecting, systems_at
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
@@ -26,7 +26,7 @@ from mbdae.results.contacts import contacts_at
 from mbdae.results.result import Result
 from mbdae.results.states import Energy, has_power
 from mbdae.run.contacts import RESOLVED, reversing, slowest_velocities, stepped_over, typical_speed
-from mbdae.run.control import Controlled
+from mbdae.run.estimate import Controlled
 from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.system.start_with_contacts import ExpectedContact
@@ -307,4 +307,31 @@ def doubts_of_steps(run: Controlled, asked: float | None = None) -> list[str]:
     if 0 < stats.shortest_contact < FEW_STEPS and not compared(run, asked):
         found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
                      f"smaller rtol or step")
-    return [*found, text] if (text := rejecting(run.solution)) else found
+    return [*found, *(text for text in (rejecting(run.solution), held_by_stability(run)) if text)]
+
+
+#: HELD: decay within a step (rate times step, median over some steps of the run) from which on stability and not the error test
+#: held the steps, where MANY_STEPS or more were made. Measured with CVODE (Adams) and DOP853 at 1e-3 to 1e-9: 4.5 to 150 on
+#: Robertson's reaction, HIRES, the Oregonator and a decay at 1e4 1/s; at most 1.9 where the decay is not faster than ten times
+#: what drives it
+HELD, MANY_STEPS, SOME, LARGE_MATRIX = 3.0, 1000, 8, 100
+
+
+def held_by_stability(run: Controlled) -> str:
+    """The hint that a method for equations that are not stiff was stepped through stiff ones; "" where it was not."""
+    solution = run.solution
+    if run.solver.highest_index or run.solver.bdf_order or solution.stats.steps < MANY_STEPS or not solution.systems:
+        return ""
+    at = solution.t[np.linspace(0, len(solution.t) - 1, SOME + 1).astype(int)[1:] - 1]
+    h, decays = solution.t[np.searchsorted(solution.t, at) + 1] - at, []
+    for system, t, y, yp in zip(systems_at(solution, at, solution.systems[0][1]), at, solution(at), solution.derivative(at),
+                                strict=True):
+        if system.n > LARGE_MATRIX or system.guards is not None or system.sampled is not None:
+            return ""
+        A, E = system.dense_parts(float(t), y, yp)
+        rates = np.linalg.eigvals(-np.linalg.solve(E, A))
+        decays.append(float(np.max(-rates.real, where=np.abs(rates.real) > np.abs(rates.imag), initial=0.0)))
+    if not median(h * decays) > HELD:
+        return ""
+    return (f"the equations are stiff: what decays within a fraction of a step held the {solution.stats.steps} steps of "
+            f"{run.solver.label} short, and not its error; mb.RadauIIA(3), or mb.CVODE(method='BDF'), takes far fewer")

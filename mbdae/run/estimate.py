@@ -27,16 +27,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from mbdae.errors import FINAL, SolverError
-from mbdae.integrators.base import Asked, Solver
-from mbdae.integrators.solution import Measure, Solution, check_times
-from mbdae.run.contacts import largest_tolerance
+from mbdae.errors import FINAL, SolverError, WallClockError, keeping
+from mbdae.integrators.base import SHARE, Asked, Solver
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.solution import Beside, Measure, Solution, by_speeds, check_times, scaled_distance
+from mbdae.results.clearance import OtherRun, some_of
+from mbdae.run.contacts import Hidden, largest_tolerance
+from mbdae.run.growing import Growth
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
+from mbdae.system.sampling import distance
+from mbdae.system.scene_system import SceneSystem
 
 MOST = 4  #: largest number of excitations considered besides the start: those that change velocities and accelerations most
 #: short changes and breaks of inputs that follow each other within a mean step count as one excitation; one that lasts this many
@@ -181,8 +188,7 @@ def estimated(system: System, solver: Solver, runs: Sequence[RunAt], measure: Me
     tolerance, fine = runs[-1]
     gaps, ratios, found = [], [], 0.0
     for before, coarse in runs[-1 - len(companions(system, solver)) : -1]:
-        times = check_times(coarse, outputs)
-        gaps.append(float(np.max(measure(times, coarse(times), fine(times)))))
+        gaps.append(Beside(coarse, check_times(coarse, outputs), measure).distance(fine))
         ratios.append(before / tolerance)
         found = max(found, gaps[-1] * max(share_of(system, solver, tolerance / before), least))
     if len(gaps) == 2 and contradicted(gaps, ratios, fall_of(system, solver)):
@@ -198,3 +204,105 @@ def fall_shown(told: list[tuple[float, float]]) -> float:
         return FALL
     (loose, before), (tight, now) = told[-2:]
     return min(max(math.log(before / now) / math.log(loose / tight), SLOW), FALL) if 0 < now < before else SLOW
+
+
+#: said where short runs beside a complete one could not be made
+UNTESTED = "the run attached (attribute `solution`) is complete; whether its steps leave out fast vibrations was not tested"
+#: length, in longest steps, of short runs that show vibrations shorter than a step, and number of times of the comparison
+FIRST_STEPS, PROBES = 5.0, 200
+
+
+@dataclass(frozen=True)
+class Controlled:
+    """A run, its estimated error, the number of runs made for it and their CPU time (s). others: runs that it was compared with;
+    waves: whether it resolves all vibrations of beams although its form does not demand it; told: for every run with an estimate,
+    in order, its tolerance (or constant step, s) and the estimate from runs of its method alone; limit: the smallest tolerance
+    that round-off allows; hidden: contacts that close and open inside its steps; growth: of small disturbances along it."""
+
+    solution: Solution
+    solver: Solver
+    estimate: float
+    runs: int
+    cpu_s: float
+    notes: tuple[str, ...] = ()
+    others: tuple[OtherRun, ...] = ()
+    waves: bool = False
+    told: tuple[tuple[float, float], ...] = ()
+    limit: float = 0.0
+    hidden: tuple[Hidden, ...] = ()
+    growth: tuple[Growth, ...] = ()
+
+    def after(self, runs: int, cpu_s: float) -> Controlled:
+        """The same run, with a number of other runs and their CPU time (s) added to `runs` and `cpu_s`."""
+        return replace(self, runs=self.runs + runs, cpu_s=self.cpu_s + cpu_s)
+
+
+def cpu_of(error: SolverError) -> float:
+    """CPU time of a run that failed, s."""
+    return 0.0 if error.solution is None else float(error.solution.stats.cpu_s)
+
+
+def measure_of(system: System, prepared: Prepared | None) -> Measure:
+    """The distance between two trajectories of a system: of motions for a scene, else of unknowns."""
+    if prepared is not None and isinstance(system, SceneSystem):
+        return partial(distance, prepared)
+    if system.measure is not None:
+        return system.measure  # type: ignore[no-any-return]
+    return lambda t, a, b: scaled_distance(system, a, b)
+
+
+def other_run(system: System, prepared: Prepared | None, one: Beside, kind: str = "companion",
+              ratio: float = 0.0) -> tuple[OtherRun, ...]:
+    """A run beside the run that is returned, with some of the times of their comparison, to estimate errors of all that is read.
+    ratio: its tolerance over the run's."""
+    if prepared is None or not isinstance(system, SceneSystem):
+        return ()
+    share = 1.0 if prepared.contacts else one.margin  # errors of forces were measured to fall more slowly than those of motions
+    times = some_of(one.times, one.run.y.shape[1], bool(prepared.contacts))
+    return (OtherRun.beside(one.run, times, share, kind=kind, ratio=ratio),)
+
+
+def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
+                           measure: Measure) -> Controlled:
+    """The run with an estimate that includes vibrations with periods shorter than its constant steps. Runs with a step and with
+    half of it reproduce them equally badly, so that their difference does not show them. Measured: an estimate of 5e-6 where a
+    stiff spring vibrated with 2e-4."""
+    close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
+    return with_left_out(run, Probe(close, system, prepared, FIRST_STEPS * run.solution.stats.h_max, PROBES), measure)
+
+
+class Probe(NamedTuple):
+    """How short runs are made that show vibrations left out of a run: by `solver`, of `system`, of length `span` (s), from the
+    start of the run and from every excitation by its inputs. Each is compared with the run at `samples` times, and the distance
+    is multiplied by `margin`."""
+
+    solver: Solver
+    system: System
+    prepared: Prepared | None
+    span: float
+    samples: int
+    margin: float = 1.0
+
+
+def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled:
+    """The run with an estimate that includes its largest distance from the short runs of `probe` (infinite where one of them
+    fails in its first steps), with their cost added, and with them among its `others`."""
+    solution, estimate = run.solution, run.estimate
+    for begin, end in windows(probe.system, solution, probe.span):
+        try:
+            with keeping(solution, UNTESTED):
+                most = 10 * solution.stats.residuals + 10000
+                close = probe.solver.run(beginning_at(probe.system, solution, begin),
+                                         Asked(end, max_residuals=most, share=SHARE))
+        except WallClockError:
+            raise
+        except SolverError as error:
+            if error.solution is None or len(error.solution.t) < 3:
+                return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
+            close = error.solution
+        times = np.linspace(begin, float(close.t[-1]), probe.samples)
+        window = Beside(close, times, by_speeds(solution, measure), probe.margin, better=True)
+        estimate = max(estimate, window.error(solution) + (run.estimate if begin == solution.t[0] else 0.0))
+        beside = other_run(probe.system, probe.prepared, window, "window") if run.others else ()
+        run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
+    return replace(run, estimate=estimate)

@@ -23,7 +23,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Event
 from mbdae.results.result import Result
 from mbdae.run.conditions import Condition
-from mbdae.run.control import Controlled
+from mbdae.run.estimate import Controlled
 from mbdae.run.event_roots import SAME, Course, Root
 from mbdae.run.job import Job
 from mbdae.run.pieces import Signals, may_be_observed, probe
@@ -191,13 +191,7 @@ class Watched:
                verify: bool) -> Result:
         """The result of a run up to its event, or to its end without one, with all recorded events. made: function that executes
         a job; outputs: as the user gave them."""
-        # raise OptionError where a condition reads a table where it has no values, between two times (s)
-        for condition in (*self._ending, *self.record):
-            parts = (part for g in condition.functions for part in of_time(g))
-            span_and_remedy = next((text for part in parts if (text := beyond(part, job.prepared.start.t, job.asked.t_end))), "")
-            if span_and_remedy:
-                raise OptionError(f"'{condition.name}' in until= or record= reads a table where it has no values: "
-                                  f"{span_and_remedy}")
+        self._check_tables(job.prepared.start.t, job.asked.t_end)
         run, job, event = self._to_event(job, solver, made) if self._ending else (*made(job), None)
         if event is not None:
             job = replace(job, asked=replace(job.asked, t_end=event.time), times=_times(job, outputs, event.time))
@@ -214,6 +208,15 @@ class Watched:
 
     def _is_left(self, event: Event) -> bool:
         return any(event.name == one.name for one in self._left)
+
+    def _check_tables(self, begin: float, end: float) -> None:
+        """Raise OptionError where a condition reads a table where it has no values, between two times (s)."""
+        for condition in (*self._ending, *self.record):
+            parts = (part for g in condition.functions for part in of_time(g))
+            span_and_remedy = next((text for part in parts if (text := beyond(part, begin, end))), "")
+            if span_and_remedy:
+                raise OptionError(f"'{condition.name}' in until= or record= reads a table where it has no values: "
+                                  f"{span_and_remedy}")
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
                   ) -> tuple[Controlled, Job, Event | None]:

@@ -48,11 +48,12 @@ from mbdae.run.assessment import assessed, singular_stop
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contacts import hidden_contacts, refuse_unresolved
-from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
+from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, run_controlled
 from mbdae.run.drift import Assessment, joint_drift
+from mbdae.run.estimate import UNTESTED, Controlled, cpu_of
 from mbdae.run.growing import growing, unfollowed
 from mbdae.run.recheck import Rechecked, rechecked
-from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified, with_lost_vibrations
+from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified, with_forces, with_lost_vibrations
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
@@ -129,7 +130,9 @@ class Job:
             tighter = partial(self._controlled, system, solver, self.accuracy / 10)
             run = _better(run, lambda: with_lost_vibrations(self.prepared, resolving, tighter()))
         if run.estimate <= self.accuracy:
-            return run
+            if not self.choice or self.prepared.contacts:
+                return run
+            return with_forces(run, resolving, self.prepared, self.accuracy, replace(self.asked, begin=self.begin), self.times)
         # every impact excites such vibrations anew, and resolving them all takes 10 to 40 times as many steps
         if self.prepared.contacts:
             return replace(run, notes=(*run.notes, UNRESOLVED))

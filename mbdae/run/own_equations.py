@@ -31,8 +31,9 @@ from mbdae.integrators.sundials import IDA
 from mbdae.results.accuracy import RunInfo, Unknowns, UnknownsAccuracy, UnknownsDistance
 from mbdae.run.assessment import growth_words, missed
 from mbdae.run.checkpoint import progress_of
-from mbdae.run.control import Controlled, cpu_of, plausible, run_controlled
+from mbdae.run.control import plausible, run_controlled
 from mbdae.run.drift import doubts_of_steps
+from mbdae.run.estimate import Controlled, cpu_of
 from mbdae.run.job import run_once
 from mbdae.system.base import Array
 from mbdae.system.dae import ATTACHED

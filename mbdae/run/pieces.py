@@ -205,8 +205,11 @@ class Signals:
         self._prepared, self.solution = prepared, solution
         read = sorted({s for e in expressions for s in e.free_symbols if path_of(s)}, key=str)
         self._tables = list(dict.fromkeys(node for e in expressions for node in nodes(e) if tables.lookup_of(node)))
-        # an observer of the sensors that loads may read; index and path of each other sensor, which is read from
-        # results
+        self._observer, self._shown = self._readers(read)
+        self.symbols = [TIME, *read, *(se.Symbol(f"table_{n}") for n in range(len(self._tables)))]
+
+    def _readers(self, read: list[Expr]) -> tuple[Any, dict[int, str]]:
+        """An observer of the sensors that loads may read; index and path of each other sensor, which is read from results."""
         model, moved = self._prepared.model, self._prepared.all_bodies.moved
         observed, shown = [], dict[int, str]()
         for n, one in enumerate(read):
@@ -215,8 +218,7 @@ class Signals:
             else:
                 shown[n] = path_of(one)
         self._order = [*observed, *shown]
-        self._observer, self._shown = Observer(model, moved, [read[n] for n in observed]) if observed else None, shown
-        self.symbols = [TIME, *read, *(se.Symbol(f"table_{n}") for n in range(len(self._tables)))]
+        return Observer(model, moved, [read[n] for n in observed]) if observed else None, shown
 
     def plain(self, e: Expr) -> Expr:
         """The expression with a symbol in place of every table."""

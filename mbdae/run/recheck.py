@@ -16,8 +16,8 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Accuracy
-from mbdae.run.control import Controlled
 from mbdae.run.defect import Defect, Suspect, apart
+from mbdae.run.estimate import Controlled
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem

@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy, deepcopy
 from dataclasses import replace
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import NamesAttributes, OptionError, SceneError, naming_arguments, warn
+from mbdae.errors import NamesArguments, NamesAttributes, OptionError, SceneError, warn
 from mbdae.files import path_of
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.inputs.sensed import symbol
@@ -27,8 +28,8 @@ from mbdae.results.states import Instant
 from mbdae.run.batch import State, States, Window
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.contacts import refuse_unresolved
-from mbdae.run.control import CLOSER, measure_of
-from mbdae.run.estimate import LOOSEST, companions, first_tolerance, share_of, with_rtol
+from mbdae.run.control import CLOSER
+from mbdae.run.estimate import LOOSEST, companions, first_tolerance, measure_of, share_of, with_rtol
 from mbdae.scene.record import item_name
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
@@ -36,20 +37,21 @@ from mbdae.study.statements import call_of, restated
 from mbdae.system.assembled.guards import Observer
 from mbdae.system.base import Array
 from mbdae.threads import single_threaded
-from mbdae.values import number, option, shown, text
+from mbdae.values import number, option, shown, text, whole
 
 AHEAD = 1000  #: number of steps over which inputs of time are looked at together, for breaks and for how fast they vary
 LOGGED = 100_000  #: largest number of steps, since the error was read last, that can still be repeated to estimate it
 NAME = "stepper"  #: name of the controller that holds the inputs, where the scene has no item of this name
 
 
-class Stepper(NamesAttributes):
+class Stepper(NamesAttributes, NamesArguments):
     """Steps of `Scene.stepper`. t: the present time (s); dt: the length of a step (s); batch: number of states, None for one."""
 
     @single_threaded
     def __init__(self, scene: SceneData, dt: float, accuracy: float, solver: Solver | None, form: Form | None,
                  inputs: Sequence[str] | None, batch: int | None, start: Result | None) -> None:
         self.dt, self.accuracy, self.batch = dt, accuracy, batch
+        self._given = scene, dt, accuracy, solver, form, inputs, batch, start
         now: list[float] = []
         held, values, mine = with_inputs(scene, dt, inputs, now)
         prepared = with_recursive_joints(held, start, None) if solver is None and form is None else None
@@ -83,6 +85,10 @@ class Stepper(NamesAttributes):
         self._begin(self._states.state(self._grid, self._inputs))
         self._first = self.state
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, in this process or another, is made anew and goes on from the present state."""
+        return _again, (self._given, self.state)
+
     def _begin(self, state: State) -> None:
         """Count errors from this state on."""
         self._log: list[tuple[float, tuple[float, int, float], Array]] | None = []
@@ -109,7 +115,7 @@ class Stepper(NamesAttributes):
 
     def set(self, values: Mapping[str, Any] | None = None, **named: Any) -> None:
         """Set inputs from now on, by name: numbers, or of a batch (batch,) too. They act in the steps that follow."""
-        given = {**values, **named} if values is not None else named
+        given = _by_name(values) | named
         changed = self._inputs.copy()
         for name, value in given.items():
             if name not in self._columns:
@@ -154,7 +160,6 @@ class Stepper(NamesAttributes):
         """The present state, to go back to by `reset`: a copy."""
         return self._states.state(self._grid, self._inputs)
 
-    @naming_arguments
     def reset(self, state: Any = None, values: Mapping[str, Any] | None = None) -> None:
         """Go back to a `state` (or the file of one), by default the start; values: unknowns by name (`names`) that differ from
         it, such as {"J.angle": 0.1}, of scenes whose joints form a tree. Errors count from here on."""
@@ -164,13 +169,15 @@ class Stepper(NamesAttributes):
         if taken.y.shape != self._states.y.shape or taken.inputs.shape != self._inputs.shape:
             raise OptionError(f"state has {taken.y.shape} unknowns and {taken.inputs.shape} inputs, this stepper "
                               f"{self._states.y.shape} and {self._inputs.shape}: give a state of a stepper of the same scene")
-        if values:
+        if values := _by_name(values):
             if self._prepared.rows:
                 raise OptionError("values: joints of this scene are constraints between its unknowns, which cannot be set one by "
                                   "one; state the start in the scene (angle0=, rate0=), or give a Result by start=")
             taken, wrong = replace(taken, y=taken.y.copy()), set(values) - set(self.names)
             if wrong:
                 raise OptionError(f"values: there is no unknown {shown(min(wrong))}; there are {', '.join(self.names)}")
+            if driven := set(values) & {self.names[place] for place in self._slots}:
+                raise OptionError(f"values: {min(driven)} is an input: set it by step.set(...)")
             for name, value in values.items():
                 taken.y[:, self.names.index(name)] = self._each(name, value)
         self._states.take(taken)
@@ -179,16 +186,16 @@ class Stepper(NamesAttributes):
 
     def _loaded(self, path: Any) -> State:
         shapes = {"t": (3,), "inputs": self._inputs.shape, **dict.fromkeys(("y", "yp"), self._states.y.shape)}
+        if not isinstance(path, str | PathLike):
+            raise OptionError(f"state = {shown(path)} is no state: give one of a stepper, or the file of one")
         try:
             with archive.Archive(path_of(path)) as stored:
                 fits = stored.text("header") == "mbdae state" and stored.shapes == shapes
                 found = {name: stored.array(name) for name in shapes} if fits else {}
-        except OSError:
-            raise
         except Exception as error:  # readers of a damaged archive may raise anything
-            raise OptionError(f"{path} is not a state of a stepper, or damaged: {error}") from error
+            raise OptionError(f"state = {shown(path)} is not the file of a state, or damaged: {error}") from error
         if not fits:
-            raise OptionError(f"{path} is not a state of a stepper of this scene")
+            raise OptionError(f"state = {shown(path)} is not the file of a state of this scene")
         t, begin, count = found["t"].tolist()
         return State(t, found["y"], found["inputs"], found["yp"], (begin, int(count)), [], [])
 
@@ -223,13 +230,14 @@ class Stepper(NamesAttributes):
     def __getitem__(self, path: str) -> Any:
         """A sensor at the present time, as r[...] of a result reads it ("J.angle", "rod.position", "J.force"), with the inputs as
         they are set now: a number or an array; of a batch (batch, ...)."""
+        path = option("sensor", path, text, "name a sensor such as 'J.angle'")
         reader = self._readers.get(path)
         if reader is None:
-            reader = self._readers[path] = self._reader(option("sensor", path, text, "name a sensor such as 'J.angle'"))
+            reader = self._readers[path] = self._reader(path)
         return reader()
 
     def _reader(self, path: str) -> Callable[[], Any]:
-        if path in self._columns:
+        if path in self._columns and "." not in path:  # "S.length" is the sensor, also where the natural length is driven
             return lambda: self.inputs[path]
         try:
             observed = Observer(self._prepared.model, self._prepared.all_bodies.moved, [symbol(path)])
@@ -247,14 +255,27 @@ class Stepper(NamesAttributes):
         y[:, self._slots] = self._inputs
         return y
 
-    @naming_arguments
     def result(self, i: int = 0) -> Result:
         """The present state (number i of a batch) as a Result of one time, with all its sensors; their errors are not known."""
+        i = option("i", i, whole, "give the number of a state of the batch", least=0, most=len(self._inputs) - 1)
         y = self._present()[i : i + 1]
         yp = self._system.restarted(self.t, y[0])[1][None]
         t, still = np.array([self.t]), Instant(self.solver.label, y, yp)
         solution = Solution(t, y, yp, None, Stats(), still, self.names, True, still)
         return Result(self._prepared, solution, RunInfo(still, self.form, Accuracy(None, None), Stats()), t)
+
+
+def _again(given: tuple[Any, ...], state: State) -> Stepper:
+    made = Stepper(*given)
+    made.reset(state)
+    return made
+
+
+def _by_name(values: Any) -> dict[Any, Any]:
+    """Values by name that a user gives, or none."""
+    if not isinstance(values, Mapping | None):
+        raise OptionError(f"values = {shown(values)} is not a dict: give values by name, such as {{'u': 0.5}}")
+    return dict(values or {})
 
 
 def _outputs(inputs: Mapping[str, float]) -> list[str]:
@@ -283,10 +304,13 @@ def with_inputs(scene: SceneData, every: float, names: Sequence[str] | None,
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space,
             "statements": [one for one in statements if item_name(one) not in dropped]}
     held = replay(data, type(scene), Known(scene.own)) if values else scene
+    if held.problems:
+        raise OptionError("inputs: name numbers that may change in time, such as loads and prescribed motions: "
+                          + "; ".join(map(str, held.problems)))
     taken = {item_name(one) for one in statements}
     mine = next(f"{NAME}{'_' * n}" for n in range(len(taken) + 1) if f"{NAME}{'_' * n}" not in taken)
     if values:
-        held.controller(mine, lambda _: list(now), every, sets=_outputs(values))
+        held.controller(mine, lambda _: list(now), every, sets=_outputs(values), start=list(values.values()))
     return held, values, mine
 
 

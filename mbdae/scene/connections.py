@@ -162,6 +162,16 @@ class CouplingStatements(SceneItems):
         self.connections.append(item)
         return item
 
+    def _add_coupling(self, law: Coupling) -> Connection:
+        """Enter a coupling that was given to `add` as an object, after its coordinates have been read."""
+        kind, before = type(law).__name__.lower(), len(self.problems)
+        arg = Argument(self, f"{kind} '{law.name}'", "of")
+        of = {c: reference(_unit(law, c))(arg.part(f"of['{c}']"), value) for c, value in law.of.items()}
+        if len(self.problems) > before:
+            return Connection(law.name, kind, self.ground, self.ground, [])
+        law.of = {c: self._at(text) for c, text in of.items()}
+        return self._coupled(kind, law)
+
 
 def _unit(law: Coupling, coordinate: str) -> str:
     """Unit of a coordinate, rad or m, where the law states one of them; else ""."""
@@ -193,17 +203,7 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
     found.name = reading.name(Argument(arg.scene, kind, "name"), law.name)
     head = Argument(arg.scene, f"{kind} '{found.name}'", "")
     if not isinstance(law, Coupling):
-        # write the checked bodies, points and directions of a law into its copy `found`
-        found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
-        found.at = None if law.at is None else reading.point(head.part("at"), law.at)
-        found.axis = reading.direction(head.part("axis"), law.axis)
-        if law.axis_x is not None:
-            found.axis_x = reading.direction(head.part("axis_x"), law.axis_x)
-        for side in law.frames[2:]:
-            setattr(found, side, reading.body(head.part(side), getattr(law, side)))
-        found.points = {side: reading.point(head.part(f"at_{side}"), point) for side, point in law.points.items()}
-        if law.at_l is not None:
-            found.at_l = reading.point(head.part("at_l"), law.at_l)
+        _read_places(head, law, found)
     for key, parameter in law.params.items():
         value = getattr(law, key)
         sensors = isinstance(law, Force)
@@ -212,6 +212,20 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
     for key in law.options:
         _refuse_unhashable(head.part(key), getattr(law, key))
     return found  # type: ignore[no-any-return]
+
+
+def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
+    """Write the checked bodies, points and directions of a law into its copy `found`."""
+    found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
+    found.at = None if law.at is None else reading.point(head.part("at"), law.at)
+    found.axis = reading.direction(head.part("axis"), law.axis)
+    if law.axis_x is not None:
+        found.axis_x = reading.direction(head.part("axis_x"), law.axis_x)
+    for side in law.frames[2:]:
+        setattr(found, side, reading.body(head.part(side), getattr(law, side)))
+    found.points = {side: reading.point(head.part(f"at_{side}"), point) for side, point in law.points.items()}
+    if law.at_l is not None:
+        found.at_l = reading.point(head.part("at_l"), law.at_l)
 
 
 def _refuse_unhashable(arg: Argument, value: Any) -> None:
@@ -236,14 +250,7 @@ class ConnectionStatements(CouplingStatements):
         """Add a joint, force or coupling, the package's or the user's own; `model` of a joint as in `joint`. The scene keeps a
         copy: what happens to the law afterwards does not change it."""
         if isinstance(law, Coupling):
-            # enter a coupling that was given to `add` as an object, after its coordinates have been read
-            kind, before = type(law).__name__.lower(), len(self.problems)
-            arg = Argument(self, f"{kind} '{law.name}'", "of")
-            of = {c: reference(_unit(law, c))(arg.part(f"of['{c}']"), value) for c, value in law.of.items()}
-            if len(self.problems) > before:
-                return Connection(law.name, kind, self.ground, self.ground, [])
-            law.of = {c: self._at(text) for c, text in of.items()}
-            return self._coupled(kind, law)
+            return self._add_coupling(law)
         if law.at is None:
             law.at = where(self, f"{type(law).__name__.lower()} '{law.name}'", law.l, None)
         law.axis = reading.unit(law.axis)
@@ -277,7 +284,7 @@ class ConnectionStatements(CouplingStatements):
             self.problems.append(f"{item.kind} '{item.name}': mb.Clearance has its race on body k, and the point "
                                  f"mass '{item.k.name}' cannot carry the race: it has no orientation; give the point "
                                  f"mass as l, or use s.rigid_body")
-        if item.k is item.l:
+        if item.k is item.l and not item.others:
             self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
         self._check_point_masses(item)
         check_attachments(self, item)

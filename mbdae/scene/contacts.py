@@ -63,7 +63,7 @@ def problems(name: str, J: Array, planar: bool, as_given: bool) -> list[str]:
         return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2; give that of a "
                 f"body, whose principal moments are 0 or positive"]
     if not (planar or as_given) and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
-        return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
+        return [f"body '{name}': principal moments {moments[0]:.10g}, {moments[1]:.10g}, {moments[2]:.10g} kg m^2 violate the "
                 f"triangle inequality (the two smaller must add up to at least the largest); correct them, or pass as_given=True "
                 f"to have them taken as they are"]
     return []

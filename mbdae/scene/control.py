@@ -27,7 +27,7 @@ from mbdae.scene.record import statement
 from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
-from mbdae.values import option, shown, text
+from mbdae.values import BadValueError, number, option, sequence, several, shown, text
 
 SMOOTH_RAMP = "join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
 CUBIC_TABLE = "give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
@@ -173,6 +173,15 @@ def _function(arg: Argument, value: Any) -> AsGiven:
     return AsGiven(lambda *_: 0.0)
 
 
+def _numbers(arg: Argument, value: Any) -> list[float]:
+    """Reader of a number or a list of numbers."""
+    try:
+        return sequence(value, number) if several(value) else [number(value)]
+    except BadValueError as value_and_reason:
+        arg.wrong(value_and_reason, "give a list of numbers, one for each output")
+        return []
+
+
 def _memory(arg: Argument, value: Any) -> AsGiven:
     """Reader of the memory of a controller: any object, kept as it is."""
     return value if isinstance(value, AsGiven) else AsGiven(value)
@@ -219,13 +228,16 @@ class ControlStatements(ConnectionStatements):
         self._add_signal(Signal(name, "signal", value=value))
         return _symbol(name)
 
-    @reads(name=reading.name, f=_function, every=reading.quantity("s", "positive"), reads=_words, sets=_words, memory=_memory)
+    @reads(name=reading.name, f=_function, every=reading.quantity("s", "positive"), reads=_words, sets=_words, memory=_memory,
+           start=_numbers)
     @statement
-    def controller(self, name: str, f: Any, every: float, reads: Any = (), sets: Any = (), memory: Any = None) -> None:
+    def controller(self, name: str, f: Any, every: float, reads: Any = (), sets: Any = (), memory: Any = None,
+                   start: Any = None) -> None:
         """A sampled controller: f(t, *values) is called at the start and every `every` s with the values of the sensors `reads`;
         it returns the outputs `sets` (a number where that is one name), which act from that instant on and are held until the
         next: torque="u", s.sensor("u"). With `memory` it is f(t, *values, memory) and returns (outputs, memory); `memory` is what
-        it gets at the start. Values are those before any output changes. f must be pure: runs are repeated to measure errors."""
+        it gets at the start. `start`: values of the outputs with which the scene is made ready for its first call, 0 by default.
+        Values are those before any output changes. f must be pure: runs are repeated to measure errors."""
         item = f"controller '{name}'"
         if not sets:
             self.problems.append(f"{item}: sets names no output that can be used; give one or more, as in sets=['u']")
@@ -235,8 +247,11 @@ class ControlStatements(ConnectionStatements):
         self._claim(name)
         self.controllers.append(Controller(name, f.value, memory, every, tuple(reads), tuple(sets)))
         self._keep_read_coordinates(self.controllers[-1])
-        for output in sets:
-            self._add_signal(Signal(output, "output", HeldOutput(output, rate=0.0, start=0.0, size=1.0)))
+        starts = [0.0] * len(sets) if start is None else start
+        if starts and len(starts) != len(sets):
+            self.problems.append(f"{item}: start has {len(starts)} numbers for {len(sets)} outputs; give one for each")
+        for output, value in zip(sets, starts or [0.0] * len(sets), strict=False):
+            self._add_signal(Signal(output, "output", HeldOutput(output, rate=0.0, start=value, size=1.0)))
 
     def _add_signal(self, signal: Signal) -> None:
         self._claim(signal.name)

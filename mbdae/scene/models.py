@@ -95,14 +95,19 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
         if root not in seen:
             roots.append(root)
             seen.add(root)
-            front = [root]
-            for parent in front:
-                for joint, child in joined.get(parent, ()):
-                    if child not in seen:
-                        seen.add(child)
-                        edges.append((parent, joint, child))
-                        front.append(child)
+            _grow(root, joined, seen, edges)
     return Tree(edges, roots, closing)
+
+
+def _grow(root: Body, joined: dict[Body, list[tuple[Connection, Body]]], seen: set[Body],
+          edges: list[tuple[Body, Connection, Body]]) -> None:
+    front = [root]
+    for parent in front:
+        for joint, child in joined.get(parent, ()):
+            if child not in seen:
+                seen.add(child)
+                edges.append((parent, joint, child))
+                front.append(child)
 
 
 def _rank(c: Connection) -> tuple[bool, ...]:

@@ -36,7 +36,7 @@ else:
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
-    "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
+    "over": (list,), "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,), "shape_k": (Shape,), "shape_l": (Shape,),
     "shape": (Shape, list), "color": (str, list), "normal": (Normal,),
     "curve": (str, FunctionType), "f": (AsGiven,), "memory": (AsGiven,), "reads": (list, str), "sets": (list, str),

@@ -12,25 +12,57 @@ from uuid import uuid4
 import numpy as np
 
 from mbdae.errors import LawError
+from mbdae.inputs.sensed import paths
 from mbdae.inputs.tables import from_data
-from mbdae.laws.forces import AppliedForce, AppliedTorque, Bushing, PointSpring, RotationalBushing
+from mbdae.laws.forces import (
+    AppliedForce,
+    AppliedTorque,
+    Bushing,
+    PointSpring,
+    RotationalBushing,
+    rope_over,
+    tangents,
+    wraps_of,
+)
 from mbdae.scene import contacts as mass_properties
 from mbdae.scene import reading
 from mbdae.scene.beams import BeamStatements
-from mbdae.scene.components import Body, Connection, JointModel
+from mbdae.scene.components import Beam, Body, Connection, JointModel, Place
 from mbdae.scene.connections import where
 from mbdae.scene.contacts import ContactStatements, color, looking, shapes
 from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.models import replaced, with_recursive_tree
-from mbdae.scene.reading import FEEDS, reads
+from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import statement, tables_in
 from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
 from mbdae.symbolic.stated import own
+from mbdae.values import shown
 
 MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
 FRAME = reading.one_of("inertial", "body")
+MOST_WRAPPED = 1.5 * np.pi  #: angle (rad) from which on a rope as drawn is taken to go round a pulley on the wrong side
+
+
+def _pulleys(arg: Argument, value: Any) -> list[list[Any]]:
+    """Reader of pulleys, [(body, radius), ...] or with their centre as drawn."""
+    if not isinstance(value, list | tuple) or not all(isinstance(one, list | tuple) and len(one) in (2, 3) for one in value):
+        arg.wrong(shown(value), "give a list of (body, radius) or (body, radius, centre), in the order of the rope")
+        return []
+    found = []
+    for n, (body, radius, *center) in enumerate(value):
+        part = arg.part(f"{arg.option}[{n}]")
+        found.append([reading.body(part, body), _radius(part, radius), *(reading.point(part, one) for one in center)])
+    return found
+
+
+def _radius(arg: Argument, value: Any) -> float:
+    """Reader of a radius with the sign of the side, m."""
+    before, found = len(arg.scene.problems), reading.quantity("m")(arg, value)
+    if found == 0 and len(arg.scene.problems) == before:
+        arg.wrong("0 m", "give the radius, positive where the rope goes about the axis with the right hand, negative against it")
+    return found or 1.0
 
 
 _TOKEN = uuid4().hex
@@ -149,6 +181,53 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
             damping = 0.0
         law = PointSpring(name, k, l, at_k, at_l=at_l, stiffness=stiffness, damping=damping or None, length=natural or None)
         return self._connect(Connection(name, "spring", k, l, [law]))
+
+    @reads(name=reading.name, k=reading.body, l=reading.body, at_k=reading.point, at_l=reading.point, over=_pulleys,
+           stiffness=reading.driven("N", True, least="a rope would push"), damping=reading.driven("N s", True, least=FEEDS),
+           length=reading.driven("m", True, least="no length is"), radius_k=_radius, radius_l=_radius, axis=reading.direction)
+    @statement
+    def rope(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: Any, damping: Any = 0.0, length: Any = None,
+             over: Any = (), radius_k: Any = None, radius_l: Any = None, axis: Any = (0, 0, 1)) -> Connection:
+        """A rope that pulls only, from a point of k over pulleys to one of l (m, as drawn): `stiffness` EA, N, tension over
+        strain; `damping` N s, tension over rate of strain; natural `length` m (default: of its path as drawn). Each is a number
+        or an expression of mb.t and sensors, such as the length of a winch.
+
+        `over`: pulleys without friction in the order of the rope, (body, radius) or (body, radius, centre), m; the radius is
+        positive where the rope goes about `axis` with the right hand. `radius_k`, `radius_l`: the end is wound on a drum about
+        `axis` through at_k or at_l, without slip: two ropes that end on one wheel pass it without slip. Sensors: tension, length,
+        and on_pulleys, the lengths that lie on pulleys; a run in which one becomes negative warns that the rope has left it."""
+        z = reading.unit(axis)
+        x = reading.unit(np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))]))
+        radii = np.array([radius_k or 0.0, *(one[1] for one in over), radius_l or 0.0])
+        bodies = [one[0].body if isinstance(one[0], Place) else one[0] for one in over]
+        centers = [where(self, f"rope '{name}'", one[0], one[2] if len(one) > 2 else None) for one in over]
+        spans, ways = tangents(np.array([at_k, *centers, at_l]), radii, z)
+        wraps = wraps_of(ways, radii, z)
+        natural = float(np.sum(np.linalg.norm(spans[:, 1] - spans[:, 0], axis=1)) + radii[1:-1] @ wraps)
+        self._check_rope(f"rope '{name}'", bodies, natural if length is None or length else 0.0, wraps)
+        numbers = {f"{what}_{n + 1}": float(value) for what, values in (("radius", radii[1:-1]), ("wrap", wraps))
+                   for n, value in enumerate(values)}
+        for side, radius, way in (("k", radius_k, ways[0]), ("l", radius_l, ways[-1])):
+            if radius is not None:
+                numbers |= {f"radius_{side}": radius, f"angle_{side}": float(np.arctan2(way @ np.cross(z, x), way @ x))}
+        sides = {f"p{n + 1}": body for n, body in enumerate(bodies)} | {f"at_p{n + 1}": c for n, c in enumerate(centers)}
+        if damping and paths(length):
+            self.problems.append(f"rope '{name}': its damper cannot follow how fast a length changes that reads sensors; give "
+                                 f"the length as an expression of mb.t, wind the end on a drum (radius_k=), or leave damping out")
+        law = rope_over(len(over))(name, k, l, at_k, z, at_l, x, stiffness=stiffness, damping=damping or None,
+                                   length=natural if length is None else length, **sides, **numbers)
+        return self._connect(Connection(name, "rope", k, l, [law]))
+
+    def _check_rope(self, item: str, bodies: list[Body], natural: float, wraps: Any) -> None:
+        if not np.isfinite(natural) or natural == 0:
+            self.problems.append(f"{item}: it has no length, or circles overlap or points meet as drawn: there is no tangent "
+                                 f"between them; draw them apart")
+        for body, wrap in zip(bodies, wraps, strict=True):
+            if isinstance(body, Beam):
+                self.problems.append(f"{item}: a pulley cannot be on the beam '{body.name}'; put a body on it by s.weld")
+            if abs(wrap) > MOST_WRAPPED:
+                self.problems.append(f"{item}: it would go round '{body.name}' by {np.degrees(abs(wrap)):.0f} deg as drawn; give "
+                                     f"that pulley the radius with the other sign")
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point,
            stiffness=reading.along_axes("N/m", "N m/rad"), damping=reading.along_axes("N s/m", "N m s/rad", FEEDS))

@@ -122,7 +122,7 @@ def loads_of(item: Connection) -> list[Any]:
 
 def has_length(item: Connection) -> bool:
     """Whether it is a force between two points, one named on each body, whose distance is a length."""
-    return not item.is_joint and all(isinstance(law, Force) and not isinstance(law, Contact) and law.at_l is not None
+    return not item.is_joint and all(isinstance(law, Force) and type(law).observed is Force.observed and law.at_l is not None
                                      for law in item.laws)
 
 
@@ -207,12 +207,16 @@ def _refuse_loop(path: str, quantity: str) -> None:
 
 
 def _unknown(scene: Any, path: str) -> str:
-    # the sensors that may be read, by path
-    joints = [f"{c.name}.{q}" for c in scene.joints for q in (*c.scalars, *rates_of(c))]
-    bodies = [f"{b.name}.{q}[{', '.join('0' for _ in shape)}]" for b in scene.bodies for q, shape in MOTION.items()]
-    known = [*(one.name for one in scene.signals), *joints, *bodies]
+    known = known_paths(scene)
     few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
     return f"there is no sensor '{path}': {meant(path, known)}known sensors: {few or 'none'}"
+
+
+def known_paths(scene: Any) -> list[str]:
+    """The sensors that may be read, by path."""
+    joints = [f"{c.name}.{q}" for c in scene.joints for q in (*c.scalars, *rates_of(c))]
+    bodies = [f"{b.name}.{q}[{', '.join('0' for _ in shape)}]" for b in scene.bodies for q, shape in MOTION.items()]
+    return [*(one.name for one in scene.signals), *joints, *bodies]
 
 
 def refuse_sampled(scene: Any, analysis: str) -> None:

@@ -57,14 +57,7 @@ def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: f
     times = frame_times(float(result.t[0]), duration, rate * delay, 2 if gif else SMOOTH)
     film = filmed(result, times, sensors, places, rate, hidden)
     if file is not None and gif:
-        # draw every frame, `delay` s apart (rounded to 0.01 s); all frames use the palette of the middle one
-        stage = _Stage(film)
-        count = len(film.seen.t)
-        palette = stage.frame(count // 2).quantize()
-        frames = (stage.frame(i).quantize(palette=palette, dither=0) for i in range(count))
-        shown = 10 * max(2, round(100 * max(delay, duration / rate / max(len(times) - 1, 1))))  # display time of a frame, ms
-        with replacing(file) as part:
-            next(frames).save(part, format="GIF", save_all=True, append_images=frames, duration=shown, loop=0)
+        write_gif(film, file, max(delay, duration / rate / max(len(times) - 1, 1)))
         return Animation(film.seen.name, picture(file.read_bytes(), "gif"), file)
     text_ = page(film)
     if file is not None:
@@ -84,6 +77,17 @@ def _place(value: Any) -> Any:
 
 
 # ---- GIF ---------------------------------------------------------------------------------------------------------------
+
+
+def write_gif(film: Film, file: Path, delay: float) -> None:
+    """Draw every frame, `delay` s apart (rounded to 0.01 s); all frames use the palette of the middle one."""
+    stage = _Stage(film)
+    count = len(film.seen.t)
+    palette = stage.frame(count // 2).quantize()
+    frames = (stage.frame(i).quantize(palette=palette, dither=0) for i in range(count))
+    shown = 10 * max(2, round(100 * delay))  # display time of a frame, ms
+    with replacing(file) as part:
+        next(frames).save(part, format="GIF", save_all=True, append_images=frames, duration=shown, loop=0)
 
 
 class _Stage:

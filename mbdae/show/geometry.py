@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
@@ -44,7 +44,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A name and its point, m: (1, 3) in axes of the body, or (1, 3) or (nt, 3) in the inertial frame, as for a `Outline`."""
+    """A name and its point, m: (1, 3) in axes of the body, or (1, 3) or (nt, 3) in the inertial frame, as for an `Outline`."""
 
     text: str
     points: Array
@@ -102,26 +102,14 @@ class Collected:
     """Data of one result: poses, deformed axes of beams, sizes, and the shapes and names made so far."""
 
     def __init__(self, result: Result, hide: Sequence[str] = ()) -> None:
-        # names of items to leave out; SceneError where there is no such item
-        for name in hide:
-            _ = result.prepared.model.scene[name]
-        self.hidden = set(hide)
+        self.hidden = _hidden(result, hide)
         self.result, self.scene, self.planar = result, result.prepared.model.scene, result.prepared.model.planar
         self.poses = {name: Pose(result.read(f"{name}.position"), result.read(f"{name}.rotation"))
                       for name in (body.name for body in self.scene.bodies)}
         self.lines: dict[Body, Array] = {line.beam: polylines(result, line, _pieces(line))
                                          for line in result.prepared.model.lines}
         self.attached = {b.name: self._attached(b) for b in self.scene.bodies}
-        # shapes of every rigid body by its name: those stated for it, else those by which it touches others, without
-        # duplicates. lines: the beams, which are drawn otherwise
-        found: dict[str, list[Any]] = {b.name: list(b.shapes or ()) for b in self.scene.bodies}
-        touching = [(body, one) for item in self.scene.connections if item.shapes
-                    for body, one in zip((item.k, item.l), item.shapes, strict=True)]
-        for body, one in touching:
-            drawn_otherwise = body.is_ground or body in self.lines or body.shapes is not None or isinstance(one, Plane)
-            if not drawn_otherwise and not any(symbols.same(one, other) for other in found[body.name]):
-                found[body.name].append(one)
-        self.looks = found
+        self.looks = looks_of(self.scene, self.lines)
         self.extents = {body.name: self._spanned(body) for body in self.shown(self.scene.bodies)}
         self.room, self.size = self._sizes()
         self.mark = MARK * self.size
@@ -231,6 +219,26 @@ class Collected:
     def place_of(self, label: Label) -> Array:
         """Position (3,), m, of a name at the first time."""
         return moved(self.poses[label.body], label.points)[0, 0] if label.body else np.asarray(label.points[0])
+
+
+def looks_of(scene: Any, lines: Container[Body]) -> dict[str, list[Any]]:
+    """Shapes of every rigid body by its name: those stated for it, else those by which it touches others, without duplicates.
+    lines: the beams, which are drawn otherwise."""
+    found: dict[str, list[Any]] = {b.name: list(b.shapes or ()) for b in scene.bodies}
+    touching = [(body, one) for item in scene.connections if item.shapes
+                for body, one in zip((item.k, item.l), item.shapes, strict=True)]
+    for body, one in touching:
+        drawn_otherwise = body.is_ground or body in lines or body.shapes is not None or isinstance(one, Plane)
+        if not drawn_otherwise and not any(symbols.same(one, other) for other in found[body.name]):
+            found[body.name].append(one)
+    return found
+
+
+def _hidden(result: Result, hide: Sequence[str]) -> set[str]:
+    """Names of items to leave out; SceneError where there is no such item."""
+    for name in hide:
+        _ = result.prepared.model.scene[name]
+    return set(hide)
 
 
 def ends(item: Connection) -> tuple[Array, Array]:

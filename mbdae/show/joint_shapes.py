@@ -52,8 +52,10 @@ class BodyShapes(Collected):
             if not drawn:
                 self._add(body.name, "mass", body.drawn.position[None], body, colour)
             return self._name(body.name, body, body.drawn.position, True)
-        # draw a body that has no shapes
-        shaped = bool(drawn)
+        return self._by_mass(body, colour, bool(drawn))
+
+    def _by_mass(self, body: Body, colour: str, shaped: bool) -> None:
+        """Draw a body that has no shapes."""
         corners = [p for p in self.attached[body.name] if np.linalg.norm(p) > TINY * self.size]
         extent = [] if shaped else self._extent(body, bool(corners))
         centre = [] if shaped else [("centre", np.zeros((1, 3)))]
@@ -216,36 +218,9 @@ class JointShapes(Collected):
     def _joint(self, item: Connection) -> None:
         free = freedom(item)
         if free is None:
-            if isinstance(item.joint, Distance):
-                self._marked(item, "dot", item.k)
-                self._marked(item, "dot", item.l)
-                ways = [self._over_time(body, at) for body, at in zip((item.k, item.l), ends(item), strict=True)]
-                self._add(item.name, "dashed", np.stack(ways, 1))
-            else:
-                self._marked(item, "pin", item.k)
-                if not self.planar:
-                    self._add(item.name, "guide", item.joint.at + np.outer([-5, 5], self.mark * item.joint.axis), item.k)
+            self._by_rows(item, item.joint)
         else:
-            slides, turns = free.slides, free.turns
-            if len(slides) == 1:
-                self._guide(item, slides[0], free.thread)
-            elif len(slides) == 2:
-                self._plane(item, slides)
-            elif len(slides) == 3:
-                self._marked(item, "dot" if turns else "lock", item.k)
-            if not (slides or turns):
-                self._marked(item, "weld", item.k)
-            elif len(turns) == 1:
-                self._pin(item, turns[0], slides)
-            elif len(turns) == 2:
-                self._cross(item, turns)
-            elif turns and len(slides) < 3:
-                self._marked(item, "ball", item.l if slides else item.k)
-            if (len(slides) in (1, 2) and not turns) or _along(turns, slides):
-                box = symbols.slider(item.joint.at, slides[0], 3 * self.mark, 1.8 * self.mark, self.planar)
-                self._add(item.name, "box", box, item.l)
-            for c, (v, w) in free.rates.items():
-                self._on_coordinate(item, c, v, w)
+            self._by_motion(item, free)
         at, at_l = ends(item)
         if item.k.is_ground and (free is None or len(free.slides) in (0, 2)):
             self._ground(item.name, at)
@@ -254,7 +229,40 @@ class JointShapes(Collected):
 
     # -- joints that state no motion, drawn by the rows they hold
 
+    def _by_rows(self, item: Connection, law: Any) -> None:
+        if isinstance(law, Distance):
+            self._marked(item, "dot", item.k)
+            self._marked(item, "dot", item.l)
+            ways = [self._over_time(body, at) for body, at in zip((item.k, item.l), ends(item), strict=True)]
+            self._add(item.name, "dashed", np.stack(ways, 1))
+        else:
+            self._marked(item, "pin", item.k)
+            if not self.planar:
+                self._add(item.name, "guide", law.at + np.outer([-5, 5], self.mark * law.axis), item.k)
+
     # -- joints drawn by their motion
+
+    def _by_motion(self, item: Connection, free: Freedom) -> None:
+        slides, turns = free.slides, free.turns
+        if len(slides) == 1:
+            self._guide(item, slides[0], free.thread)
+        elif len(slides) == 2:
+            self._plane(item, slides)
+        elif len(slides) == 3:
+            self._marked(item, "dot" if turns else "lock", item.k)
+        if not (slides or turns):
+            self._marked(item, "weld", item.k)
+        elif len(turns) == 1:
+            self._pin(item, turns[0], slides)
+        elif len(turns) == 2:
+            self._cross(item, turns)
+        elif turns and len(slides) < 3:
+            self._marked(item, "ball", item.l if slides else item.k)
+        if (len(slides) in (1, 2) and not turns) or _along(turns, slides):
+            box = symbols.slider(item.joint.at, slides[0], 3 * self.mark, 1.8 * self.mark, self.planar)
+            self._add(item.name, "box", box, item.l)
+        for c, (v, w) in free.rates.items():
+            self._on_coordinate(item, c, v, w)
 
     def _pin(self, item: Connection, axis: Array, slides: list[Array]) -> None:
         """Draw a pin, in space with a ring about its axis; only a ring for a sleeve that turns about its guide."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.inputs import timed
+from mbdae.laws.forces import tangents, wraps_of
 from mbdae.results.result import Result
 from mbdae.scene.components import BeamLoad, Connection, Place
 from mbdae.show import symbols
@@ -23,8 +24,9 @@ from mbdae.show.plots import COLOURS, strips, track
 from mbdae.symbolic.joint import Coupling
 from mbdae.values import Array, shown
 
+ARC = 13  #: number of points of a rope on a pulley
 ARROWS = 9  #: number of arrows of a distributed load
-UNMARKED = ("force", "torque", "spring", "pointspring")  #: kinds of forces drawn without a marker at their point
+UNMARKED = ("force", "torque", "spring", "pointspring", "rope")  #: kinds of forces drawn without a marker at their point
 
 
 def geometry(result: Result, hide: Sequence[str] = ()) -> Geometry:
@@ -73,8 +75,8 @@ class _Builder(JointShapes, BodyShapes):
         at, at_l = ends(item)
         if item.kind not in UNMARKED:
             self._marked(item, "dot" if item.kind == "bushing" else "pin", item.k)
-        draw = {"spring": self._spring, "pointspring": self._spring, "bushing": self._bushing, "force": self._load,
-                "torque": self._load}
+        draw = {"rope": self._rope, "spring": self._spring, "pointspring": self._spring, "bushing": self._bushing,
+                "force": self._load, "torque": self._load}
         if item.kind in draw:
             draw[item.kind](item, law)
         if item.k.is_ground and item.kind not in ("force", "torque", "bushing"):
@@ -98,6 +100,25 @@ class _Builder(JointShapes, BodyShapes):
 
     def _spring(self, item: Connection, law: Any) -> None:
         self._spring_between(item, law.at, law.at_l)
+
+    def _rope(self, item: Connection, law: Any) -> None:
+        """Draw the spans along their tangents, arcs on the pulleys, and a circle for every pulley and drum."""
+        bodies = [(item.k, law.at), *((body, law.points[side]) for side, body in item.others.items()), (item.l, law.at_l)]
+        numbers = [law.radius_k, *(getattr(law, f"radius_{n + 1}") for n in range(law.pulleys)), law.radius_l]
+        radii = np.array([radius or 0.0 for radius in numbers])
+        points = np.stack([self._over_time(body, at) for body, at in bodies], axis=1)
+        spans, ways = tangents(points, radii, law.axis)
+        parts, turns = [spans[:, 0]], wraps_of(ways, radii, law.axis)
+        for n in range(1, len(radii) - 1):
+            arm = spans[:, n - 1, 1] - points[:, n]
+            angles = turns[:, n - 1, None, None] * np.linspace(0, 1, ARC)[None, :, None]
+            parts.append(points[:, n, None] + np.cos(angles) * arm[:, None] + np.sin(angles) * np.cross(law.axis, arm)[:, None])
+            parts.append(spans[:, n])
+        self._add(item.name, "thin", np.concatenate(parts, axis=1))
+        e1, e2 = symbols.plane_of(law.axis)
+        for n, radius in enumerate(radii):
+            if radius:
+                self._add(item.name, "thin", points[:, n, None] + symbols.circle(np.zeros(3), abs(radius) * e1, abs(radius) * e2))
 
     def _bushing(self, item: Connection, law: Any) -> None:
         """Draw a spring along every elastic axis of k."""

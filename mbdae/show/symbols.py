@@ -160,18 +160,7 @@ def drawn(one: Any, planar: bool, size: float) -> list[Drawn]:
     if isinstance(one, Point):
         return [Drawn("dot", one.at[None])]
     if planar:
-        # outlines of a shape in the plane z = 0
-        upright = isinstance(one, Cylinder) and abs(one.axis[2]) > 1 / 2**0.5
-        if isinstance(one, Sphere) or upright:
-            x, y = one.radius * np.eye(3)[:2]
-            return [Drawn("disc", circle(one.at, x, y, 4 * AROUND)), Drawn("line", np.array([one.at, one.at + x]))]
-        if isinstance(one, Cylinder):
-            along = unit(one.axis * (1, 1, 0)) * (ENDLESS * size if one.length is None else one.length) / 2
-            beside = one.radius * across(along)
-            outline = one.at + np.array([along + beside, beside - along, -along - beside, along - beside])
-        else:
-            outline = hull(corners(one)) + one.at * Z
-        return [Drawn("plate", np.vstack([outline, outline[:1]]))]
+        return _flat(one, size)
     if isinstance(one, Sphere):
         return [_ball(one.at, one.radius)]
     if isinstance(one, Cylinder):
@@ -188,6 +177,21 @@ def outline(one: Any) -> list[Array]:
     half = getattr(one, "length", None) or 0.0
     about = one.at + half / 2 * np.array([[-1.0], [1.0]]) * getattr(one, "axis", Z)
     return [about + sign * getattr(one, "radius", 0.0) * e for sign in (-1, 1) for e in np.eye(3)]
+
+
+def _flat(one: Any, size: float) -> list[Drawn]:
+    """Outlines of a shape in the plane z = 0."""
+    upright = isinstance(one, Cylinder) and abs(one.axis[2]) > 1 / 2**0.5
+    if isinstance(one, Sphere) or upright:
+        x, y = one.radius * np.eye(3)[:2]
+        return [Drawn("disc", circle(one.at, x, y, 4 * AROUND)), Drawn("line", np.array([one.at, one.at + x]))]
+    if isinstance(one, Cylinder):
+        along = unit(one.axis * (1, 1, 0)) * (ENDLESS * size if one.length is None else one.length) / 2
+        beside = one.radius * across(along)
+        outline = one.at + np.array([along + beside, beside - along, -along - beside, along - beside])
+    else:
+        outline = hull(corners(one)) + one.at * Z
+    return [Drawn("plate", np.vstack([outline, outline[:1]]))]
 
 
 def corners(box: Box) -> Array:

@@ -82,7 +82,11 @@ class ResumeFile:
             rest = {"format": self.file_format, "statement": self.identity, **data}
             key = key_of(self.identity)
             rows = [row | {"digest": digest(key, row)} for row in rest.pop("rows")]
-            write_file(self.path, json.dumps(rest | {"digest": digest(key, rest), "rows": rows}, indent=1) + "\n")
+            content = rest | {"digest": digest(key, rest), "rows": rows}
+            try:
+                write_file(self.path, json.dumps(content, indent=1) + "\n")
+            except OptionError as error:
+                raise DiskError(f"resume: {error}; what was stored before is there: make room, and the call goes on") from error
 
 
 def key_of(identity: Any) -> str:
@@ -117,16 +121,17 @@ def resume_path(path: Any) -> Path | None:
 
 
 @contextmanager
-def told_when_interrupted(path: Any, what: str, count: Callable[[], tuple[int, int]], made: Any = None) -> Iterator[None]:
+def told_when_interrupted(path: Any, what: str, count: Callable[[], tuple[int, int]], made: Callable[[], Any]) -> Iterator[None]:
     """Context of a study: where it is interrupted, a KeyboardInterrupt says how much is done and where that is stored, and the
-    exception has `made` as its attribute `solution`. what: the things counted, in words; count: number done, and of all."""
+    exception has what `made` returns as its attribute `solution`. what: the things counted, in words; count: number done, and of
+    all."""
     try:
         yield
     except ENDS as error:
         kept = f"kept in {path}; the same call goes on from there" if path is not None else "not kept; resume=FILE keeps them"
-        has = "; this exception has them as its attribute `solution`" if made is not None else ""
-        done, total = count()
-        interrupted(error, f"interrupted: {done} of {total} {what} are done and {kept}{has}", made)
+        found, (done, total) = made(), count()
+        has = "; this exception has them as its attribute `solution`" if found is not None else ""
+        interrupted(error, f"interrupted: {done} of {total} {what} are done and {kept}{has}", found)
         raise
 
 

@@ -112,24 +112,30 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: Value, name:
         call.pop("mass_per_length", None)
         call["mass"] = value
     elif keys == ["stiffness"] and not {"stiffness", "law"} & set(call):
-        if call.get("spring") is not None:
-            holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
-            holder[key] = _of(value, holder[key])
-        elif "section" in call:
-            fields = _fields(call, "section", ("EA",), name)
-            factor = _of(value, fields["EA"]) / fields["EA"]
-            for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
-                fields[key] *= factor
-        else:
-            normal = _fields(call, "model", ("normal",), name)["normal"]
-            inside = _fields({"normal": normal}, "normal", ("stiffness",), name)
-            inside["stiffness"] = _of(value, inside["stiffness"])
+        _set_stiffness(call, value, name)
     elif keys == ["clearance"]:
         fields = _fields(call, "model", ("outer", "inner"), name)
         fields["outer"] = fields["inner"] + _of(value, fields["outer"] - fields["inner"])
     else:
         _descend(call, keys, value, name)
     return 1.0
+
+
+def _set_stiffness(call: dict[str, Any], value: Value, name: str) -> None:
+    """Set the spring stiffness of a joint, the contact stiffness of a clearance, or EA of a beam with its other stiffnesses in
+    proportion."""
+    if call.get("spring") is not None:
+        holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
+        holder[key] = _of(value, holder[key])
+    elif "section" in call:
+        fields = _fields(call, "section", ("EA",), name)
+        factor = _of(value, fields["EA"]) / fields["EA"]
+        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
+            fields[key] *= factor
+    else:
+        normal = _fields(call, "model", ("normal",), name)["normal"]
+        inside = _fields({"normal": normal}, "normal", ("stiffness",), name)
+        inside["stiffness"] = _of(value, inside["stiffness"])
 
 
 def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:

@@ -74,6 +74,16 @@ def answer(payload: bytes) -> bytes:
         job, point = pickle.loads(payload)
     except Exception as error:
         return pickle.dumps(Outcome(None, _text(error)))
+    found = _heard(job, point)
+    try:
+        return pickle.dumps(found)
+    except Exception as error:
+        return pickle.dumps(Outcome(None, f"TypeError: the job returned what cannot be sent: {_text(error)}"))
+
+
+def _heard(job: Job, point: dict[str, Any]) -> Outcome:
+    """The outcome of a point with the AccuracyWarnings of its job, which nobody would hear in a worker process; others are
+    issued."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
         found = outcome(job, point)
@@ -81,11 +91,7 @@ def answer(payload: bytes) -> bytes:
         if not issubclass(one.category, AccuracyWarning):
             warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
     said = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, AccuracyWarning))
-    found = replace(found, warnings=tuple(said))
-    try:
-        return pickle.dumps(found)
-    except Exception as error:
-        return pickle.dumps(Outcome(None, f"TypeError: the job returned what cannot be sent: {_text(error)}"))
+    return replace(found, warnings=tuple(said))
 
 
 def outcome(job: Job, point: dict[str, Any]) -> Outcome:

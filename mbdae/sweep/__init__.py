@@ -175,7 +175,7 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
         left = {i: point for i, point in enumerate(points) if i not in done}
         come = with_executor(executor, job, left) if executor is not None else with_processes(job, left, workers)
         made = Sweep(tuple(points), done, axes)
-        with told_when_interrupted(resume, "points", lambda: (len(done), len(points)), made), closing(come) as coming:
+        with told_when_interrupted(resume, "points", lambda: (len(done), len(points)), lambda: made), closing(come) as coming:
             for i, found in coming:
                 done[i] = _row(points[i], found)
                 kept.add(i, done[i])

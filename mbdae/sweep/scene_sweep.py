@@ -246,7 +246,7 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
         made.read_folder(again)
     size = PART if job.lines is not None else ALONE
     left = [(a, min(a + size, last)) for first, last in made.missing() for a in range(first, last, size)]
-    with told_when_interrupted(resume, "points", lambda: (made.done, len(points)), made):
+    with told_when_interrupted(resume, "points", lambda: (made.done, len(points)), lambda: made):
         _compute(made, functools.partial(solved, job), points, left, executor, workers, tell)
     return made
 

@@ -22,7 +22,7 @@ from mbdae.symbolic.motion import refuse_amounts, value_of
 from mbdae.symbolic.rebuild import one_sided, without_overflow
 from mbdae.symbolic.stated import Side as Side
 from mbdae.symbolic.stated import Stated, unsteady
-from mbdae.symbolic.statement import Feeds, Statement
+from mbdae.symbolic.statement import Feeds, LawStatement
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -83,7 +83,7 @@ class _Stated(NamedTuple):
                 "the coordinate of its thrust": along, "the thrust": push}
 
 
-class _Derivation(Statement):
+class _Derivation(LawStatement):
     """Derives the terms of a law from its statement."""
 
     def __init__(self, law: Any, variation: Variation, feeds: Feeds) -> None:

@@ -14,9 +14,8 @@ A law declares its parameters with units and states one or more of
     gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m or rad) that act where negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
 
-on abstract frames (`symbolic/frames.py`), those of two bodies k and l or of as many as `frames` names. Everything else is
-derived: generalised forces, constraint Jacobian and its rate, Jacobians, planar and grounded variants, kernels. A parameter left
-at None is absent from the statement; a parameter may be a number or a function of time.
+on abstract frames (`symbolic/frames.py`), of k and l or of as many bodies as `frames` names. Everything else is derived: forces,
+Jacobians, planar and grounded variants, kernels. A parameter is a number, a function of time, or None: absent from the statement.
 """
 
 from __future__ import annotations
@@ -272,12 +271,13 @@ class Force(TwoBodyLaw):
         """Quantities that sensors show in addition to force, torque and power, by name."""
         return {}
 
+    must_stay: ClassVar[Mapping[str, str]] = MappingProxyType({})  #: observed quantities -> warning where one is negative
+
     def losses(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Its dissipated power by cause ("impact", "friction"), W; the rest counts as "other"."""
         return {}
 
     # -- of a one-sided law
-
     with_joints: ClassVar[bool] = False  #: whether bodies that joints tie to its bodies count in the effective mass of an impact
 
     @property

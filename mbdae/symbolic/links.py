@@ -26,7 +26,7 @@ import symengine as se
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.tree import TreeProgram
-from mbdae.symbolic.tree_motion import Link, Member, State, TreeStructure
+from mbdae.symbolic.tree_motion import Link, Member, NodeMotion, TreeStructure
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 ONE_TWO_THREE = ("1", "2", "3")
@@ -51,18 +51,18 @@ def motion_names(kind: NodeKind, quaternion: bool = False) -> tuple[str, ...]:
     return (*(f"r{i}" for i in n), *(f"v{i}" for i in n), *turned, *more)
 
 
-def state_of(kind: NodeKind, number: Callable[[str], Expr]) -> State:
+def state_of(kind: NodeKind, number: Callable[[str], Expr]) -> NodeMotion:
     """The motion of a node, accelerations included. number: function that returns the expression for a name of `motion_names` or
     `directions`."""
     if not kind.moves:
-        return State(kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO, [se.Integer(i == 0) for i in range(4)])
+        return NodeMotion(kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO, [se.Integer(i == 0) for i in range(4)])
 
     def vector(name: str, components: str) -> Vec:
         return Vec(*(number(f"{name}{i}") if i in components else 0 for i in ONE_TWO_THREE))
 
     moves = "12" if kind.flat else "123"
     turns = {NodeKind.PLANAR: "3", NodeKind.SPATIAL: "123"}.get(kind, "")
-    made = State(kind, vector("r", moves), UNIT, se.Integer(0), vector("v", moves), vector("w", turns), vector("a", moves),
+    made = NodeMotion(kind, vector("r", moves), UNIT, se.Integer(0), vector("v", moves), vector("w", turns), vector("a", moves),
                  vector("al", turns))
     if kind is NodeKind.PLANAR:
         bx = Vec(number("cos"), number("sin"), 0)
@@ -73,7 +73,7 @@ def state_of(kind: NodeKind, number: Callable[[str], Expr]) -> State:
     return made
 
 
-def numbers_of(state: State, quaternion: bool = False) -> list[Expr]:
+def numbers_of(state: NodeMotion, quaternion: bool = False) -> list[Expr]:
     """The numbers of a motion in the order of `motion_names`."""
     parts = {"r": state.r, "v": state.v, "x": state.R[0], "y": state.R[1], "z": state.R[2], "w": state.w}
     known = {f"{name}{i}": value for name, part in parts.items() for i, value in zip(ONE_TWO_THREE, part, strict=True)}
@@ -93,7 +93,7 @@ _ZERO = se.Integer(0)
 
 
 @dataclass(frozen=True)
-class Shape:
+class PassShape:
     """What distinguishes the passes of two bodies apart from numbers. body, parent: how many components the accelerations of the
     body and of the one that carries it have; freedoms: how many the joint has; known: entries of X, S and c, by place, with their
     values where these are constant (None: they vary); heavy: whether the freedoms have an inertia of their own."""
@@ -112,7 +112,7 @@ class Pass:
     inputs: ("M", i, j), ("p", i) with all that the body carries, ("X", i, j), ("S", i, k), ("c", i), ("tau", k), ("C", k, l) own
     inertia of the freedoms, ("a0", i) acceleration of the carrying body, ("K", k, i), ("K0", k) of the inward pass."""
 
-    shape: Shape
+    shape: PassShape
     program: Program = field(default_factory=Program)
     inputs: dict[Expr, Place] = field(default_factory=dict)
     outputs: list[tuple[Place, Expr]] = field(default_factory=list)
@@ -139,7 +139,7 @@ class Pass:
         return [self.number(name, i) for i in range(n)]
 
 
-def inward(shape: Shape) -> Pass:
+def inward(shape: PassShape) -> Pass:
     """The inward pass at a body. Outputs: what it adds to inertia ("M0", i, j) and force ("p0", i) of the carrying body; K and K0
     for the outward pass; the pivots of S^T I S, ("pivot", k), which are positive where the freedoms have inertia."""
     made = Pass(shape)
@@ -166,7 +166,7 @@ def inward(shape: Shape) -> Pass:
     return made
 
 
-def outward(shape: Shape, given: bool = False) -> Pass:
+def outward(shape: PassShape, given: bool = False) -> Pass:
     """The outward pass at a body. Outputs: second rates of the freedoms ("up", k) and acceleration of the body ("a", i). given:
     whether these rates are inputs, not to be solved for."""
     made = Pass(shape)
@@ -184,7 +184,7 @@ def outward(shape: Shape, given: bool = False) -> Pass:
     return made
 
 
-def projected(shape: Shape, moving: bool = False) -> Pass:
+def projected(shape: PassShape, moving: bool = False) -> Pass:
     """What a force ("w", i) on a body does: its components along the joint's freedoms, S^T w in ("row", k), and the force on the
     carrying body, X^T w in ("w0", i). moving: w = M a + p, of inertia, acceleration and forces as in the other passes."""
     made = Pass(shape)
@@ -211,7 +211,7 @@ class PieceProgram(TreeProgram):
     """A piece of a tree. Inputs besides those of `TreeProgram`: ("x", node, name) a number of a node's motion, ("a", node, name)
     its acceleration in one of its directions."""
 
-    def _given(self, node: int, kind: NodeKind) -> State:
+    def _given(self, node: int, kind: NodeKind) -> NodeMotion:
         accelerations = set(directions(kind))
         return state_of(kind, lambda name: self._input("a" if name in accelerations else "x", node, name))
 
@@ -236,10 +236,10 @@ class LinkProgram(PieceProgram):
     def __init__(self, parent: NodeKind, link: Link, members: tuple[Member, ...]) -> None:
         super().__init__(TreeStructure(parent, (replace(link, parent=0, first=1),), members))
 
-    def _root(self, kind: NodeKind) -> State:
+    def _root(self, kind: NodeKind) -> NodeMotion:
         return self._given(0, kind)
 
-    def _carried(self, j: int, link: Link) -> State:
+    def _carried(self, j: int, link: Link) -> NodeMotion:
         child = super()._carried(j, link)
         self.reached = along(link.kind, child.a, child.al)
         given = self._given(1, link.kind)
@@ -256,7 +256,7 @@ class LinkProgram(PieceProgram):
         found += [(("c", i), e) for i, e in enumerate(self.reached)]
         return found + self._inertia(child)
 
-    def _inertia(self, child: State) -> Entries:
+    def _inertia(self, child: NodeMotion) -> Entries:
         F = along(child.kind, *self.wrenches.get(1, (ZERO, ZERO)))
         slopes = [(place, e) for place, e in self.slopes("M", F, self._accelerations(1)) if place[2] <= place[1]]
         return slopes + [(("p", i), e) for i, e in enumerate(F)]

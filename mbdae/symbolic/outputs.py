@@ -207,8 +207,7 @@ def input_symbols(d: Derived) -> list[tuple[Target, Expr]]:
         out += [(("qp", b.side, i), se.Symbol(f"{b.side}_qp{i + 1}")) for i in range(b.kind.sizes[0])]
     for f in d.frames:
         out += [(("up", f.side, i), a) for i, a in enumerate(_accelerations(f))]
-    out += [(("lambda", i), s) for i, s in enumerate(d.multipliers)]
-    out += [(("mu", i), s) for i, s in enumerate(d.stabilisers)]
+    out += [(("lambda", i), s) for i, s in enumerate(d.multipliers)] + [(("mu", i), s) for i, s in enumerate(d.stabilisers)]
     out += [(("s", j), se.Symbol(f"state_{n}")) for j, n in enumerate(d.states)]
     out += [(("sp", j), se.Symbol(f"statep_{n}")) for j, n in enumerate(d.states)]
     out += [(("foreign", j), s) for j, s in enumerate(d.feeds.foreign)]

@@ -91,10 +91,7 @@ def one_sided(e: Expr) -> Expr:
     def rule(node: Expr, args: list[Expr]) -> Expr | None:
         name = type(node).__name__
         if name in ("Max", "Min"):
-            found = args[0]
-            for other in args[1:]:
-                found = se.Piecewise((found, found >= other if (name == "Max") else found <= other), (other, True))
-            return found
+            return _extreme(args, largest=name == "Max")
         if name == "Abs":
             return se.Piecewise((args[0], args[0] >= 0), (-args[0], True))
         if name == "sign":
@@ -105,6 +102,13 @@ def one_sided(e: Expr) -> Expr:
 
     e = se.sympify(e)
     return rebuilt(e, rule) if any(type(node).__name__ in ONE_SIDED for node in nodes(e)) else e
+
+
+def _extreme(args: list[Expr], largest: bool) -> Expr:
+    found = args[0]
+    for other in args[1:]:
+        found = se.Piecewise((found, found >= other if largest else found <= other), (other, True))
+    return found
 
 
 def without_overflow(e: Expr) -> Expr:

@@ -99,7 +99,7 @@ class Feeds:
 NO_FEEDS = Feeds()
 
 
-class Statement:
+class LawStatement:
     """What a law states on its frames, with checks that name the law in a LawError."""
 
     def __init__(self, law: Any, variation: Variation) -> None:

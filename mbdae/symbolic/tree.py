@@ -23,7 +23,7 @@ from mbdae.symbolic.outputs import Target, dynamics
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.stated import changed, motion_key
-from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
+from mbdae.symbolic.tree_motion import Coordinate, Link, LinkWay, Member, Moved, NodeMotion, Numbers, TreeStructure, moved, way
 from mbdae.symbolic.vectors import (
     UNIT,
     ZERO,
@@ -49,7 +49,7 @@ class TreeProgram:
         self.structure, self.program = structure, self._program()
         self.inputs: dict[Expr, tuple[Any, ...]] = {}
         self.nodes = [self._root(structure.root)]
-        self._ways: list[Way] = []
+        self._ways: list[LinkWay] = []
         for j, link in enumerate(structure.links, start=1):
             self.nodes.append(self._carried(j, link))
         self.wrenches = self._members()
@@ -69,22 +69,22 @@ class TreeProgram:
 
     # -- outwards
 
-    def _root(self, kind: NodeKind) -> State:
+    def _root(self, kind: NodeKind) -> NodeMotion:
         if not kind.moves:
-            return State(kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO, [se.Integer(i == 0) for i in range(4)])
+            return NodeMotion(kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO, [se.Integer(i == 0) for i in range(4)])
         (nq, nu), let = kind.sizes, self.program.let
         q, u, up = ([self._input(what, 0, i) for i in range(n)] for what, n in (("q", nq), ("u", nu), ("up", nu)))
         if kind is NodeKind.PLANAR:
             bx = Vec(let(se.cos(q[2])), let(se.sin(q[2])), 0)
             R = (bx, UNIT[2].cross(bx), UNIT[2])
             moves = [Vec(part[0], part[1], 0) for part in (q, u, up)]
-            return State(kind, moves[0], R, q[2], moves[1], Vec(0, 0, u[2]), moves[2], Vec(0, 0, up[2]))
+            return NodeMotion(kind, moves[0], R, q[2], moves[1], Vec(0, 0, u[2]), moves[2], Vec(0, 0, up[2]))
         bx, by, bz = map(self.program.vec, rotation_columns(q[3:]))
-        state = State(kind, Vec(*q[:3]), (bx, by, bz), se.Integer(0), Vec(*u[:3]), ZERO, Vec(*up[:3]), ZERO, q[3:])
+        state = NodeMotion(kind, Vec(*q[:3]), (bx, by, bz), se.Integer(0), Vec(*u[:3]), ZERO, Vec(*up[:3]), ZERO, q[3:])
         state.w, state.al = (self.program.vec(state.of_body([part[3:]])[0]) for part in (u, up))
         return state
 
-    def _frame(self, j: int, link: Link, side: str, node: State, axes: Axes) -> tuple[Vec, tuple[Vec, ...]]:
+    def _frame(self, j: int, link: Link, side: str, node: NodeMotion, axes: Axes) -> tuple[Vec, tuple[Vec, ...]]:
         """Offset of the joint's point from a node and the joint's axes, inertial."""
         offset, columns = self._in_body(j, link, side, axes)
         return self.program.vec(node.of_body([offset])[0]), tuple(map(self.program.vec, node.of_body(columns)))
@@ -126,7 +126,7 @@ class TreeProgram:
         rotation = Rotation(tuple(P), (x, y, z), Vec(*spin))
         return rotation, Moved(Step(True, ZERO, se.Integer(0), rotation), number=c, spin=Vec(*spin), change=Vec(*change))
 
-    def _carried(self, j: int, link: Link) -> State:
+    def _carried(self, j: int, link: Link) -> NodeMotion:
         """Motion of the node that a joint carries, from that of its parent by relative kinematics."""
         vec, k = self.program.vec, self.nodes[link.parent]
         other = "l" if link.side == "k" else "k"
@@ -134,7 +134,7 @@ class TreeProgram:
         found = way(self.program, k, s, axes, self._motion(j, link), link.kind.turns)  # type: ignore[arg-type]
         self._ways.append(found)
         v, a = vec(k.v + found.v), vec(k.a + found.a)
-        child = State(link.kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO)
+        child = NodeMotion(link.kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO)
         if not link.kind.turns:
             child.r, child.v, child.a = vec(k.r + found.total), v, a
             return child
@@ -146,16 +146,16 @@ class TreeProgram:
         child.r, child.v, child.a = vec(k.r + found.total - t), vec(v - wt), vec(a - al.cross(t) - w.cross(wt))
         return child
 
-    def _spins(self, found: Way) -> tuple[Vec, Vec]:
+    def _spins(self, found: LinkWay) -> tuple[Vec, Vec]:
         """Angular velocity of the node carried and its rate."""
         return found.w, found.al
 
-    def _arm(self, j: int, link: Link, side: str, node: State) -> Vec:
+    def _arm(self, j: int, link: Link, side: str, node: NodeMotion) -> Vec:
         """Vector from a node to the point of joint j on it, inertial components."""
         offset, _ = self._in_body(j, link, side, link.axes[side != link.side])
         return self.program.vec(node.of_body([offset])[0])
 
-    def _orient(self, child: State, k: State, place: tuple[int, Link, str], found: Way) -> None:
+    def _orient(self, child: NodeMotion, k: NodeMotion, place: tuple[int, Link, str], found: LinkWay) -> None:
         """Rotation of the node carried: the joint's axes at the end of its motion, times Q^T."""
         (j, link, other), let, vec = place, self.program.let, self.program.vec
         if child.kind is NodeKind.PLANAR:
@@ -205,7 +205,7 @@ class TreeProgram:
                 table |= self._frame_meaning(f, self.nodes[node], known)
         return table
 
-    def _frame_meaning(self, f: Frame, node: State, known: dict[str, Expr]) -> dict[Expr, Expr]:
+    def _frame_meaning(self, f: Frame, node: NodeMotion, known: dict[str, Expr]) -> dict[Expr, Expr]:
         table: dict[Expr, Expr] = {}
 
         def bind(symbols: Vec, value: Vec) -> None:

@@ -78,7 +78,7 @@ class TreeStructure:
 
 
 @dataclass
-class State:
+class NodeMotion:
     """Motion of a node: R by columns, heading and quaternion where its kind has them, spins and their rates inertial."""
 
     kind: NodeKind
@@ -137,7 +137,7 @@ def moved(step: Step, coordinates: list[Coordinate], program: Program) -> Moved:
     return Moved(Step(step.turns, step.axis, program.let(step.amount)), program.let(rate), program.let(second), slopes)
 
 
-class Part(NamedTuple):
+class MotionPart(NamedTuple):
     """An elementary motion on the way to a body, inertial components: its direction, its displacement (zero for rotations), and
     of a free rotation the three axes along which its angular velocity has its components."""
 
@@ -148,7 +148,7 @@ class Part(NamedTuple):
 
 
 @dataclass
-class Way:
+class LinkWay:
     """The way from a node to the next one in the tree. parts: the elementary motions; total: vector from the node to their end;
     back: vector from the next node to that end. At the end: axes, their angular velocity w and its rate al, velocity v and
     acceleration a less those of the node. Inertial components."""
@@ -160,13 +160,13 @@ class Way:
     a: Vec = ZERO
     total: Vec = ZERO
     back: Vec = ZERO
-    parts: list[Part] = field(default_factory=list)
+    parts: list[MotionPart] = field(default_factory=list)
 
 
-def way(program: Program, node: State, offset: Vec, axes: Triad, motions: list[Moved], turns: bool) -> Way:
+def way(program: Program, node: NodeMotion, offset: Vec, axes: Triad, motions: list[Moved], turns: bool) -> LinkWay:
     """The way from a node to the next one. offset: vector from the node to the joint's point on it; axes: the joint's axes there;
     motions: the elementary motions of the joint; turns: whether the next node has axes."""
-    found, group = Way(axes, node.w, node.al), _Group(offset)
+    found, group = LinkWay(axes, node.w, node.al), _Group(offset)
     for m in motions:
         if not m.step.turns:
             group.add(program, found, m)
@@ -189,13 +189,13 @@ class _Group:
     speed: Vec = ZERO
     change: Vec = ZERO
 
-    def add(self, program: Program, found: Way, m: Moved) -> None:
+    def add(self, program: Program, found: LinkWay, m: Moved) -> None:
         e = program.vec(m.step.direction(found.axes))
-        found.parts.append(Part(m, e, e * m.step.amount, ()))
+        found.parts.append(MotionPart(m, e, e * m.step.amount, ()))
         self.arm, self.speed = self.arm + e * m.step.amount, self.speed + e * m.rate
         self.change = self.change + e * m.second
 
-    def end(self, program: Program, found: Way) -> None:
+    def end(self, program: Program, found: LinkWay) -> None:
         """Add the displacements to the way `found`: vector, velocity and acceleration at their end."""
         arm, w = program.vec(self.arm), found.w
         along = program.vec(w.cross(arm) + self.speed)
@@ -203,17 +203,17 @@ class _Group:
         found.a = found.a + found.al.cross(arm) + w.cross(along) + w.cross(self.speed) + self.change
 
 
-def _turn(program: Program, found: Way, m: Moved) -> None:
+def _turn(program: Program, found: LinkWay, m: Moved) -> None:
     """Continue the way `found` by a rotation m: its axes, their angular velocity and its rate."""
     vec, before, w = program.vec, found.axes, found.w
     after = program.axes(turned(before, m.step))
     if m.step.rotation is None:
         e = vec(m.step.direction(before))
-        found.parts.append(Part(m, e, ZERO, ()))
+        found.parts.append(MotionPart(m, e, ZERO, ()))
         spin, change = e * m.rate, e * m.second + w.cross(e) * m.rate
     else:
         own = tuple(-axis for axis in before) if m.step.rotation.inverse else after
-        found.parts.append(Part(m, ZERO, ZERO, own))
+        found.parts.append(MotionPart(m, ZERO, ZERO, own))
         spin, change = (vec(sum((axis * c for axis, c in zip(own, part, strict=True)), ZERO)) for part in (m.spin, m.change))
         change = change + w.cross(spin)
     found.axes, found.w, found.al = after, vec(w + spin), vec(found.al + change)

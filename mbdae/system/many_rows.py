@@ -45,6 +45,20 @@ DENSE = 3000  #: number of rows up to which dense matrices decide where sparse o
 TAKES_PART = 1e-6
 
 
+def order_of(pattern: Any, first: Sequence[int], label: Any) -> Whole:
+    """An order in which eliminating a matrix of products of rows, with this sparsity pattern, has little fill-in. first: numbers
+    of rows that come before all others; label (m,): number of the joint of every row, whose rows stay together in their order."""
+    count = int(np.max(label, initial=-1)) + 1
+    member = sp.csr_matrix((np.ones(len(label)), (label, np.arange(len(label)))), shape=(count, len(label)))
+    joined = member @ abs(pattern) @ member.T
+    joined.data[:] = 1.0
+    place = splu((joined + sp.identity(count) * (2.0 * count)).tocsc(), permc_spec="MMD_AT_PLUS_A",
+                 options={"SymmetricMode": True}).perm_c
+    later = np.ones(len(label), dtype=bool)
+    later[list(first)] = False
+    return np.lexsort((np.arange(len(label)), place[label], later))
+
+
 class SparseRows:
     """Sparse constraint rows B (m, n) of unit length, with a choice of independent rows that span all rows.
 
@@ -56,18 +70,7 @@ class SparseRows:
         self.B, self.m = sp.csr_matrix(B), B.shape[0]
         label = np.arange(self.m) if label is None else np.asarray(label)
         self._gram = sp.csc_matrix(self.B @ self.B.T)
-        # an order in which eliminating a matrix of products of rows, with this sparsity pattern, has little fill-in.
-        # first: numbers of rows that come before all others; label (m,): number of the joint of every row, whose rows
-        # stay together in their order
-        count = int(np.max(label, initial=-1)) + 1
-        member = sp.csr_matrix((np.ones(len(label)), (label, np.arange(len(label)))), shape=(count, len(label)))
-        joined = member @ abs(self._gram) @ member.T
-        joined.data[:] = 1.0
-        place = splu((joined + sp.identity(count) * (2.0 * count)).tocsc(), permc_spec="MMD_AT_PLUS_A",
-                     options={"SymmetricMode": True}).perm_c
-        later = np.ones(len(label), dtype=bool)
-        later[list(always)] = False
-        self.order = np.lexsort((np.arange(len(label)), place[label], later))
+        self.order = order_of(self._gram, always, label)
         self.parts = np.ones(self.m)
         self._take(self._chosen())
 
@@ -89,13 +92,7 @@ class SparseRows:
 
     def _chosen(self) -> Whole:
         for limit in LIMITS:
-            # numbers of the rows that elimination leaves aside: their distance from the span of the rows before
-            # is at most `limit`
-            matrix = self._gram
-            entries = Entries(self.m, matrix.indptr, matrix.indices)
-            factors = Factors(Orders(entries, ()), float)
-            factors.values[:] = matrix.data
-            aside = np.flatnonzero(factors.left_out(Order(entries, self.order, self.order), limit**2))
+            aside = self._eliminated(limit)
             self._take(np.setdiff1d(np.arange(self.m), aside))
             sizes, near = np.zeros(len(aside)), list[Array]()
             for some in _pieces(len(aside)):
@@ -111,6 +108,15 @@ class SparseRows:
         self.parts[aside] = sizes
         new = aside[np.flatnonzero(sizes > DEPENDENT)[_newest(np.array(near))]] if near else aside[:0]
         return np.sort(np.r_[self.kept, new])
+
+    def _eliminated(self, limit: float) -> Whole:
+        """Numbers of the rows that elimination leaves aside: their distance from the span of the rows before is at most
+        `limit`."""
+        matrix = self._gram
+        entries = Entries(self.m, matrix.indptr, matrix.indices)
+        factors = Factors(Orders(entries, ()), float)
+        factors.values[:] = matrix.data
+        return np.flatnonzero(factors.left_out(Order(entries, self.order, self.order), limit**2))
 
     def _factors(self, rows: Whole) -> Callable[[Array], Array]:
         """The function b (k, ...) -> x with C C^T x = b, where C (k, n) are the rows with these numbers."""

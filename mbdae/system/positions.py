@@ -179,16 +179,19 @@ class ConsistentPositions:
         joint_name = name.rsplit(".", 1)[0]
         row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
         unit = "m" if np.any(row[~self.mechanics.rotational]) else "rad"
-        # the values at which coordinates in the loops through a joint are held or prescribed at the start, where they
-        # are not as drawn; empty where there are none
-        loops = [loop for loop in map(self.tree.loop, self.tree.closing) if any(joint.name == joint_name for joint in loop)]
-        joints = dict.fromkeys(joint for loop in loops for joint in loop)
-        told = [f"{c} of '{joint.name}' starts at {value:.6g} {joint.unit(c)}"
-                for joint in joints for c, value in self.held_values(joint).items() if value]
-        stated = " and ".join(told)
+        stated = self._stated_in_loop(joint_name)
         values_stated = f"{stated}: the loop may not reach that, state another value; or " if stated else ""
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
                 f"{unit}; {values_stated}check the points of the bodies it connects")
+
+    def _stated_in_loop(self, name: str) -> str:
+        """The values at which coordinates in the loops through a joint are held or prescribed at the start, where they are not as
+        drawn; empty where there are none."""
+        loops = [loop for loop in map(self.tree.loop, self.tree.closing) if any(joint.name == name for joint in loop)]
+        joints = dict.fromkeys(joint for loop in loops for joint in loop)
+        told = [f"{c} of '{joint.name}' starts at {value:.6g} {joint.unit(c)}"
+                for joint in joints for c, value in self.held_values(joint).items() if value]
+        return " and ".join(told)
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
         """Coordinates that the user holds, each with what values(joint) gives for it; none without `holding`. Prescribed ones are

@@ -20,7 +20,7 @@ from mbdae.system.base import Array
 from mbdae.system.changes import cheapest
 from mbdae.system.dependent_rows import smallest, unit_rows
 from mbdae.system.model.model import Model, build
-from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, by_passes, too_large
+from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import AllBodies
@@ -218,7 +218,7 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})
         moved = MovedBodies(model, find_trees(model))
-    return model, MovedBodies(model, moved.trees, ordered=True) if by_passes(model, moved) else moved
+    return model, moved
 
 
 def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:

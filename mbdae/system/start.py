@@ -83,8 +83,17 @@ class Starter(ConsistentPositions):
         """Velocities (nu,) at the start: those that the user states, held rates, and no relative motion at all other joints. In
         scenes with loops the sum of squares of the relative velocities of all joints is the least, so that it does not matter
         which joints the spanning tree leaves out."""
-        # velocities (nu,) computed along the spanning tree: those that the user states, held rates, and relative
-        # velocity 0 at all other joints of the tree
+        along = self.velocities_of_tree(q)
+        if not any(not c.loose and not c.others for c in self.tree.closing):
+            return self.project_velocities(q, along)
+        self.joints = JointMotions(self.model)
+        stated = {b: (b.drawn.velocity, b.drawn.angular_velocity) for b in (self.scene.ground, *self.scene.bodies)}
+        found = self.project_velocities(q, self._velocities(q, stated, self._poses(q)))
+        return along if self.mechanics.speed(along - found) <= ROUNDING * self.mechanics.speed(found) else found
+
+    def velocities_of_tree(self, q: Array) -> Array:
+        """Velocities (nu,) computed along the spanning tree: those that the user states, held rates, and relative velocity 0 at
+        all other joints of the tree."""
         twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass and angular velocity of each body
         place = self._poses(q)
         for root in self.tree.roots:
@@ -93,13 +102,7 @@ class Starter(ConsistentPositions):
             by_itself = joint.loose and child.given_velocity
             twist[child] = (child.drawn.velocity, child.drawn.angular_velocity) if by_itself else (
                 self._twist_of(twist[parent], parent, joint, child, place))
-        along = self._velocities(q, twist, place)
-        if not any(not c.loose and not c.others for c in self.tree.closing):
-            return self.project_velocities(q, along)
-        self.joints = JointMotions(self.model)
-        stated = {b: (b.drawn.velocity, b.drawn.angular_velocity) for b in (self.scene.ground, *self.scene.bodies)}
-        found = self.project_velocities(q, self._velocities(q, stated, self._poses(q)))
-        return along if self.mechanics.speed(along - found) <= ROUNDING * self.mechanics.speed(found) else found
+        return self._velocities(q, twist, place)
 
     def _velocities(self, q: Array, twist: dict[Body, tuple[Array, Array]], place: dict[Body, tuple[Array, Array]]) -> Array:
         """Velocities (nu,) of all nodes at q. twist: body -> velocity of its centre of mass and angular velocity, inertial;

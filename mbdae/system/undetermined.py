@@ -79,21 +79,7 @@ def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Arra
     """Error messages, one sentence each, for bodies with a motion that the constraints allow and that has no inertia."""
     kept = Mechanics(mechanics.model, report.kept)
     if mechanics.large:
-        # as `massless_motions`, for many bodies: a motion without inertia that the rows allow is a null vector of M +
-        # B^T B, where every coordinate is scaled to inertia 1 and every row of B to length 1
-        units, G = kept.velocity_units, kept.constraint_matrix(t, q)
-        M = sp.diags(units) @ kept.mass @ sp.diags(units)
-        scale = units / np.sqrt(_own_inertia(M.diagonal()))
-        B = G @ sp.diags(scale)
-        B = sp.diags(1 / row_lengths(B)[:, 0]) @ B
-        K = sp.csc_matrix(sp.diags(scale) @ kept.mass @ sp.diags(scale) + B.T @ B)
-        shifted = splu(K + NOTHING * sp.identity(len(units), format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-                       options={"SymmetricMode": True})
-        inverse = LinearOperator(K.shape, matvec=shifted.solve, dtype=float)
-        start = np.random.default_rng(5).normal(size=len(units))
-        values, motions = eigsh(inverse, k=min(6, len(units) - 1), which="LA", v0=start, tol=1e-3)
-        lost = motions[:, values > 1 / (100 * NOTHING)]
-        return [_name_motion(kept, G.toarray() if kept.model.joint_coordinates else G, v * scale) for v in lost.T]
+        return _massless_sparse(kept, t, q)
     G = kept.constraint_jacobian(t, q[None])[0]
     own = np.ones(kept.nu, dtype=bool)
     for node in (n for line in kept.model.lines for n in line.nodes):  # nodes of beams have mass: only constrained ones count
@@ -108,6 +94,24 @@ def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Arra
     motions = np.zeros((len(values), kept.nu))
     motions[:, at] = (N @ vectors).T
     return [_name_motion(kept, G, motions[i]) for i in np.flatnonzero(values <= NOTHING)]
+
+
+def _massless_sparse(mechanics: Mechanics, t: Array, q: Array) -> list[str]:
+    """As `massless_motions`, for many bodies: a motion without inertia that the rows allow is a null vector of M + B^T B, where
+    every coordinate is scaled to inertia 1 and every row of B to length 1."""
+    units, G = mechanics.velocity_units, mechanics.constraint_matrix(t, q)
+    M = sp.diags(units) @ mechanics.mass @ sp.diags(units)
+    scale = units / np.sqrt(_own_inertia(M.diagonal()))
+    B = G @ sp.diags(scale)
+    B = sp.diags(1 / row_lengths(B)[:, 0]) @ B
+    K = sp.csc_matrix(sp.diags(scale) @ mechanics.mass @ sp.diags(scale) + B.T @ B)
+    shifted = splu(K + NOTHING * sp.identity(len(units), format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                   options={"SymmetricMode": True})
+    inverse = LinearOperator(K.shape, matvec=shifted.solve, dtype=float)
+    start = np.random.default_rng(5).normal(size=len(units))
+    values, motions = eigsh(inverse, k=min(6, len(units) - 1), which="LA", v0=start, tol=1e-3)
+    lost = motions[:, values > 1 / (100 * NOTHING)]
+    return [_name_motion(mechanics, G.toarray() if mechanics.model.joint_coordinates else G, v * scale) for v in lost.T]
 
 
 def _own_inertia(diagonal: Array) -> Array:

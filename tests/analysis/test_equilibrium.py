@@ -331,3 +331,14 @@ def test_what_the_load_factor_multiplies() -> None:
     loaded = {name for name, is_load in found.items() if is_load}
     assert loaded == {"Gravity", "AppliedForce", "AppliedTorque", "JointLoad"}
     assert len(found) > len(loaded) + 2
+
+
+def test_many_bodies_rest_too() -> None:
+    """140 links, whose matrices are sparse, hang straight down: the topmost joint carries all."""
+    s = mb.Scene("chain", gravity=(0, -9.81, 0))
+    above = s.ground
+    for i in range(140):
+        link = s.link(f"l{i}", (0, -0.1 * i), (0, -0.1 * (i + 1)), mass=1.0)
+        s.revolute(f"J{i}", above, link, at=(0, -0.1 * i))
+        above = link
+    assert np.linalg.norm(s.equilibrium()["J0"].force) == pytest.approx(140 * 9.81, rel=1e-9)

@@ -17,7 +17,7 @@ from mbdae.audit import Audit, verdicts
 from mbdae.audit.compare import SAME, ComparedStates, difference
 from mbdae.audit.edits import Candidates, edits
 from mbdae.audit.evaluate import SizeError, evaluate
-from mbdae.audit.notation import AuditError, Reader, Relation, is_zero
+from mbdae.audit.notation import AuditError, Relation, TextReader, is_zero
 from mbdae.audit.phrases import understand, wordings
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import audit_equation
@@ -271,7 +271,7 @@ def test_what_cannot_be_compared_is_said() -> None:
 def test_formulas_are_read_as_they_are_written() -> None:
     for equation in read(PAPER).equations:
         for statement in equation.statements:
-            assert Reader(str(statement)).statement().sides == statement.sides
+            assert TextReader(str(statement)).statement().sides == statement.sides
 
 
 # -- claimed numbers

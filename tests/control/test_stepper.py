@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 
 import numpy as np
@@ -60,7 +61,7 @@ def stepped(step, count, u=wave):
 
 @pytest.mark.parametrize(("make", "options", "count"), [
     (pendulum, {}, 1000), (pendulum, {"solver": mb.DOP853(rtol=1e-9)}, 100), (four_bar, {}, 50),
-    (four_bar, {"solver": "ida"}, 20), (four_bar, {"solver": mb.RadauIIA(3, rtol=1e-7)}, 20),
+    (four_bar, {"solver": mb.IDA(rtol=2e-9)}, 20), (four_bar, {"solver": mb.RadauIIA(3, rtol=1e-7)}, 20),
     (ball, {"solver": mb.RadauIIA(3, rtol=1e-8)}, 20),
 ], ids=["native", "kinematic", "loop", "ida", "radau", "impacts"])
 def test_steps_are_those_of_a_controller_to_the_last_bit(make, options, count):
@@ -77,6 +78,9 @@ def test_steps_are_those_of_a_controller_to_the_last_bit(make, options, count):
 def test_states_are_gone_back_to_and_go_on_the_same():
     for make in (pendulum, ball):
         step = make().stepper(DT)
+        copied = copy.deepcopy(stepped(step, 3))
+        np.testing.assert_array_equal(stepped(copied, 5).state.y, stepped(step, 5).state.y)
+        step.reset()
         middle = stepped(step, 20).state
         end = stepped(step, 20).state
         for state in (middle, pickle.loads(pickle.dumps(middle))):
@@ -95,7 +99,7 @@ def test_a_stored_state_is_read_and_others_are_refused(tmp_path):
     other = pendulum().stepper(DT)
     other.reset(tmp_path / "a.npz")
     np.testing.assert_array_equal(stepped(other, 5).state.y, end.y)
-    with pytest.raises(OptionError, match="not a state of a stepper"):
+    with pytest.raises(OptionError, match="not the file of a state"):
         four_bar().stepper(DT).reset(tmp_path / "a.npz")
     (tmp_path / "b.npz").write_bytes(b"none")
     with pytest.raises(OptionError, match="damaged"):
@@ -161,6 +165,14 @@ def test_numbers_of_items_are_inputs_by_name():
     step.advance(0.5)
     other = pendulum(torque=5.0, damper=0.2)
     other.force("F", other["rod"], (0, 1, 0), at=(1, 0))
+    hung = mb.Scene("winch", gravity=(0, -9.81, 0))
+    hung.prismatic("P", hung.ground, hung.rigid_body("b", 2.0, 0.1, at=(0, -1)), at=(0, -1), axis=(0, 1, 0), damper=200.0)
+    hung.rope("rope", hung.ground, hung["b"], at_k=(0, 0), at_l=(0, -1), stiffness=2e4, length=0.99)
+    winch = hung.stepper(0.5, inputs=["rope.length"])  # made ready with the length as stated: at 0 there is no rope
+    winch.set({"rope.length": 0.9})
+    for _ in range(4):
+        winch.advance()
+    assert winch["P.displacement"] == pytest.approx(0.1 - 2 * 9.81 * 0.9 / 2e4, abs=1e-6)
     assert step["J.angle"] == pytest.approx(other.simulate(0.5)["J"].angle[-1], abs=1e-7)
 
 

@@ -48,12 +48,14 @@ ELSEWHERE = {
     "read_table": "tests/inputs",
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
+    "Solver.between_breaks": "between modules", "State.save": "files",
     "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface", "Form.within": "interface",
     "System.accept": "interface", "System.read_at": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
     "System.starting": "interface", "System.sampling": "interface", "System.renewed": "interface",
     "System.restarted": "interface", "System.numbers": "interface", "System.dense_parts": "between modules",
+    "System.dense_stages": "between modules",
     "System.doubt": "between modules",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface", "Stepped.with_step": "between modules",
     "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules",
@@ -260,11 +262,10 @@ CALLS: dict[str, Call] = {
         "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "batch": None, "start": None},
         "mbdae.api.Stepper"),
     "Stepper.set": Call(lambda: stepper().set, lambda: {"values": {"hinge.damper": 0.5}}),
-    "Stepper.advance": Call(lambda: stepper().advance, lambda: {"dt": 0.01}),
+    "Stepper.advance": Call(lambda: stepper().advance, lambda: {"dt": 0.01}, "mbdae.run.batch.States.to"),
     "Stepper.reset": Call(lambda: stepper().reset, lambda: {"state": None, "values": {"hinge.angle": 0.1}}),
     "Stepper.result": Call(lambda: stepper().result, lambda: {"i": 0}),
     "Stepper.__getitem__": Call(lambda: stepper().__getitem__, lambda: {"path": "hinge.angle"}),
-    "State.save": Call(lambda: stepper().state.save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.archive.write"),
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
     "audit": Call(lambda: mb.audit, lambda: {
         "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None}),
@@ -316,6 +317,8 @@ CALLS: dict[str, Call] = {
     "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.study.write_file"),
     "Audit.save": Call(lambda: mb.Audit("none", ()).save, lambda: {"path": folder() / "a.md"},
                        "mbdae.documents.write_file"),
+    **{f"Document.{name}": Call(lambda name=name: getattr(Document("none"), name), lambda: FILE, "mbdae.documents.write_file")  # type: ignore[misc]
+       for name in ("to_html", "to_markdown", "to_latex")},
     "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
                           "mbdae.documents.write_file"),
 }
@@ -326,6 +329,7 @@ LISTS = {"a list", "a nested list", "a range", "an array", "one entry", "a matri
 ANY = "any text may be a name"
 #: (callable, option) -> hostile values that are legitimate there, and why
 LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
+    ("Scene.stepper", "inputs"): ({"a tuple of text"}, "names"),
     **{(c, "atol"): ({"a list", "one entry", "a matrix"}, "one number per unknown")
        for c in ("IDA", "CVODE", "DOP853", "RadauIIA")},
     **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},
@@ -344,7 +348,8 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Block.at", "label"): (TEXT, ANY),
     ("sweep", "job"): ({"a class", "a function"}, "what can be called"),
     **{(c, "path"): (TEXT, "a file may have any ending") for c in (
-        "Result.save", "State.save", "Study.to_json", "Study.to_html", "Sweep.to_json", "Audit.to_json")},
+        "Result.save", "State.save", "Study.to_json", "Study.to_html", "Sweep.to_json", "Audit.to_json",
+        "Document.to_html", "Document.to_markdown", "Document.to_latex")},
     **{(c, "hide"): ({*TEXT, "a tuple of text"}, "names, looked for where the picture is made") for c in (
         "Scene.draw", "Result.animate")},
     ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),
@@ -361,13 +366,13 @@ SIZES: list[tuple[set[str], str]] = [
      "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall DAE.simulate.t_end DAE.simulate.max_wall compare.t_end compare.max_wall extremes.t_end "
      "extremes.max_wall extremes.budget Result.animate.speed "
-     "ComparisonData.cheapest.accuracy"),
+     "ComparisonData.cheapest.accuracy Scene.stepper.dt Stepper.advance.dt"),
     ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "
                          "RunStates.stresses.t Result.state_for.t"),
     ({"zero", "a half", "much"}, "Index1.baumgarte"),
     ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy Stepped.at_accuracy.accuracy GeneralizedAlpha.accuracy "
                  "HHT.accuracy OneStep.accuracy Result.animate.fps"),
-    ({"zero"}, "HHT.alpha"),
+    ({"zero"}, "HHT.alpha Stepper.result.i"),
     ({"much"}, "Scene.linearize.count Scene.floquet.count"),
     (NUMBERS, "Solver.solve.begin DAE.t0 Equilibrium.__call__.t Equilibrium.states.t Block.at.value"),
 ]
@@ -385,6 +390,7 @@ OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Switches", "weights"): ({"a list", "a nested list", "a matrix", "a range", *NUMBERS}, "the numbers of each"),
     ("DAE", "y0"): ({"a list", "one entry", "a range"}, "yp0, which no longer fits"),
     ("DAE", "yp0"): ({"a range"}, "the equation that the start does not satisfy"),
+    **{(f"Stepper.{name}", "values"): ({"a dict"}, "the entry") for name in ("set", "reset")},
     ("audit", "laws"): ({"a dict"}, "the entry"), ("extremes", "vary"): ({"a dict"}, "the entry"),
     ("sweep", "grid"): ({"a dict", "a generator"}, "the entry"),
     ("Result.animate", "sensors"): ({"a tuple of text"}, "the entry"),

@@ -28,7 +28,8 @@ import calls
 from hostile import HOSTILE, ONES, SIGNS
 
 #: how an option is named in messages where that is not its own name
-CALLED = {("Result.__getitem__", "name"): "r[|item", ("Mode.__getitem__", "body"): "mode[", ("Result.read", "path"): "sensor",
+CALLED = {("Stepper.__getitem__", "path"): "sensor",
+          ("Result.__getitem__", "name"): "r[|item", ("Mode.__getitem__", "body"): "mode[", ("Result.read", "path"): "sensor",
           ("Result.phase", "x"): "sensor", ("Result.phase", "y"): "sensor", ("Result.plot", "sensors"): "sensor",
           ("Result.animate", "sensors"): "sensor", ("Result.animate", "trail"): "trail|item",
           ("Result.orbit", "place"): "place|item", ("SceneData.replace", "names"): "joint",

@@ -78,6 +78,9 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "spherical": ({"name": "x", **HINGE}, {"model": None}), "weld": ({"name": "x", **PAIR}, {"at": (0, 0)}),
     "distance": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0)}, {}),
     "fixed_orientation": ({"name": "x", **PAIR}, {"at": (0, 0)}),
+    "rope": ({"name": "x", **PAIR, "at_k": (0, 3), "at_l": (0, 0), "stiffness": 1.0},
+             {"damping": 1.0, "length": 1.0, "over": [("ground", 0.1, (9, 0))], "radius_k": 0.1, "radius_l": 0.1,
+              "axis": (0, 0, 1)}),
     "spring": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0), "stiffness": 1.0}, {"damping": 1.0, "length": 1.0}),
     "bushing": ({"name": "x", **HINGE, "stiffness": (1.0, 1.0, 1.0)}, {"damping": (1.0, 1.0, 1.0)}),
     "force": ({"name": "x", "body": "rod", "value": (1.0, 0, 0)}, {"at": (0, 0), "frame": "body"}),
@@ -85,7 +88,7 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {"model": None}),
     "state": ({"name": "x", "rate": 1.0}, {"start": 1.0, "size": 1.0}), "signal": ({"name": "x", "value": 1.0}, {}),
     "controller": ({"name": "x", "f": lambda t, *values: 1.0, "every": 1.0, "sets": ["u"]},
-                   {"reads": ["A.angle"], "memory": 1.0}),
+                   {"reads": ["A.angle"], "memory": 1.0, "start": 1.0}),
 }
 NO_STATEMENTS = {"replace", "recursive", "joints", "sensor"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}

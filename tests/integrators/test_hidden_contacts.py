@@ -82,3 +82,16 @@ def test_open_and_closed_contacts_are_no_hidden_ones():
     run = s.simulate(1.0, solver=mb.RadauIIA(3, rtol=1e-6))
     assert run.contacts["floor"]["contacts"] > 1
     assert hidden_contacts(run.solution.systems[0][1], run.solution, 1e-9) == []
+
+
+def test_a_touch_at_the_end_of_one_step_is_felt() -> None:
+    """An oscillator passes a damped stop by 4e-6 of its amplitude, for a part of a step. Coming in, the stop takes the damping
+    times that depth of its momentum, which is its speed where it turns on the other side."""
+    w, amplitude, over, damping, accuracy = 8.85, 0.116, 4.8e-7, 60.0, 1e-5  # rad/s, m, m, 1/s
+    s = mb.Scene("graze")
+    s.prismatic("j", s.ground, s.rigid_body("c", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), spring=w * w,
+                rate0=amplitude * w, limits=(None, amplitude - over), stop=mb.Stop(8e3, damping))
+    r = s.recursive().simulate(1.5 * math.pi / w, accuracy=accuracy, solver=mb.IDA())
+    kick = damping * over  # m/s, 3 % less than with the stiffness of the stop
+    assert not r.warnings
+    assert r["j"].rate[-1] == pytest.approx(kick, abs=accuracy * amplitude * w + 0.05 * kick)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import Any
 
@@ -57,7 +58,7 @@ class Steep(mb.Force):
 def test_while_equations_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     s = rod()
     s.add(Steep("steep", s.ground, "rod", at=(0, 0, 0), at_l=(1, 0, 0), c=1.0))
-    assert "while equations were compiled" in str(stopped_after(2, s, monkeypatch))
+    assert re.search("equations were (compiled|evaluated|put together)", str(stopped_after(2, s, monkeypatch)))
 
 
 def test_functions_of_ones_own_are_not_called_any_more(monkeypatch: pytest.MonkeyPatch) -> None:

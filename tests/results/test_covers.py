@@ -21,7 +21,7 @@ from mbdae.results.clearance import AtTimes, OtherRun, wrenches
 from mbdae.results.errors import Errors
 from mbdae.results.states import states_of
 from mbdae.run import verification
-from mbdae.run.control import Controlled
+from mbdae.run.estimate import Controlled
 from mbdae.run.verification import distance_of_meshes, mesh_error, with_finer_beams
 from mbdae.system.prepare import prepare
 

@@ -9,8 +9,7 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.run.contacts import may_have_short_events
-from mbdae.run.defect import POINTS, Defect, Suspect, integrals
+from mbdae.run.defect import POINTS, Defect, Suspect, integrals, may_have_short_events
 from mbdae.system.prepare import prepare
 
 pytestmark = pytest.mark.filterwarnings("ignore::mbdae.errors.AccuracyWarning")

@@ -11,7 +11,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.run.assessment import _advice
-from mbdae.run.control import Controlled
+from mbdae.run.estimate import Controlled
 
 
 @pytest.fixture(autouse=True)

@@ -50,6 +50,7 @@ def test_explicit_tolerance_runs_once_without_a_claim() -> None:
 
 
 def test_wall_clock_keeps_what_was_computed() -> None:
+    pendulum().simulate(0.01)  # what a process imports and compiles at its first call counts too, and may take as long
     with pytest.raises(WallClockError, match=r"max_wall = 0\.2 s") as caught:
         pendulum().simulate(1e5, max_wall=0.2)
     assert caught.value.solution["A"].angle.size > 0

@@ -210,6 +210,7 @@ def everything() -> mb.Scene:
     s.fixed_orientation("f", a, b)
     s.spring("k", a, p, at_k=(0, 0, 0), at_l=(3, 0, 0), stiffness=10**12, damping=1e-12, length=0.25)
     s.bushing("u", a, b, at=(0, 0), stiffness=(1, 2, 3, 4, 5, 6), damping=[0.1] * 6)
+    s.rope("rope", a, p, at_k=(0, 0, 0), at_l=(3, 0, 0), stiffness=1e3, over=[("b", 0.1, (1, 5, 0))], radius_l=0.01)
     s.force("F", b.at(0.3), (1, pulse, 0.1), frame="body")
     s.torque("T", a, (0, 0, sp.Heaviside(mb.t - 0.3) * 1e300 * 1e-300))
     s.add(mb.Revolute("own", s.ground, b, at=(1, 0), axis=(0, 1, 0), drive=sp.tanh(mb.t)))

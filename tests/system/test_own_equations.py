@@ -65,6 +65,20 @@ def test_a_wrong_index_is_named_before_the_run(make, index):
     assert not right.doubt(1.0)
 
 
+@pytest.mark.parametrize(("rate", "t_end", "hint"), [(1e4, 3.0, True), (30.0, 30.0, False)])
+def test_a_method_for_what_is_not_stiff_says_so_on_stiff_equations(rate, t_end, hint):
+    """y follows cos 3t at some rate: where that is far faster, stability holds the steps of Adams formulas short."""
+    def slope(t, y, out):
+        out[0] = -rate * (y[0] - np.cos(3 * t))
+
+    system = mb.DAE(lambda t, y, yp, out: np.array([yp[0] + rate * (y[0] - np.cos(3 * t))]), [1.0], [0.0], rhs=slope)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        r = system.simulate(t_end, 1e-6, solver=mb.CVODE())
+    assert r.stats.steps > 1000
+    assert any("mb.CVODE(method='BDF')" in note for note in r.warnings) is hint
+
+
 def test_an_index_above_three_is_named():
     """Two masses on a spring, the first led along sin 2t by a force on the second: the force follows from five derivatives."""
     def led(t, y, yp, out):

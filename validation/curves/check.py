@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import sympy as sp
 from runner import Case, Claim, Found
+from runs import counted, few_and_all, verdict_of
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
@@ -18,7 +19,6 @@ claim = Claim("curves", "stiffness, damping, free length and loads as functions 
               "give the motion within three times the accuracy asked, or the run says that it does not", 0.0, "runs",
               "equations of motion by hand, DOP853 of SciPy at rtol 1e-11 in 2000 or more steps, its own reading of the points")
 QUICK, WHOLE = range(6), range(60)
-FACTOR = 3.0  #: an error up to so many times the accuracy counts as right
 T_END, STEPS = 2.0, 2000
 Law = Callable[[float, float, float], float]  #: of time, coordinate and its rate
 
@@ -165,20 +165,14 @@ def verdict(seed: int) -> tuple[str, str]:
     found = np.array([r.read(name) for name in one.sensors])
     ratio = float(np.max(np.abs(found - reference.y[: len(found)]))) / one.options["accuracy"]
     said = bool(told) or r.reliable is False
-    name = ("told" if said else "silent") if ratio > FACTOR else ("needless" if said and ratio < 1 else "right")
-    return name, f"{one.said}: error {ratio:.2g} x asked{''.join(f'; {w.message}' for w in told)}"
+    return verdict_of(ratio, said), f"{one.said}: error {ratio:.2g} x asked{''.join(f'; {w.message}' for w in told)}"
 
 
 def judge(seeds: Sequence[int]) -> list[Found]:
     """Counts of verdicts, with what is wrong."""
-    all_of = [verdict(seed) for seed in seeds]
-    rows = []
-    for name, most in (("silent", 0.0), ("needless", max(1.0, 0.05 * len(all_of)))):
-        wrong = [text for found, text in all_of if found == name]
-        rows.append(Found(len(wrong), most, "runs", name, note=" | ".join(wrong)))
-    return rows
+    return counted([verdict(seed) for seed in seeds])
 
 
 def cases() -> list[Case]:
     """A few seeds, and all."""
-    return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)), Case("runs", "all", judge, slow=True, parts=WHOLE)]
+    return few_and_all(judge, QUICK, WHOLE)

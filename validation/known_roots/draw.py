@@ -18,7 +18,7 @@ G, DIGITS = 9.81, 80
 @dataclass(frozen=True)
 class Known:
     """A scene with its exact equations M x'' + C x' + K x = 0, lists of rows of mpmath numbers; conservative: whether it has no
-    damping and no follower forces."""
+    damping and no follower forces; first: the matrix A of x' = A x instead, where internal states are in it."""
 
     kind: str
     scene: mb.Scene
@@ -26,6 +26,7 @@ class Known:
     C: list[list[Any]]
     K: list[list[Any]]
     conservative: bool
+    first: list[list[Any]] | None = None
 
 
 class Draw:
@@ -165,11 +166,71 @@ def ziegler(d: Draw) -> Known:
     return Known("follower force", s, M, C, K, False)
 
 
+def points(d: Draw) -> Known:
+    """Points of masses of all sizes on massless rods, hanging or standing, with springs and dampers in their hinges."""
+    n, up, damped = int(d.rng.integers(1, 4)), 1 if d.rng.random() < 0.3 else -1, d.rng.random() < 0.7
+    d.span = min(d.span, 12.0)
+    s = mb.Scene("points", gravity=(0, -G, 0), space="planar")
+    M, C, K = zeros(n), zeros(n), zeros(n)
+    masses = [d.wide(1e-6) for _ in range(n)]
+    model, before = d.model(), s.ground
+    for i, m in enumerate(masses):
+        k, c = d.sometimes(d.wide(1e-2), 0.5), d.sometimes(d.wide(1e-2), 0.7) if damped else 0.0
+        body = s.rigid_body(f"b{i}", m, 0.0, at=(0, up * (i + 1)))
+        values = ({"spring": k} if k else {}) | ({"damper": c} if c else {})
+        s.revolute(f"R{i}", before, body, at=(0, up * i), model=model, **values)
+        before = body
+        between(K, i, i - 1 if i else None, k)
+        between(C, i, i - 1 if i else None, c)
+    for i in range(n):
+        K[i][i] -= up * mpf(G) * sum((mpf(m) for m in masses[i:]), mpf(0))
+        for j in range(n):
+            M[i][j] = sum((mpf(m) for m in masses[max(i, j) :]), mpf(0))
+    return Known("points", s, M, C, K, not damped)
+
+
+def creeping(d: Draw) -> Known:
+    """Pendulums in honey, whose slow roots m g l / c go down to 1e-12 1/s beside fast ones of c / J."""
+    n = int(d.rng.integers(1, 4))
+    s = mb.Scene("creeping", gravity=(0, -G, 0), space=str(d.rng.choice(["auto", "spatial"])))
+    M, C, K = zeros(n), zeros(n), zeros(n)
+    model = d.model()
+    for i in range(n):
+        m, J, up, c = d.wide(1e-4) if d.span < 12 else d.near(), d.near(), 1 if d.rng.random() < 0.3 else -1, d.wide(1e2)
+        c = min(c, 1e12)
+        body = s.rigid_body(f"b{i}", m, J if s.space == "auto" else (J, J, J), at=(3.0 * i, up))
+        s.revolute(f"R{i}", s.ground, body, at=(3.0 * i, 0), model=model, damper=c)
+        M[i][i], C[i][i], K[i][i] = mpf(J) + mpf(m), mpf(c), -up * mpf(m) * mpf(G)
+    return Known("creeping", s, M, C, K, False)
+
+
+def filtered(d: Draw) -> Known:
+    """Masses on springs, with forces through internal states whose rates are 1e-9 1/s and more."""
+    n, gain = int(d.rng.integers(1, 4)), d.rng.random() < 0.5
+    s = mb.Scene("filtered")
+    A = zeros(3 * n)
+    for i in range(n):
+        m, k, c, slow = d.near(), d.wide(), d.sometimes(d.wide(), 0.5), d.wide(1e-9)
+        b = k * d.near() * 0.3 * (-1 if gain else 1)
+        values = {"spring": k} | ({"damper": c} if c else {})
+        s.prismatic(f"P{i}", s.ground, s.rigid_body(f"b{i}", m, 1.0, at=(0, i)), at=(0, i), axis=(1, 0, 0), **values)
+        z = s.state(f"z{i}", slow * (s.sensor(f"P{i}.displacement") - s.sensor(f"z{i}")))
+        s.force(f"F{i}", f"b{i}", (b * z, 0, 0))
+        x, v, own = 3 * i, 3 * i + 1, 3 * i + 2
+        A[x][v] = mpf(1)
+        A[v][x], A[v][v], A[v][own] = -mpf(k) / mpf(m), -mpf(c) / mpf(m), mpf(b) / mpf(m)
+        A[own][x], A[own][own] = mpf(slow), -mpf(slow)
+    return Known("filtered", s, [], [], [], False, A)
+
+
 KINDS: tuple[Callable[[Draw], Known], ...] = (chain, pendulums, cart, rotor, ziegler)
+#: kinds measured from seed LATER on
+SLOW: tuple[Callable[[Draw], Known], ...] = (points, creeping, filtered)
+LATER = 1000
 
 
 def draw(seed: int) -> Known:
     """One scene."""
-    d = Draw(seed)
+    d, kinds = Draw(seed), KINDS if seed < LATER else SLOW
     with workdps(DIGITS):
-        return KINDS[seed % len(KINDS)](d)
+        return kinds[seed % len(kinds)](d)

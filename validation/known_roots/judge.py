@@ -36,19 +36,24 @@ class Verdict:
 
 def exact_roots(known: Known) -> list[Any]:
     """The roots with imaginary part >= 0, as mpmath numbers."""
-    n = len(known.M)
     with mp.workdps(DIGITS):
-        inverse = mp.matrix(known.M) ** -1
-        K, C = inverse * mp.matrix(known.K), inverse * mp.matrix(known.C)
-        A = mp.zeros(2 * n)
-        for i in range(n):
-            A[i, n + i] = 1
-            for j in range(n):
-                A[n + i, j], A[n + i, n + j] = -K[i, j], -C[i, j]
+        A = mp.matrix(known.first) if known.first is not None else _first_order(known)
         found = [mp.mpc(z) for z in mp.eig(A, left=False, right=False)]
         least = mp.mpf(10) ** (-DIGITS // 2 + 5) * max(abs(x) for x in A)  # a double root 0 splits that far
         found = [mp.mpc(0) if abs(z) < least else mp.mpc(z.real, 0) if abs(z.imag) < abs(z) * NOTHING else z for z in found]
         return [mp.mpc(0, z.imag) if abs(z.real) < abs(z) * NOTHING else z for z in found if z.imag >= 0]
+
+
+def _first_order(known: Known) -> Any:
+    n = len(known.M)
+    inverse = mp.matrix(known.M) ** -1
+    K, C = inverse * mp.matrix(known.K), inverse * mp.matrix(known.C)
+    A = mp.zeros(2 * n)
+    for i in range(n):
+        A[i, n + i] = 1
+        for j in range(n):
+            A[n + i, j], A[n + i, n + j] = -K[i, j], -C[i, j]
+    return A
 
 
 def judged(seed: int) -> Verdict:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from local_laws.scenes import SCENES
 from runner import Case, Claim, Found
+from runs import few_and_all
 from timed_inputs.draw import run as one
 from timed_inputs.tables import found
 
@@ -21,5 +22,4 @@ def judge(seeds: Sequence[int]) -> list[Found]:
 
 
 def cases() -> list[Case]:
-    return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)),
-            Case("runs", "all", judge, slow=True, parts=WHOLE)]
+    return few_and_all(judge, QUICK, WHOLE)

@@ -57,7 +57,8 @@ def judged(name: str, problem: Problem, solver: mb.Solver | None, accuracy: floa
     times = np.unique(np.concatenate([np.linspace(system.t0, problem.t_end, 1501), r.solution.t]))
     distance = UnknownsDistance(system.scale)
     off = float(np.max(distance(times, r(times).y, problem.exact(times))))
-    said = "; ".join(r.warnings) or ("not reliable" if r.reliable is False else "")
+    of_error = [note for note in r.warnings if not note.startswith("the equations are stiff")]  # a hint at cost
+    said = "; ".join(of_error) or ("not reliable" if r.reliable is False else "")
     return Verdict(name, label, accuracy, off / accuracy, system.names[distance.worst], said)
 
 

@@ -10,7 +10,7 @@ from runner import Case, Claim, Found, module_of
 
 import mbdae as mb
 from mbdae.audit import Audit
-from mbdae.audit.notation import Reader
+from mbdae.audit.notation import TextReader
 from mbdae.audit.verdicts import audit_equation
 
 claim = Claim("paper", "published formulas of revolute joints: verdicts, repairs and counted numbers are those found by hand", 0,
@@ -107,7 +107,7 @@ def repairs() -> list[Found]:
             continue
         same = CORRECTED[number] in row.repaired.text if number in CORRECTED else row.repair == ROLES
         other += [] if same else [number]
-        again = replace(row.repaired, statements=tuple(Reader(str(s)).statement() for s in row.repaired.statements))
+        again = replace(row.repaired, statements=tuple(TextReader(str(s)).statement() for s in row.repaired.statements))
         wrong += [] if audit_equation(again, search=False).verdict == "RIGHT" else [number]
     return [Found(len(other), quantity="not those found by hand", note=", ".join(other)),
             Found(len(wrong), quantity="not right themselves", note=", ".join(wrong))]

@@ -14,7 +14,7 @@ from runner import Case, Claim, Found
 from mbdae.audit.compare import ComparedStates
 from mbdae.audit.evaluate import evaluate
 from mbdae.audit.motion import RandomMotion
-from mbdae.audit.notation import Node, Reader, Relation
+from mbdae.audit.notation import Node, Relation, TextReader
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import Row as Verdict
@@ -40,7 +40,7 @@ def formulas(file: Path) -> list[tuple[Printed, Printed]]:
             errors[last] = errors.get(last, "") + " " + line.removeprefix(PLANTED)
         plain.append("" if inside else line)
     found = list(read("\n".join(plain)).equations)
-    return [(e, replace(e, statements=(Reader(errors[e.number]).statement(),))) for e in found]
+    return [(e, replace(e, statements=(TextReader(errors[e.number]).statement(),))) for e in found]
 
 
 @lru_cache(maxsize=2 * len(FILES))

@@ -109,7 +109,7 @@ class AccelerationKernel(Workspace):
     def _by_cholesky(self, part: Operations, mass: Array) -> None:
         """Append the solution of S lambda = G M^-1 f + c by Cholesky, then u' = M^-1 (f - G^T lambda)."""
         m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
-        # M^-1, inverted block by block so that its entries outside of the diagonal blocks of M are exactly 0
+        # m^-1, inverted block by block so that its entries outside of the diagonal blocks of M are exactly 0
         inverse = np.zeros_like(mass)
         for at in _blocks(mass):
             inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])

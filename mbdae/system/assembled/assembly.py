@@ -109,8 +109,7 @@ class Assembly:
         nb, meaning = self.numbering, {"g": "position", "gd": "velocity", "gdd": "acceleration"}
         names = [f"kinematics of {n}" for n in self.names[: nb.nq]]
         names += [f"momentum of {n}" for n in self.names[nb.nq : nb.nq + nb.nu]]
-        names += [f"state {n}" for n in nb.states.values()]
-        names += [f"strain of {n}" for n in nb.stresses]
+        names += [f"state {n}" for n in nb.states.values()] + [f"strain of {n}" for n in nb.stresses]
         by_block = {block: head for head, block in self.spec.rows.items()}
         for block in self.spec.blocks:
             names += [f"{row.name} ({meaning[by_block[block]]} constraint)" for row in nb.rows]

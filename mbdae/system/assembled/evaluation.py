@@ -18,8 +18,8 @@ from mbdae.system.assembled.tree_terms import TreeTerms
 from mbdae.system.base import Array
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.constrained import Columns, Index, Workspace, narrow_order
-from mbdae.system.motion.tree_mechanics import Inertia
+from mbdae.system.motion.constrained import Columns, Index, Workspace
+from mbdae.system.motion.tree_mechanics import Inertia, entries_among, solve_mass
 
 
 class JacobianTerms(NamedTuple):
@@ -138,34 +138,17 @@ class EquationsOfScene(Workspace):
 
     def _solve_mass(self, part: Operations, rest: Index, inertia: Inertia | None, pattern: Columns | None) -> None:
         """Append the accelerations of the velocity unknowns `rest` by Cholesky of their mass matrix."""
-        operations, nu, nq, first = self.operations, len(rest), self.numbering.nq, self.rates
-        number = np.full(self.numbering.nu, -1)
-        number[rest] = np.arange(nu)
-        if inertia is None:
+        nu, nq, slots = self.numbering.nu, self.numbering.nq, self.rates + self.numbering.nq + rest
+        if inertia is not None:
+            once = self.operations.part()
+            order, factors = solve_mass(part, *entries_among(inertia, rest), slots, once)
+            self._steady = once, factors
+        else:
             assert pattern is not None
             rows, columns = pattern.rows - nq, np.repeat(np.arange(self.n), np.diff(pattern.first)) - nq
-            inside = (rows >= 0) & (rows < self.numbering.nu) & (columns >= 0) & (columns < self.numbering.nu)
-            i, j, m = rows[inside], columns[inside], np.zeros(int(inside.sum()))
-        else:
-            found = np.array([(a, b, m) for (a, b), m in inertia.items() if number[a] >= 0 and number[b] >= 0]).reshape(-1, 3)
-            (i, j), m = number[found[:, :2].astype(np.intp)].T, found[:, 2]
-        order, place = narrow_order(nu, np.concatenate([i, j]), np.concatenate([j, i]))
-        width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
-        lower, values = place[i] >= place[j], np.zeros(nu * width)
-        cell = (place[i] * width + place[j] - place[i] + width - 1)[lower]
-        np.add.at(values, cell, m[lower])
-        matrix, right = operations.slots(nu * width) if inertia is None else operations.constant(values), operations.slots(nu)
-        if inertia is None:
-            part.load(matrix, values)
-            part.add(matrix + cell, (self.fy + self.nnz + np.flatnonzero(inside))[lower])
-        part.set(right + place, first + nq + rest)
-        if inertia is None:
-            part.cholesky(nu, width, matrix, right)
-        else:
-            self._steady = operations.part(), slice(matrix, matrix + nu * width)
-            self._steady[0].cholesky(nu, width, matrix, right)
-            part.solve(nu, width, matrix, right, 1)
-        part.set(first + nq + rest, right + place)
+            inside = np.flatnonzero((rows >= 0) & (rows < nu) & (columns >= 0) & (columns < nu))
+            places = rows[inside], columns[inside]
+            order, _ = solve_mass(part, places, np.zeros(len(inside)), slots, None, self.fy + self.nnz + inside)
         self.order = rest[order]
 
     def compile(self) -> None:

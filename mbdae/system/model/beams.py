@@ -51,7 +51,14 @@ def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], 
             raise SceneError([f"beam '{beam.name}': {error}"]) from error
         for item, side, _, point in places:
             nodes[item, side] = nearest(np.linalg.norm(mesh.positions - point, axis=1), mesh.length)
-    # give nodes of two beams that are welded to each other the same axes, so that they can share their rotation
+    _give_welded_nodes_equal_axes(scene, meshes, nodes)
+    found = {beam: Meshed(mesh, _stations(beam, mesh, planar)) for beam, mesh in meshes.items()}
+    on = {(c.name, side): body for c in scene.connections for side, body in (("k", c.k), ("l", c.l))}
+    return found, {key: found[on[key]].stations[node] for key, node in nodes.items()}
+
+
+def _give_welded_nodes_equal_axes(scene: SceneData, meshes: dict[Beam, LineMesh], nodes: dict[tuple[str, str], int]) -> None:
+    """Give nodes of two beams that are welded to each other the same axes, so that they can share their rotation."""
     settled: set[tuple[Beam, int]] = set()
     for c in (c for c in scene.connections if c.is_joint and c.joint.welds):
         if not (isinstance(c.k, Beam) and isinstance(c.l, Beam)):
@@ -63,9 +70,6 @@ def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], 
             of_k = meshes[k[0]]
             meshes[l[0]] = meshes[l[0]].with_axes(l[1], of_k.quaternions[k[1]], float(of_k.headings[k[1]]))
         settled |= {k, l}
-    found = {beam: Meshed(mesh, _stations(beam, mesh, planar)) for beam, mesh in meshes.items()}
-    on = {(c.name, side): body for c in scene.connections for side, body in (("k", c.k), ("l", c.l))}
-    return found, {key: found[on[key]].stations[node] for key, node in nodes.items()}
 
 
 def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:

@@ -134,13 +134,14 @@ class MovedBodies:
     """The trees of a model. nodes: the nodes that they move; replaced: laws (group, instance) that their kernels contain; loaded:
     nodes among these on which other laws act; sharing: nodes of beams that share unknowns.
 
-    ordered: whether the trees are evaluated joint by joint instead of by kernels of whole trees; alone: whether in addition no
-    constraint row remains besides the joints of the trees; open: which parameters are inputs of kernels, of laws outside of the
-    trees too."""
+    ordered: whether the trees are evaluated joint by joint instead of by kernels of whole trees: one of them is large, and there
+    are no beams; alone: whether in addition no constraint row remains besides the joints of the trees; open: which parameters
+    are inputs of kernels, of laws outside of the trees too. ordered=False: by kernels of whole trees, however large."""
 
-    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False,
-                 open: Open = Open.FEWEST) -> None:
-        self.ordered, self.open = ordered, open
+    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, open: Open = Open.FEWEST,
+                 ordered: bool | None = None) -> None:
+        large = not model.lines and any(_size(tree) > FUSED for tree in trees)
+        self.ordered, self.open = large if ordered is None else ordered, open
         self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
@@ -150,7 +151,7 @@ class MovedBodies:
         loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in moved}
         loaded |= {n for line in model.lines for n in line.nodes if n in moved}
         self.replaced = frozenset(inside | idle)
-        self.alone = ordered and not _rows_left(model, self.replaced)
+        self.alone = self.ordered and not _rows_left(model, self.replaced)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
         self.trees = [tree.loaded(loaded) for tree in trees]
         not_shared = moved | {n for tree in trees for n in tree.nodes[1:] if n}
@@ -167,10 +168,8 @@ class MovedBodies:
             self._groups.setdefault(tree.structure, []).append(tree)
 
     def opened(self, model: Model, open: Open = Open.LAWS, ordered: bool | None = None) -> MovedBodies:
-        """The same with the numbers of laws as inputs of kernels; ordered: whether trees are evaluated joint by joint, None: as
-        here."""
-        trees = [tree.opened(open) for tree in self.trees]
-        return MovedBodies(model, trees, ordered=self.ordered if ordered is None else ordered, open=open)
+        """The same with the numbers of laws as inputs of kernels."""
+        return MovedBodies(model, [tree.opened(open) for tree in self.trees], open=open, ordered=ordered)
 
     def written(self, model: Model) -> set[tuple[str, str]]:
         """Parameters (item, name) that are no inputs because their values are written into the kernels of a tree."""
@@ -251,11 +250,6 @@ def _size(tree: Tree) -> int:
     return sum(len(directions(link.kind)) ** 2 for link in tree.structure.links)
 
 
-def by_passes(model: Model, moved: MovedBodies) -> bool:
-    """Whether the trees of a model are evaluated joint by joint: one of them is large, and there are no beams."""
-    return not model.lines and any(_size(tree) > FUSED for tree in moved.trees)
-
-
 def too_large(model: Model, moved: MovedBodies) -> dict[str, str]:
     """Joints of trees that are treated as kinematic because they would cost more, and why."""
     if model.lines:
@@ -264,7 +258,7 @@ def too_large(model: Model, moved: MovedBodies) -> dict[str, str]:
     carried = set(moved.nodes)
     left = _rows_left(model, moved.replaced)
     unknowns = 2 * left + sum(sum(n.kind.sizes) for n in model.nodes if n not in carried)
-    if not left or unknowns <= MOST_FULL or not by_passes(model, moved):
+    if not left or unknowns <= MOST_FULL or not moved.ordered:
         return {}
     why = "beside constraints the Jacobian of large trees is full; kinematic joints, whose Jacobian is not, cost less here"
     return {name: why for tree in moved.trees if _size(tree) > FUSED for name in tree.names}

@@ -116,21 +116,7 @@ def find_trees(model: Model) -> list[Tree]:
     trees, seen = [], set()
     for root in _roots(joints, model.scene.ground):
         if root not in seen:
-            edges: list[tuple[Body, Connection, Body]] = []
-            front, at, taken = deque([root]), dict[Body, list[int]](), set[int]()
-            for number, (_, k, l) in enumerate(joints):
-                at.setdefault(k, []).append(number)
-                at.setdefault(l, []).append(number)
-            while front:
-                parent = front.popleft()
-                for number in at.get(parent, ()):
-                    if number in taken:
-                        continue
-                    taken.add(number)
-                    c, k, l = joints[number]
-                    child = l if k is parent else k
-                    edges.append((parent, c, child))
-                    front.append(child)
+            edges = _edges(root, joints)
             seen |= {root, *(child for _, _, child in edges)}
             if edges:
                 trees.append(_tree(model, root, edges, places))
@@ -160,6 +146,25 @@ def _roots(joints: list[Joined], ground: Body) -> list[Body]:
     bodies = list(dict.fromkeys([b for _, *ends in joints for b in ends]))
     carried = {l for _, _, l in joints}
     return sorted(bodies, key=lambda b: (b is not ground, b.is_point, b in carried))
+
+
+def _edges(root: Body, joints: list[Joined]) -> list[tuple[Body, Connection, Body]]:
+    edges: list[tuple[Body, Connection, Body]] = []
+    front, at, taken = deque([root]), dict[Body, list[int]](), set[int]()
+    for number, (_, k, l) in enumerate(joints):
+        at.setdefault(k, []).append(number)
+        at.setdefault(l, []).append(number)
+    while front:
+        parent = front.popleft()
+        for number in at.get(parent, ()):
+            if number in taken:
+                continue
+            taken.add(number)
+            c, k, l = joints[number]
+            child = l if k is parent else k
+            edges.append((parent, c, child))
+            front.append(child)
+    return edges
 
 
 def _tree(model: Model, root: Body, edges: list[tuple[Body, Connection, Body]], places: dict[str, Place]) -> Tree:

@@ -1,6 +1,5 @@
-"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant.
-
-Accelerations and multipliers of many states with sparse matrices of one sparsity pattern.
+"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant or
+matrices sparse, of one pattern.
 
 The workspace of a numbering as the array of a native program, with the operations that fill it: values prescribed in time, and
 the motion of loaded nodes.
@@ -64,8 +63,8 @@ def least_norm(B: Array, force: Array) -> Array:
     """Multipliers lambda (nt, m) with B^T lambda = force, of least norm as in `unique_multipliers`. B (nt, m, nu): columns of G
     times unit displacements; force (nt, nu): generalised forces times unit displacements."""
     lengths = row_lengths(B)
-    found = [np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(B / lengths, force, strict=True)]
-    return np.asarray(np.array(found).reshape(lengths.shape[:2]) / lengths[:, :, 0])
+    found = np.array([np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(B / lengths, force, strict=True)])
+    return np.asarray(found.reshape(lengths.shape[:2]) / lengths[:, :, 0])
 
 
 def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,
@@ -95,19 +94,21 @@ def _solved(K: Array, right: Array, scale: Array) -> Array:
         x = np.linalg.solve(K, right[:, :, None])
     except np.linalg.LinAlgError:
         return np.array([_solve(k, b, scale) for k, b in zip(K, right, strict=True)]).reshape(right.shape)
-    missed = np.linalg.norm((K @ x)[:, :, 0] - right, axis=1) > 1e-8 * (np.linalg.norm(right, axis=1) + 1e-300)
     x = x[:, :, 0]
-    for i in np.flatnonzero(missed | ~np.isfinite(x).all(axis=1)):
+    off = np.linalg.norm(np.einsum("tij,tj->ti", K, x) - right, axis=1)  # nan where x is not finite
+    missed = ~(off <= 1e-8 * (np.linalg.norm(right, axis=1) + 1e-300))
+    for i in np.flatnonzero(missed):
         x[i] = _solve(K[i], right[i], scale)
+    if len(x) == 1 and not missed[0]:  # one state, to which equations are linearised: 2e-13 of a force, where masses differ much
+        x[0] += np.linalg.solve(K[0], right[0] - K[0] @ x[0])
     return np.asarray(x)
 
 
 def _solve(K: Array, right: Array, scale: Array) -> Array:
     """Solution of K x = right; where K is singular, the least-squares solution with the smallest norm of x / scale."""
     try:
-        x = np.asarray(np.linalg.solve(K, right), dtype=float)
-        if np.all(np.isfinite(x)) and np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
-            return x
+        if np.linalg.norm(K @ (x := np.linalg.solve(K, right)) - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
+            return np.asarray(x)
     except np.linalg.LinAlgError:
         pass
     return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float)
@@ -314,7 +315,7 @@ class Evaluator(Workspace):
     def at_states(self, name: Any, emitted: Callable[[Operations], Any], t: Array, y: Array, yp: Array | None = None) -> Array:
         """The results (k, width) of a list at times (k,), unknowns y (k, n or more) and their rates, of the same shape, which are
         0 unless given. Other threads wait."""
-        return self._owner.alone(self._evaluated, name, emitted, t, y, yp)
+        return self._owner.waiting(self._evaluated, name, emitted, t, y, yp)
 
     def _evaluated(self, name: Any, emitted: Callable[[Operations], Any], t: Array, y: Array, yp: Array | None) -> Array:
         t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
@@ -322,9 +323,8 @@ class Evaluator(Workspace):
         if y.shape != (len(t), max(self.n, y.shape[1])) or (yp is not None and yp.shape != y.shape):
             raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
         self.choose(name, emitted)
-        out = np.empty((len(t), self.width))
-        rates = None if yp is None else yp.ctypes.data
-        core().scene_values(self.address, len(t), t.ctypes.data, y.ctypes.data, rates, y.shape[1], self.width, out.ctypes.data)
+        out, states = np.empty((len(t), self.width)), [None if one is None else one.ctypes.data for one in (t, y, yp)]
+        core().scene_values(self.address, len(t), *states, y.shape[1], self.width, out.ctypes.data)
         return out
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import as_full
 from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.native.program import Operations
 from mbdae.symbolic.law import Element
@@ -20,7 +21,7 @@ from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.all_bodies import AllBodies
-from mbdae.system.motion.constrained import Evaluator, least_norm, solve_constrained
+from mbdae.system.motion.constrained import Evaluator, Index, least_norm, narrow_order, solve_constrained
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import Solve
 
@@ -56,13 +57,15 @@ class _Accelerations(Evaluator):
                                  lambda j, _, i, of=tree: every + of.node(j).u + i, ("up",))  # type: ignore[misc]
             driven = [(every + tree.node(-c).u, moved.slot(nb, tree, ("clock", c, 2))) for _, c, _ in tree.driven]
             part.set([to for to, _ in driven], [slot for _, slot in driven])
-        solve_alone(part, mass, lambda k: rates + k, sorted(set(range(nb.nu)) - {k for _, k in self.pivots}))
+        rest = np.setdiff1d(np.arange(nb.nu), [k for _, k in self.pivots])
+        if len(rest):
+            solve_mass(part, *entries_among(mass, rest), rates + rest)
         part.set(every + own, rates + np.arange(nb.nu))
         return every + np.arange(model.nu)
 
     def of_forces(self, t: Array, q: Array, u: Array, f: Array) -> Array:
         """u' (nt, nu) of all nodes at q, u of the unknowns (nt, ...), for forces f (nt, nu) on all nodes."""
-        return self._owner.alone(self._of_forces, t, q, u, f)
+        return self._owner.waiting(self._of_forces, t, q, u, f)
 
     def _of_forces(self, t: Array, q: Array, u: Array, f: Array) -> Array:
         y, out = np.zeros((1, self.n)), np.empty_like(f)
@@ -100,26 +103,38 @@ def own_inertia(nb: Numbering, tree: Tree, mass: Inertia) -> dict[tuple[Place, P
     return {(places[a], places[b]): m for (a, b), m in mass.items() if a in places and b in places}
 
 
-def solve_alone(part: Operations, mass: Inertia, rate: Callable[[int], int], rest: Sequence[int]) -> None:
-    """Append the accelerations of the velocity unknowns `rest`, which belong to no tree, by Cholesky of their constant mass
-    matrix.
-
-    mass: (row, column) -> its entries; rate: slot of unknown k, which holds the force on it before and its acceleration after."""
-    if not rest:
-        return
-    place, n = {k: i for i, k in enumerate(rest)}, len(rest)
-    found = [(place[a], place[b], m) for (a, b), m in mass.items() if a in place and b in place]
-    width = max((abs(i - j) for i, j, _ in found), default=0) + 1
-    band = np.zeros((n, width))
-    for i, j, m in found:
-        if i >= j:
-            band[i, j - i + width - 1] = m
+def solve_mass(part: Operations, places: tuple[Index, Index], values: Array, slots: Index, once: Operations | None = None,
+               entries: Index | None = None) -> tuple[Index, slice]:
+    """Append the accelerations of the velocities whose forces are in `slots` (n,), into the same slots, by Cholesky of their mass
+    matrix in a band. places, values (k,): rows, columns and values of its entries; once: list of operations that factorises it
+    when the array is made, None: it is factorised whenever the operations run; entries (k,): slots of terms of the entries that
+    vary. Returns the order in which the velocities are eliminated, and the slots of the factors."""
+    n, (i, j) = len(slots), places
+    order, place = narrow_order(n, np.concatenate([i, j]), np.concatenate([j, i]))
+    width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
+    lower, band = place[i] >= place[j], np.zeros(n * width)
+    cell = (place[i] * width + place[j] - place[i] + width - 1)[lower]
+    np.add.at(band, cell, values[lower])
     matrix, right = part.slots(n * width), part.slots(n)
-    part.load(matrix, band)
-    slots = [rate(k) for k in rest]
-    part.set(right + np.arange(n), slots)
-    part.cholesky(n, width, matrix, right)
-    part.set(slots, right + np.arange(n))
+    (part if once is None else once).load(matrix, band)
+    if entries is not None:
+        part.add(matrix + cell, entries[lower])
+    part.set(right + place, slots)
+    if once is None:
+        part.cholesky(n, width, matrix, right)
+    else:
+        once.cholesky(n, width, matrix, right)
+        part.solve(n, width, matrix, right, 1)
+    part.set(slots, right + place)
+    return order, slice(matrix, matrix + n * width)
+
+
+def entries_among(inertia: Inertia, some: Index) -> tuple[tuple[Index, Index], Array]:
+    """Rows and columns, and values, of the entries of a mass matrix among some velocities, which are numbered anew."""
+    number = {int(k): n for n, k in enumerate(some)}
+    found = [(number[a], number[b], m) for (a, b), m in inertia.items() if a in number and b in number]
+    i, j, m = np.array(found).reshape(-1, 3).T
+    return (i.astype(np.intp), j.astype(np.intp)), m
 
 
 def _bare(model: Model, tree: Tree) -> Tree:
@@ -150,7 +165,7 @@ class TreeMechanics(Mechanics):
             return self._by_passes(t, q, qr, ur)
         T = e.velocity_map(t, qr)
         bias = e.accelerations(t, qr, ur, np.zeros_like(ur))
-        G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), self.mass, self.closing
+        G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), as_full(self.mass), self.closing
         Tt, units = T.transpose(0, 2, 1), 1 / self.velocity_units[e.numbering.of_velocities]
         mass, rows = Tt @ (M @ T), G[:, closing] @ T
         right = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias)
