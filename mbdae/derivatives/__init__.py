@@ -10,17 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import Chart, Equations, chart_of, refuse_run, refused
+from mbdae.derivatives.chart import DISTANCE, Chart, Equations, chart_of, differenced, refuse_run, refused
 from mbdae.derivatives.chart import refuse_scene as refuse_scene
-from mbdae.derivatives.lists import Lists
-from mbdae.derivatives.steps import Tangent, refuse_jumps
+from mbdae.derivatives.steps import Derived, refuse_jumps
 from mbdae.errors import DerivativeError, OptionError, warn
 from mbdae.formulations import form_of, system_for
 from mbdae.integrators.base import Asked
+from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators.dense import interval
 from mbdae.integrators.dop853 import DOP853
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
@@ -37,6 +39,7 @@ POINTS, POINT_WEIGHTS = np.polynomial.legendre.leggauss(8)
 NEAR = 1e-3  #: two maxima that differ by less than this share may change places, so that the largest has no derivative there
 #: share of a derivative to which the differences along the run have to agree, else they are taken closer, CLOSER times at most
 AGREED, CLOSER, ATTEMPTS = 1e-7, 8.0, 4
+SIDES = (1, -1, 2, -2, 3, -3)  #: nodes of the differences of what is read along one unknown, which is cheap and smooth
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,22 +153,32 @@ class _Moved:
 class Along:
     """A run and its derivatives by numbers of the scene."""
 
-    def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], lists: Lists, scale: Array) -> None:
+    def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], scale: Array) -> None:
         self.result = Result(result.prepared, run, None, result.t)  # type: ignore[arg-type]
         self.charts, self.run = charts, run
-        tangent = Tangent(run, lists, charts, scale)
-        refuse_jumps(tangent)
-        self.tangent = tangent.over_steps()
+        self.derived = Derived(run, charts, scale)
+        refuse_jumps(self.derived)
+        self._sums: dict[int, list[tuple[Array, Array]]] = {}
+
+    @cached_property
+    def tangent(self) -> Any:
+        """The derivatives of the run's unknowns, as a function of time."""
+        return self.derived.tangent()
 
     def of(self, k: int, read: Callable[[Result], Array]) -> tuple[Array, Array]:
         """Derivative of what is read of a result by number k, and its estimated error by rounding and differences."""
+        run, count = self.run, len(self.charts)
+        own = self.tangent.y.reshape(len(run.t), -1, count)[:, :, k]
+
+        def moved(one: Equations, by: float) -> Result:
+            return self._result(one, _Moved(run.interpolant, self.tangent, k, count, by), run.y + by * own)
+
+        return self._explicit(k, moved, read)
+
+    def _explicit(self, k: int, moved: Callable[[Equations, float], Result], read: Callable[[Result], Array]) -> tuple[Array, Array]:
         varied = self.charts[k].varied
-
-        def moved(one: Equations, node: int) -> Array:
-            return read(self._moved(k, one, node * varied.distance))
-
         for _ in range(ATTEMPTS):
-            found, doubt = varied.sum_of(moved)
+            found, doubt = varied.sum_of(lambda one, node, at=varied.distance: read(moved(one, node * at)))  # type: ignore[misc]
             if not doubt.size or doubt.max() <= AGREED * np.abs(found).max() or not np.isfinite(doubt).all():
                 break
             varied = varied.closer(CLOSER)
@@ -173,11 +186,90 @@ class Along:
             refused(varied.name, "what is read has no finite derivative by it")
         return found, doubt
 
-    def _moved(self, k: int, at: Equations, by: float) -> Result:
-        run, count = self.run, len(self.charts)
-        moved = _Moved(run.interpolant, self.tangent, k, count, by)
-        y = run.y + by * self.tangent.y.reshape(len(run.t), -1, count)[:, :, k]
-        return Result(at.prepared, replace(run, y=y, interpolant=moved, outputs=None, systems=()), None, self.result.t)  # type: ignore[arg-type]
+    def _result(self, at: Equations, interpolant: Any, y: Array) -> Result:
+        run = replace(self.run, y=y, interpolant=interpolant, outputs=None, systems=())
+        return Result(at.prepared, run, None, self.result.t)  # type: ignore[arg-type]
+
+    def sums(self, of: Objective) -> list[tuple[Array, Array]]:
+        """Derivatives of an objective by all numbers, each with its error by differences: the adjoint."""
+        if id(of) not in self._sums:
+            self._sums[id(of)] = self._summed(of)
+        return self._sums[id(of)]
+
+    def _summed(self, of: Objective) -> list[tuple[Array, Array]]:
+        base, run, (times, weights) = self.charts[0].varied.base, self.run, of.points(self.result)
+
+        def read(one: Result) -> Array:
+            return of.read(one, times)
+
+        ends, inner = np.zeros_like(run.y), np.zeros((len(run.t) - 1, self.derived.steps.stages - 1, run.y.shape[1]))
+        ask, table, doubt = _Asked(run.interpolant), radau_table(self.derived.steps.stages), 0.0
+        read(self._result(base, ask, run.y))
+        step = interval(run.t, times)
+        h = run.t[step + 1] - run.t[step]
+        theta = (times - run.t[step]) / h
+        size = np.maximum(np.abs(run.y).max(axis=0), self.derived.scale)
+        for part, used in (("value", True), ("derivative", ask.asked)):
+            if not used:
+                continue
+            basis = table.values(theta) if part == "value" else table.slopes(theta) / h[:, None]
+            for j in range(run.y.shape[1]):
+                by = DISTANCE * size[j] / (1.0 if part == "value" else run.t[-1] - run.t[0])
+
+                def moved(node: int, j: int = j, by: float = by, part: str = part) -> Array:
+                    return read(self._result(base, _Shifted(run.interpolant, j, node * by, part), run.y))
+
+                found, off = differenced(moved, SIDES, by)
+                given, doubt = weights * found, doubt + float(np.abs(weights) @ off) * size[j]
+                np.add.at(inner, (step, slice(None), j), given[:, None] * basis[:, :-1])
+                np.add.at(ends, (step + 1, j), given * basis[:, -1])
+                np.add.at(ends, (step, j), given * ((part == "value") - basis[:, -1]))
+        total = self.derived.adjoint(ends, inner)
+        parts = [self._explicit(k, lambda one, by: self._result(one, run.interpolant, run.y), read) for k in range(len(self.charts))]
+        worst = np.abs(total).max(initial=0.0) or 1.0
+        return [(np.asarray(own + weights @ found), np.asarray(np.abs(weights) @ off + doubt * abs(own) / worst))
+                for own, (found, off) in zip(total, parts, strict=True)]
+
+
+@dataclass
+class _Asked:
+    """Interpolant of a run that knows whether derivatives over time were asked for."""
+
+    of: Any
+    asked: bool = False
+
+    def value(self, t: Array) -> Array:
+        """Unknowns (k, n) at times (k,)."""
+        return np.asarray(self.of.value(t))
+
+    def derivative(self, t: Array) -> Array:
+        """Rates (k, n) of the unknowns at times (k,)."""
+        self.asked = True
+        return np.asarray(self.of.derivative(t))
+
+
+@dataclass(frozen=True, eq=False)
+class _Shifted:
+    """Interpolant of a run with unknown j, or its rate (part: "value", "derivative"), larger by `by`."""
+
+    of: Any
+    j: int
+    by: float
+    part: str
+
+    def value(self, t: Array) -> Array:
+        """Unknowns (k, n) at times (k,)."""
+        return self._shifted(self.of.value(t), "value")
+
+    def derivative(self, t: Array) -> Array:
+        """Rates (k, n) of the unknowns at times (k,)."""
+        return self._shifted(self.of.derivative(t), "derivative")
+
+    def _shifted(self, found: Array, part: str) -> Array:
+        found = np.array(found)
+        if part == self.part:
+            found[:, self.j] += self.by
+        return found
 
 
 Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
@@ -196,10 +288,10 @@ class Refined:
         if not isinstance(self.solver, DOP853 | RadauIIA):
             self._with_other_method()
         base = Equations(self.prepared, self.system.stated, tuple(self.prepared.mechanics.rows))
+        base = replace(base, rates=isinstance(self.solver, DOP853) and base.has_rates)
         self.charts = [chart_of(name, base, float(run.t[-1])) for name in names]
         for chart in self.charts:
             chart.refuse_moving_breaks(float(run.t[0]))
-        self.lists = Lists(base.assembly)
 
     def _system_of(self, run: Solution) -> SceneSystem:
         """The equations of the run; made again where it was stored."""
@@ -233,7 +325,7 @@ class Refined:
                 limit = solver.tightest.get(self.system.label, solver.tightest.get("", 1e-13))
                 solver = replace(solver, rtol=max(solver.tolerance / FINER**k, limit))
             run = solver.run(self.system, Asked(float(self.result.solution.t[-1])))
-        return Along(self.result, run, self.charts, self.lists, self.system.scale)
+        return Along(self.result, run, self.charts, self.system.scale)
 
     def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
@@ -271,6 +363,8 @@ def gradient(result: Result, of: Any, to: Any) -> Derivatives:
     of.read(result, result.t[:1])  # raises the error of a quantity that is none
 
     def read(along: Along, k: int) -> tuple[Array, Array]:
+        if len(names) > along.run.y.shape[1]:
+            return along.sums(of)[k]
         times, weights = of.points(along.result)
         found, doubt = along.of(k, lambda one: of.read(one, times))
         return np.asarray(weights @ found), np.asarray(np.abs(weights) @ doubt)

@@ -15,17 +15,19 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.derivatives.lists import data_of, structure_of
+from mbdae.deferred import as_full
+from mbdae.derivatives.lists import Listed, structure_of
 from mbdae.errors import DerivativeError, MbdaeError, OptionError
 from mbdae.inputs import timed
 from mbdae.results.result import Result
 from mbdae.run.choice import prepared_from
 from mbdae.study.statements import changed
 from mbdae.symbolic.tree_motion import Open
+from mbdae.system.assembled.acceleration_kernel import acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.jacobian_entries import FormSpec
 from mbdae.system.base import Array
-from mbdae.system.model.moved_bodies import timeline
+from mbdae.system.model.moved_bodies import MovedBodies, timeline
 from mbdae.system.model.numbering import Row
 from mbdae.system.prepare import Prepared
 
@@ -50,13 +52,28 @@ def difference_weights(nodes: Sequence[int]) -> Array:
     return np.array(found if 0 in nodes else found[1:])
 
 
+def differenced(function: Callable[[int], Array], nodes: Sequence[int], distance: float) -> tuple[Array, Array]:
+    """The derivative at 0 of a function of values at whole nodes that are `distance` apart, and its estimated error: the difference
+    to that of the order that is lower by two."""
+    values = np.array([function(node) for node in nodes])
+    weights, count = difference_weights(nodes), len(nodes) - 2
+    less = np.zeros(len(weights))
+    less[:count] = difference_weights(nodes[:count])
+    # the middle value is subtracted where it is known, so that rounding is that of the changes
+    values -= values[0] if 0 in nodes else values[:2].mean(axis=0)
+    found = np.tensordot(weights, values, 1) / distance
+    return found, np.abs(found - np.tensordot(less, values, 1) / distance)
+
+
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of a prepared scene in the form of a run, with every number open: spec and rows are those of the run."""
+    """The equations of a prepared scene in the form of a run, with every number open: spec and rows are those of the run; rates: those
+    of y' are differentiated (`has_rates`), not F."""
 
     prepared: Prepared
     spec: FormSpec
     rows: tuple[Row, ...]
+    rates: bool = False
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -65,13 +82,51 @@ class Equations:
         return Assembly(self.prepared.model, list(self.rows), replace(self.spec, eliminated=False), None, moved)
 
     @cached_property
+    def listed(self) -> Listed:
+        """The list of operations that is differentiated: of y' where `rates` says so, else of F."""
+        return self.fresh()
+
+    def fresh(self) -> Listed:
+        """The same list on an array of its own, to which operations may be appended."""
+        if self.rates:
+            found = self._without_constraints() if not self.assembly.numbering.m else self._with_constraints()
+            assert found is not None
+            return found
+        ev = self.assembly.operations()
+        return Listed(ev, ev.residual_part, ev.rows, self.assembly.n, self.assembly.n)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether there is a list for y'."""
+        if self.prepared.model.lines:
+            return False
+        return not self.assembly.numbering.m or self._with_constraints() is not None
+
+    def _without_constraints(self) -> Listed:
+        """y' of trees and of free bodies, whose constant mass matrix is factorised anew in the list."""
+        model = self.prepared.model
+        trees = [tree.opened(Open.ALL) for tree in self.prepared.all_bodies.moved.trees]
+        assembly = Assembly(model, list(self.rows), replace(self.spec, eliminated=False), None, MovedBodies(model, trees, ordered=False))
+        ev = assembly.operations()
+        if assembly._inert:
+            return Listed(ev, ev.rates_part, ev.rates, assembly.n, assembly.n)
+        ev.with_rates(assembly._inertia, assembly.columns)
+        once = [] if ev._steady is None else [ev._steady[0]]
+        return Listed(ev, ev.operations.part(*once, ev.rates_part), ev.rates, assembly.n, assembly.n)
+
+    def _with_constraints(self) -> Listed | None:
+        """y' of constrained bodies, where the multipliers are eliminated by a compiled function."""
+        model, start = self.prepared.model, self.prepared.start
+        if any(group.derived.reactive for group in model.groups) or not self.spec.eliminated:
+            return None
+        full = Assembly(model, list(self.rows), replace(self.spec, eliminated=False), None, self.prepared.all_bodies.moved)
+        kernel = acceleration_kernel(full, as_full(full.constant_mass), full.row_of, (start.t, self.start))
+        return None if kernel is None else Listed(kernel, kernel.part, kernel.rates, kernel.differential, kernel.differential)
+
+    @cached_property
     def inputs(self) -> Array:
         """The numbers in all slots, and the data, in the order of `lists.Lists`."""
-        ev = self.assembly.operations()
-        W, nb = np.zeros(ev.operations.size), ev.numbering
-        W[: nb.width] = nb.workspace()
-        ev.operations.fill(W)
-        return np.concatenate([W, *(values for _, values in data_of(ev.residual_part))])
+        return self.listed.inputs()
 
     @cached_property
     def start(self) -> Array:
@@ -82,10 +137,10 @@ class Equations:
 
     def same_as(self, other: Equations) -> bool:
         """Whether both have equations that differ in numbers alone."""
-        a, b = self.assembly, other.assembly
-        if (a.n, a.names, a.numbering.width) != (b.n, b.names, b.numbering.width):
+        a, b = self.listed, other.listed
+        if (a.n, a.of.numbering.names(), a.of.numbering.width) != (b.n, b.of.numbering.names(), b.of.numbering.width):
             return False
-        return structure_of(a.operations().residual_part) == structure_of(b.operations().residual_part)
+        return structure_of(a.part) == structure_of(b.part)
 
 
 @dataclass(eq=False)
@@ -124,14 +179,7 @@ class Varied:
 
     def sum_of(self, function: Callable[[Equations, int], Array]) -> tuple[Array, Array]:
         """The derivative by the number of what a function makes of the equations at a node, and its estimated error."""
-        values = np.array([function(self.at(node), node) for node in self.nodes])
-        weights, count = difference_weights(self.nodes), len(self.nodes) - 2
-        less = np.zeros(len(weights))
-        less[:count] = difference_weights(self.nodes[:count])
-        # the middle value is subtracted where it is known, so that rounding is that of the changes
-        values -= values[0] if 0 in self.nodes else values[:2].mean(axis=0)
-        found = np.tensordot(weights, values, 1) / self.distance
-        return found, np.abs(found - np.tensordot(less, values, 1) / self.distance)
+        return differenced(lambda node: function(self.at(node), node), self.nodes, self.distance)
 
 
 @dataclass(frozen=True, eq=False)

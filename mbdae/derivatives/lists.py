@@ -1,25 +1,27 @@
-"""Tangent and pullback of the operations of a scene's residual F(t, y, y') = 0, by EVERY number in them.
+"""Tangent and pullback of lists of operations, by EVERY number in them: of F(t, y, y'), or of y' = f(t, y).
 
-F is a list of operations on one array W (`native/program.py`). What it depends on is y and y', the numbers of laws and other
-constants in slots of W, the values that the clock prescribes, and the data of the operations themselves: constant terms of LOAD
-and weights of ADD, such as constant masses. All of these are inputs here, in one order: slots first, then data. The tangent (J v)
-and the pullback (J^T w) are again lists of operations on the same array, made from the list alone, so that they hold for every
-law, element and form; of a kernel they take the kernels `tangent` and `pullback`, which are derived from its expressions.
+A list of operations works on one array W (`native/program.py`). What its results depend on is y and y', the numbers of laws and
+other constants in slots of W, the values that the clock prescribes, and the data of the operations themselves: constant terms of
+LOAD and weights of ADD, such as constant masses. All of these are inputs here, in one order: slots first, then data. The tangent
+(J v) and the pullback (J^T w) are again lists of operations on the same array, made from the list alone, so that they hold for
+every law, element and form; of a kernel they take the kernels `tangent` and `pullback`, which are derived from its expressions.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdae.errors import internal
-from mbdae.native.program import ADD, CALL, LOAD, MULTIPLY, SET, Operations, Step, block, core
-from mbdae.system.assembled.assembly import Assembly
+from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, POSITIVE, SET, SOLVE, Operations, Scene, Step, block, core
+from mbdae.native.twins import Twins
 from mbdae.system.base import Array
-from mbdae.system.motion.constrained import Index
+from mbdae.system.motion.constrained import Index, Workspace
+
+NONE = np.zeros(0, dtype=np.int64)
 
 
 class Written(NamedTuple):
@@ -37,11 +39,11 @@ def written_out(step: Step) -> Written:
     """An operation SET, ADD or MULTIPLY without repetitions."""
     fields, tables = step.fields, step.tables
     times, count = fields["times"], len(tables["from_"])
-    each, none = np.arange(times)[:, None], np.zeros(0, dtype=np.int64)
+    each = np.arange(times)[:, None]
 
     def slots(name: str) -> Index:
         shift = each * fields.get(f"{name.rstrip('_')}_step", 0)
-        return np.asarray(tables[name][None] + shift).ravel() if name in tables else none
+        return np.asarray(tables[name][None] + shift).ravel() if name in tables else NONE
 
     place = (np.arange(count)[None] + each * fields.get("weight_step", 0)).ravel()
     weight = tables["weight"][place] if "weight" in tables else np.ones(times * count)
@@ -66,48 +68,102 @@ def structure_of(of: Operations) -> list[Any]:
     return found
 
 
+class Listed(NamedTuple):
+    """A list of operations with its results in `count` slots from `first` on. of: the workspace to which it belongs; n: number of
+    unknowns y, the first slots of W; once: operations that run once, when the array is made."""
+
+    of: Workspace
+    part: Operations
+    first: int
+    count: int
+    n: int
+
+    def inputs(self) -> Array:
+        """The numbers in all slots, and the data, in the order of `Lists`."""
+        W, nb = np.zeros(self.of.operations.size), self.of.numbering
+        W[: nb.width] = nb.workspace()
+        self.of.operations.fill(W)
+        return np.concatenate([W, *(values for _, values in data_of(self.part))])
+
+
 class Lists:
-    """The residual of an assembly with its tangent and pullback. inputs: slots of W, then data (`data_of`), as one vector.
+    """A list with its tangent and pullback, on an array of their own. active (inputs,): which data may have derivatives, None: all.
 
-    Its evaluation is its own: nothing of the run's equations is changed."""
+    inputs: slots of W, then data (`data_of`), as one vector; width: number of slots, the differential of a slot is this many
+    further on; places (inputs,): slot of the differential of every input, -1 for data that are not active."""
 
-    def __init__(self, assembly: Assembly) -> None:
-        self.assembly, self.n, self.ev = assembly, assembly.n, assembly.operations()
-        self._of = self.ev.residual_part
-        operations = self.ev.operations
-        self.width = operations.size  #: number of slots; the differential of a slot is this many further on
-        operations.slots(self.width + 1)
-        self._zero = operations.size - 1
-        self._data = {i: (operations.slots(values.size), values.size) for i, values in data_of(self._of)}
-        self.inputs = self.width + sum(size for _, size in self._data.values())
-        self._first = self.ev.rows
+    def __init__(self, listed: Listed, active: Any = None) -> None:
+        self.listed, operations = listed, listed.of.operations
+        self.width, self.n = operations.size, listed.n
+        self._zero = self.width + operations.slots(self.width + 1)
+        self.part, given = operations.part(), self.width
+        self.places = [self.width + np.arange(self.width)]
+        self._data: dict[int, Index] = {}
+        for i, values in data_of(listed.part):
+            kept = np.ones(values.size, bool) if active is None else active[given : given + values.size]
+            given += values.size
+            slots = np.full(values.size, -1)
+            slots[kept] = operations.slots(int(kept.sum())) + np.arange(kept.sum())
+            self._data[i] = slots
+            self.places.append(slots)
+        self.places, self.inputs = np.concatenate(self.places), given
         self.tangent, self.pullback = operations.part(), operations.part()
         self._checked()
-        for i, step in enumerate(self._of.steps):
+        self._matrices = {i: self._kept_matrix(step) for i, step in enumerate(listed.part.steps) if step.fields["kind"] == LU}
+        for i, step in enumerate(listed.part.steps):
+            if i in self._matrices:
+                n = step.fields["count"]
+                self.part.set(self._matrices[i] + np.arange(n * n), step.fields["first"] + np.arange(n * n))
+            self.part.steps.append(step)
             self._along(i, step)
-        for i, step in reversed(list(enumerate(self._of.steps))):
+        for i, step in reversed(list(enumerate(listed.part.steps))):
             self._back(i, step)
-        self.ev.compile()
-        self._parts = {name: self._runner(part) for name, part in (("tangent", self.tangent), ("pullback", self.pullback))}
-        assembly.__dict__["evaluation"] = self.ev  # its Jacobian is evaluated on the same array
+        self._made()
+
+    def _kept_matrix(self, step: Step) -> int:
+        return self.listed.of.operations.slots(step.fields["count"] ** 2)
 
     def _checked(self) -> None:
         """Tangent and pullback read the slots that the list has read again: none may be written to afterwards."""
         read = np.zeros(self.width, dtype=bool)
-        for step in self._of.steps:
+        for step in self.listed.part.steps:
             fields, kind = step.fields, step.fields["kind"]
+            to, used = NONE, NONE
             if kind in (SET, ADD, MULTIPLY):
                 w = written_out(step)
                 to, used = w.to, np.concatenate([w.by, w.from_ if kind != SET else w.by])
             elif kind in (CALL, LOAD):
                 count = fields["times"] * fields["outputs"] if kind == CALL else fields["count"]
-                to, used = fields["first"] + np.arange(count), step.tables.get("from_", np.zeros(0, dtype=np.int64)).ravel()
-            else:
+                to, used = fields["first"] + np.arange(count), step.tables.get("from_", NONE).ravel()
+            elif kind in (CHOLESKY, SOLVE, LU):
+                to = fields["outputs"] + np.arange(fields["times"] * fields["count"])
+            elif kind != POSITIVE:
                 raise internal(f"the derivative of the compiled equations is not known for their operation number {kind}")
             if read[to].any():
                 raise internal("the compiled equations write to a place that they have read before: its value is lost for their "
                                "derivative")
             read[used] = True
+
+    @property
+    def fixed(self) -> Any:
+        """(count,) whether the derivatives of a result are constants: kinematics of coordinates that are rates."""
+        varying, nb = np.zeros(self.width, dtype=bool), self.listed.of.numbering
+        varying[nb.first_input : nb.first_input + len(nb.clock.expressions)] = True
+        for i, step in enumerate(self.listed.part.steps):
+            f, kind = step.fields, step.fields["kind"]
+            if kind in (CALL, CHOLESKY, SOLVE, LU):
+                first, count = (f["first"], f["outputs"]) if kind == CALL else (f["outputs"], f["count"])
+                varying[first : first + f["times"] * count] = True
+            elif kind == LOAD:
+                varying[f["first"] : f["first"] + f["count"]] = False
+            elif kind != POSITIVE:
+                w = written_out(step)
+                other = kind == MULTIPLY or (kind == ADD and self._data[i][w.place] >= 0)
+                for to, from_, product in zip(w.to, w.from_, np.broadcast_to(other, len(w.to)), strict=True):
+                    varying[to] = varying[from_] | product | (varying[to] and kind != SET)
+        return ~varying[self.listed.first : self.listed.first + self.listed.count]
+
+    # -- the tangent
 
     def _along(self, i: int, step: Step) -> None:
         part, by, fields, kind = self.tangent, self.width, step.fields, step.fields["kind"]
@@ -115,19 +171,40 @@ class Lists:
             slots = step.tables["from_"]
             part.call(fields["kernel"].tangent, np.hstack([slots, slots + by]), fields["first"] + by)
         elif kind == LOAD:
-            count = fields["count"]
-            part.set(fields["first"] + by + np.arange(count), self._data[i][0] + np.arange(count) if i in self._data else
-                     np.full(count, self._zero))
-        else:
+            data = self._data.get(i, np.full(fields["count"], -1))
+            part.set(fields["first"] + by + np.arange(fields["count"]), np.where(data >= 0, data, self._zero))
+        elif kind in (SET, ADD, MULTIPLY):
             w = written_out(step)
             if kind == SET:
                 part.set(w.to + by, w.from_ + by)
             elif kind == ADD:
                 part.add(w.to + by, w.from_ + by, w.weight)
-                part.multiply(w.to + by, w.from_, self._data[i][0] + w.place)
+                data = self._data[i][w.place]
+                part.multiply(w.to[data >= 0] + by, w.from_[data >= 0], data[data >= 0])
             else:
                 part.multiply(w.to + by, w.from_ + by, w.by, w.weight)
                 part.multiply(w.to + by, w.from_, w.by + by, w.weight)
+        elif kind != POSITIVE:
+            self._along_solution(i, step)
+
+    def _along_solution(self, i: int, step: Step) -> None:
+        """M dx = db - dM x."""
+        part, by, f = self.tangent, self.width, step.fields
+        for right in f["outputs"] + f["count"] * np.arange(f["times"]):
+            cell, row, column = _entries(step)
+            part.multiply(right + row + by, cell + by, right + column, -1.0)
+            self._solved(part, i, step, right + by)
+
+    def _solved(self, part: Operations, i: int, step: Step, right: int, transposed: bool = False) -> None:
+        f, n = step.fields, step.fields["count"]
+        if f["kind"] != LU:
+            part.solve(n, f["inputs"], f["first"], right, 1)
+            return
+        at, cells = part.slots(n * n), np.arange(n * n).reshape(n, n)
+        part.set(at + cells.ravel(), self._matrices[i] + (cells.T if transposed else cells).ravel())
+        part.lu(n, at, right)
+
+    # -- the pullback
 
     def _back(self, i: int, step: Step) -> None:
         part, by, fields, kind = self.pullback, self.width, step.fields, step.fields["kind"]
@@ -137,69 +214,86 @@ class Lists:
             part.load(first, np.zeros(len(slots) * width))
             part.add((slots + by).ravel(), found.ravel())
         elif kind == LOAD:
-            at = fields["first"] + by + np.arange(fields["count"])
-            if i in self._data:
-                part.add(self._data[i][0] + np.arange(fields["count"]), at)
+            at, data = fields["first"] + by + np.arange(fields["count"]), self._data.get(i, np.full(fields["count"], -1))
+            part.add(data[data >= 0], at[data >= 0])
             part.load(fields["first"] + by, np.zeros(fields["count"]))
+        elif kind in (SET, ADD, MULTIPLY):
+            self._back_map(i, step)
+        elif kind != POSITIVE:  # b' = M^-T x', and M' = -b' x^T
+            for right in fields["outputs"] + fields["count"] * np.arange(fields["times"]):
+                self._solved(part, i, step, right + by, transposed=True)
+                cell, row, column = _entries(step)
+                part.multiply(cell + by, right + row + by, right + column, -1.0)
+
+    def _back_map(self, i: int, step: Step) -> None:
+        part, by, kind, w = self.pullback, self.width, step.fields["kind"], written_out(step)
+        if kind == SET:
+            kept = part.slots(len(w.to)) + np.arange(len(w.to))
+            part.set(kept, w.to + by)
+            part.set(w.to + by, np.full(len(w.to), self._zero))
+            part.add(w.from_ + by, kept)
+        elif kind == ADD:
+            part.add(w.from_ + by, w.to + by, w.weight)
+            data = self._data[i][w.place]
+            part.multiply(data[data >= 0], w.to[data >= 0] + by, w.from_[data >= 0])
         else:
-            w = written_out(step)
-            if kind == SET:
-                kept = self.ev.operations.slots(len(w.to)) + np.arange(len(w.to))
-                part.set(kept, w.to + by)
-                part.set(w.to + by, np.full(len(w.to), self._zero))
-                part.add(w.from_ + by, kept)
-            elif kind == ADD:
-                part.add(w.from_ + by, w.to + by, w.weight)
-                part.multiply(self._data[i][0] + w.place, w.to + by, w.from_)
-            else:
-                part.multiply(w.from_ + by, w.to + by, w.by, w.weight)
-                part.multiply(w.by + by, w.to + by, w.from_, w.weight)
+            part.multiply(w.from_ + by, w.to + by, w.by, w.weight)
+            part.multiply(w.by + by, w.to + by, w.from_, w.weight)
 
     # -- evaluation
 
-    def _runner(self, part: Operations) -> Callable[[float, Array, Array], int]:
-        """A function (t, y (n,), y' (n,)) that fills in a state and runs operations of these lists."""
-        ev, (table, kept) = self.ev, part.table(len(self.ev.W))
-        ev._kept.append((table, kept))
-        if part.widest > len(ev._x):
-            ev._x = np.zeros(part.widest)
-            ev.scene.x = ev._x.ctypes.data
-        run, own = core().scene_part, ctypes.byref(table)
-        return lambda t, y, yp: int(run(ev.address, own, t, y.ctypes.data, yp.ctypes.data))
+    def _made(self) -> None:
+        of, operations = self.listed.of, self.listed.of.operations
+        self.W, nb = np.zeros(operations.size), of.numbering
+        self.W[: nb.width] = nb.workspace()
+        operations.fill(self.W)
+        parts = {"clock": of.clock, "value": self.part, "along": self.tangent, "back": self.pullback}
+        tables = {name: part.table(len(self.W)) for name, part in parts.items()}
+        self._x = np.zeros(max(part.widest for part in parts.values()) + 1)
+        self._kept = tables, nb.model.conditions.read
+        self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n, dotted=of.n, at=of.at, bad=-1, rows=self.listed.first,
+                           read=self._kept[1].ctypes.data, t=np.nan, side=np.nan, clock=tables["clock"][0])
+        self.twins = Twins(self.scene, *(tables[name][0] for name in ("value", "along", "back")), self.listed.first,
+                           self.listed.count, self.width, nb.first_input, len(nb.clock.expressions), self.W)
 
-    def residual(self, t: float, y: Array, yp: Array) -> Array:
-        """F (n,) at a state, which `along` and `back` refer to afterwards."""
-        out = np.empty(self.n)
-        self._at = t, np.ascontiguousarray(y, dtype=float), np.ascontiguousarray(yp, dtype=float)
-        self.ev.residual(*self._at, out)
-        return out
-
-    def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' (n, n)."""
-        fy, fyp = self.assembly.dense_stages(np.array([t]), y[None], yp[None])
-        return fy[0], fyp[0]
+    def value(self, t: float, y: Array, yp: Array) -> Array:
+        """The results (count,) at a state, to which `along` and `back` refer afterwards."""
+        y, yp = (np.ascontiguousarray(x, dtype=float) for x in (y, yp))
+        code = core().scene_part(ctypes.addressof(self.scene), ctypes.byref(self.twins.table.value), t, y.ctypes.data, yp.ctypes.data)
+        if code:
+            raise FloatingPointError
+        return self.W[self.listed.first : self.listed.first + self.listed.count].copy()
 
     def along(self, changes: Array) -> Array:
-        """(k, n) changes of F for changes (k, inputs) of the inputs, at the state evaluated last."""
-        return self._run("tangent", np.atleast_2d(changes), self._inputs, self.width + self._first + np.arange(self.n))
+        """(k, count) changes of the results for changes (k, inputs) of the inputs, at the state evaluated last."""
+        return self._run("along", np.atleast_2d(changes), self.places, self.width + self.listed.first + np.arange(self.listed.count))
 
     def back(self, weights: Array) -> Array:
-        """(k, inputs) weights of the inputs for weights (k, n) of F, at the state evaluated last."""
-        return self._run("pullback", np.atleast_2d(weights), self.width + self._first + np.arange(self.n), self._inputs)
-
-    @property
-    def _inputs(self) -> Index:
-        data = [np.arange(first, first + size) for first, size in self._data.values()]
-        return np.concatenate([self.width + np.arange(self.width), *data])
+        """(k, inputs) weights of the inputs for weights (k, count) of the results, at the state evaluated last."""
+        return self._run("back", np.atleast_2d(weights), self.width + self.listed.first + np.arange(self.listed.count), self.places)
 
     def _run(self, name: str, given: Array, to: Index, from_: Index) -> Array:
-        W, out = self.ev.W, np.empty((len(given), len(from_)))
+        out, own = np.empty((len(given), len(from_))), self.W[self.width :]
+        kept = own.copy()
         for row, found in zip(given, out, strict=True):
-            W[self.width : 2 * self.width] = 0.0
-            for first, size in self._data.values():
-                W[first : first + size] = 0.0
-            W[to] = row
-            self._parts[name](*self._at)
-            found[:] = W[from_]
+            own[: self.width + 1] = 0.0
+            self.W[self.places[self.places >= 0]] = 0.0
+            self.W[to[to >= 0]] = row[to >= 0]
+            self.twins.run(name)
+            found[:] = np.where(from_ >= 0, self.W[from_], 0.0)
+        own[:] = kept
         return out
 
+
+def _entries(step: Step) -> tuple[Index, Index, Index]:
+    """Slots of the entries of the matrix of CHOLESKY, SOLVE or LU, with their rows and columns; of a band, which holds one half of
+    a symmetric matrix, those beside the diagonal twice."""
+    f, n = step.fields, step.fields["count"]
+    width = n if f["kind"] == LU else f["inputs"]
+    row, k = np.divmod(np.arange(n * width), width)
+    column = k if f["kind"] == LU else row + k - width + 1
+    cell, row, column = (x[column >= 0] for x in (f["first"] + np.arange(n * width), row, column))
+    if f["kind"] == LU:
+        return cell, row, column
+    beside = row != column
+    return np.r_[cell, cell[beside]], np.r_[row, column[beside]], np.r_[column, row[beside]]

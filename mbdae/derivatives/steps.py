@@ -1,27 +1,34 @@
-"""The discrete tangent of a run: derivatives of its states by numbers of the scene, step by step over the steps that it made.
+"""The discrete derivatives of a run: of its states by numbers of the scene (tangent), and of one number made of its states by all
+numbers (adjoint), over the steps that it made.
 
-The steps are those of the run, constants of the derivative. Every stage of a step satisfies F(t, Y, Y') = 0; its derivative is a
-linear equation with the exact matrices dF/dY and dF/dY' and the changes of F by the numbers (`lists.Lists`, `chart.Chart`). Where
-a run eliminated its multipliers, they are unknowns of every stage here, found as the run finds them.
+The steps are those of the run, constants of the derivative. Explicit steps are repeated from their starts: each stage evaluates
+y' = f(t, y), whose tangent and pullback are lists of operations (`lists.Lists`); where a run solves for y' and multipliers in
+Python, they follow from F = 0 as an implicit function. The stages of an implicit step satisfy F(t, Y, Y') = 0 together; their
+derivative is a linear equation with the exact matrices dF/dY and dF/dY'.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp, splu
+from mbdae.deferred import sp
 from mbdae.derivatives.chart import Chart
 from mbdae.derivatives.lists import Lists
 from mbdae.errors import DerivativeError
-from mbdae.integrators.collocation_tables import CollocationTable, radau_table
+from mbdae.integrators.collocation_tables import radau_table
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.dop853 import DENSE, NODES, STAGES
+from mbdae.integrators.matrices import searches
 from mbdae.integrators.solution import Solution
+from mbdae.native import Entries
+from mbdae.native.explicit import ALL
+from mbdae.native.sparse import Matrix, SingularMatrixError
+from mbdae.native.twins import Called, Path
 from mbdae.system.base import Array
 
 BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops
@@ -30,39 +37,49 @@ REPEATED = 1e-6  #: largest distance of a repeated step from the run's, relative
 #: largest y' of the run counts as a jump
 BESIDE, JUMP = 1e-9, 1e-5
 BISECTIONS = 60
-LARGE = 400  #: number of unknowns of all stages of a step above which sparse linear algebra costs less
+BLOCK = 64  #: steps of one call of C, for which the derivatives of inputs of time are made beforehand
+#: a linear equation of the stages is corrected until a correction is at most SETTLED times the solution, CORRECTIONS times at most
+SETTLED, CORRECTIONS = 1e-14, 6
 
-A = np.zeros((16, 16))
+A = np.zeros((ALL, ALL))
 for _i, _j, _a in STAGES:
     A[_i, _j] = _a
-D = np.zeros((4, 16))
+D = np.zeros((4, ALL))
 for _i, _j, _a in DENSE:
     D[_i, _j] = _a
 C = A.sum(axis=1)
 
 
-@dataclass(eq=False)
-class Stage:
-    """A state at which F vanishes: matrices dF/dY and dF/dY' (n, n), and the changes of F (n, P) by the numbers."""
+def inside() -> Array:
+    """(inner, 16): increments of DOP853's interpolant at its inner nodes, over h, by the stages."""
+    x, unit = radau_table(NODES).c[:-1, None], np.eye(ALL)
+    change, c = A[12], D
+    first, second = unit[0] - change, 2 * change - unit[12] - unit[0]
+    return np.asarray(x * (change + (1 - x) * (first + x * (second + (1 - x) * (
+        c[0] + x * (c[1] + (1 - x) * (c[2] + x * c[3])))))))
 
-    fy: Array
-    fyp: Array
-    fp: Array
 
+class Derived:
+    """A run with its derivatives by numbers. charts: of the numbers; scale (n,): typical sizes of the unknowns."""
 
-class Tangent:
-    """The derivatives of a run's unknowns. run: its steps; lists: the equations of the run; charts: of the numbers; scale (n,):
-    typical sizes of the unknowns."""
+    def __init__(self, run: Solution, charts: Sequence[Chart], scale: Array) -> None:
+        base = charts[0].varied.base
+        self.run, self.charts, self.scale, self.n = run, charts, scale, run.y.shape[1]
+        self.assembly, nb = base.assembly, base.listed.of.numbering
+        self.seeds = np.array([chart.inputs for chart in charts]).reshape(len(charts), -1)
+        self.lists = Lists(base.fresh(), np.any(self.seeds != 0, axis=0))
+        self.clocks, self._conditions = len(nb.clock.expressions), nb.model.conditions
+        self.solved = not base.rates
+        steps = _Explicit if self.explicit else _Implicit
+        self.steps: Any = steps(self)
+        places = self.lists.places
+        used = [np.flatnonzero(seed) for seed in self.seeds]
+        self.lists.twins.by([(places[at], seed[at]) for at, seed in zip(used, self.seeds, strict=True)], self.lists.fixed)
 
-    def __init__(self, run: Solution, lists: Lists, charts: Sequence[Chart], scale: Array) -> None:
-        self.scale = scale
-        self.run, self.lists, self.charts, self.n = run, lists, charts, run.y.shape[1]
-        self._rate = np.arange(lists.n) < self.n
-        self._inputs = np.array([chart.inputs for chart in charts]).reshape(len(charts), -1)
-        nb = lists.assembly.numbering
-        self._clock = nb.first_input + np.arange(len(nb.clock.expressions))
-        self._conditions = nb.model.conditions
-        self._multipliers = np.zeros(lists.n - self.n)
+    @property
+    def explicit(self) -> bool:
+        """Whether the run's method is DOP853."""
+        return self.run.solver.label == "DOP853"
 
     def start(self) -> Array:
         """Derivatives (n, P) of the unknowns at the start; those of multipliers, which do not enter the next step, are 0."""
@@ -71,74 +88,108 @@ class Tangent:
             found[: len(chart.start), k] = chart.start
         return found
 
-    def over_steps(self) -> Collocation:
-        """The derivatives as polynomials over the steps, (n P) unknowns, numbers within unknowns."""
-        t = self.run.t
-        steps = _Explicit(self) if self.explicit else _Implicit(self)
-        states, inner = [self.start()], []
-        for i in range(len(t) - 1):
-            with self.within((t[i] + t[i + 1]) / 2):
-                after, inside = steps.step(i, states[-1])
-            states.append(after)
-            inner.append(inside.reshape(len(inside), -1))
-        flat = np.array(states).reshape(len(t), -1)
-        return Collocation.of(steps.stages, t, flat, inner)
+    def tangent(self) -> Collocation:
+        """The derivatives of the run as polynomials over its steps, (n P) unknowns, numbers within unknowns."""
+        self.lists.twins.clear()
+        states, inner, m = [self.start()[None]], [], len(self.run.t) - 1
+        with self.within(0.0):
+            for i in range(0, m, BLOCK):
+                some = slice(i, min(i + BLOCK, m))
+                after, increments = self.steps.along(some, states[-1][-1])
+                states.append(after[1:])
+                inner.append(increments)
+        flat = np.concatenate(states).reshape(m + 1, -1)
+        return Collocation.of(self.steps.stages, self.run.t, flat, np.concatenate(inner).reshape(m, self.steps.stages - 1, -1))
 
-    @property
-    def explicit(self) -> bool:
-        """Whether the run's method is DOP853."""
-        return self.run.solver.label == "DOP853"
+    def adjoint(self, ends: Array, inner: Array) -> Array:
+        """(P,) derivatives of a sum of weights times states. ends (m + 1, n): weights of y at the ends of steps; inner (m, s - 1, n): of
+        the increments at the inner nodes."""
+        self.lists.twins.clear()
+        total, m, found = ends[-1].copy(), len(self.run.t) - 1, np.zeros(len(self.charts))
+        with self.within(0.0):
+            for i in reversed(range(0, m, BLOCK)):
+                some = slice(i, min(i + BLOCK, m))
+                of_clock, prescribed = self.steps.back(some, ends[some], inner[some], total)
+                if self.clocks:
+                    found += np.einsum("kq,kpq->p", of_clock, prescribed)
+        W, places = self.lists.W, self.lists.places
+        found += self.seeds[:, places >= 0] @ W[places[places >= 0]]
+        return np.asarray(found + total @ self.start())
 
     @contextmanager
     def within(self, time: float) -> Iterator[None]:
         """Context in which conditions of inputs are read at a time (s) inside a step."""
-        self._conditions.time, self._side = time, time
+        self._conditions.time = time
         try:
             yield
         finally:
             self._conditions.time = None
 
-    # -- states at which F vanishes
+    def prescribed(self, t: Array, sides: Array) -> Array:
+        """Derivatives (k, P, clocks) of the values of the clock at times (k,), conditions being read at the times `sides` (k,)."""
+        if not self.clocks:
+            return np.zeros((0, len(self.charts), 0))
+        return np.ascontiguousarray(np.stack([chart.prescribed(t, sides) for chart in self.charts], axis=1))
 
-    def full(self, y: Array) -> Array:
-        """Unknowns of F: those of the run, and the multipliers found last where it eliminated them."""
-        return y if len(y) == self.lists.n else np.concatenate([y, self._multipliers])
+    @property
+    def side(self) -> Array:
+        """Array whose first number is the time at which conditions are read."""
+        return np.asarray(self._conditions.read)
 
-    def stage(self, t: float, y: Array, yp: Array) -> Stage:
-        """Matrices and changes of F at a state, y and y' (n,) of F."""
-        fy, fyp = self.lists.jacobian(t, y, yp)
-        changes = self._inputs
-        if len(self._clock):
-            at, side = np.array([t]), np.array([self._side])
-            changes = changes.copy()
-            changes[:, self._clock] = [chart.prescribed(at, side)[0] for chart in self.charts]
-        self.lists.residual(t, y, yp)
-        return Stage(fy, fyp, self.lists.along(changes).T)
+    def rates(self, t: float, y: Array) -> Array:
+        """y' (n,), or of velocities alone where the run's unknowns contain multipliers."""
+        if self.solved:
+            return np.asarray(self.balance.at(t, y)[1][: self.n])
+        return self.lists.value(t, y, np.zeros_like(y))
 
-    def balance(self, t: float, y: Array) -> tuple[Array, Array, Array]:
-        """y' (n,) at y (n,), with the unknowns and rates of F at which it vanishes: y' and multipliers by Newton's method."""
-        rates = np.zeros(self.n)
+    @cached_property
+    def balance(self) -> Balance:
+        """y' and multipliers as implicit functions."""
+        return Balance(self)
+
+
+class Balance:
+    """y' = f(t, y) by F(t, (y, lambda), (y', 0)) = 0, with the derivatives of this implicit function."""
+
+    def __init__(self, of: Derived) -> None:
+        self.of, self.lists, self.n = of, of.lists, of.n
+        self._rate = np.arange(of.assembly.n) < of.n
+        self._multipliers = np.zeros(of.assembly.n - of.n)
+        self._at: dict[int, Any] = {}
+        self.prescribed, self.of_clock = np.zeros(0), np.zeros(0)
+
+    def at(self, t: float, y: Array) -> tuple[Array, Array, Array, Array]:
+        """Unknowns and rates of F at which it vanishes, dF/d(y', lambda) and dF/dy."""
+        rates, zeros = np.zeros(self.n), np.zeros(len(self._multipliers))
         for _ in range(ITERATIONS):
-            Y, Yp = self.full(y), np.concatenate([rates, np.zeros(self.lists.n - self.n)])
-            fy, fyp = self.lists.jacobian(t, Y, Yp)
-            step = np.linalg.solve(np.where(self._rate, fyp, fy), self.lists.residual(t, Y, Yp))
+            Y, Yp = np.concatenate([y, self._multipliers]), np.concatenate([rates, zeros])
+            fy, fyp = (x[0] for x in self.of.assembly.dense_stages(np.array([t]), Y[None], Yp[None]))
+            matrix = np.where(self._rate, fyp, fy)
+            step = np.linalg.solve(matrix, self.lists.value(t, Y, Yp))
             rates, self._multipliers = rates - step[: self.n], self._multipliers - step[self.n :]
             size = max(np.abs(rates).max(initial=0.0), np.abs(self._multipliers).max(initial=0.0))
             if np.abs(step).max(initial=0.0) <= BALANCED * size:
                 break
-        return rates, self.full(y), np.concatenate([rates, np.zeros(self.lists.n - self.n)])
+        return np.concatenate([y, self._multipliers]), np.concatenate([rates, zeros]), matrix, fy
 
-    def rates(self, stage: Stage, dy: Array) -> Array:
-        """Derivatives (n, P) of y' for those of y, dy (n, P)."""
-        matrix = np.where(self._rate, stage.fyp, stage.fy)
-        found = -np.linalg.solve(matrix, stage.fp + stage.fy[:, : self.n] @ dy)[: self.n]
-        return np.asarray(found, dtype=float)
+    def value(self, at: int, t: float, y: Array) -> Array:
+        """y' at stage `at`."""
+        self._at[at % ALL] = t, *self.at(t, y.copy())
+        return np.asarray(self._at[at % ALL][2][: self.n])
 
-    def checked(self, i: int, y: Array) -> None:
-        """Raise DerivativeError where a step that was repeated does not end where step i of the run did."""
-        if np.any(np.abs(y - self.run.y[i + 1]) > REPEATED * (np.abs(self.run.y).max(axis=0) + self.scale)):
-            raise DerivativeError(f"the step of the run that ends at t = {self.run.t[i + 1]:.9g} s cannot be repeated from its "
-                                  "start, so that it has no derivative")
+    def along(self, at: int, dy: Array) -> Array:
+        """Changes (n, P) of y' for those of y (n, P) and those of the numbers."""
+        t, Y, Yp, matrix, fy = self._at[at % ALL]
+        self.lists.twins.at(prescribed=np.ascontiguousarray(self.prescribed[at : at + 1]))
+        by_numbers = self.lists.twins.states(np.array([t]), Y[None], Yp[None])[0]
+        return np.asarray(-np.linalg.solve(matrix, by_numbers + fy[:, : self.n] @ dy)[: self.n])
+
+    def back(self, at: int, weight: Array) -> Array:
+        """Weights (n,) of y for weights (n,) of y'."""
+        t, Y, Yp, matrix, _ = self._at[at % ALL]
+        v = -np.linalg.solve(matrix.T, np.concatenate([weight, np.zeros(len(self._multipliers))]))
+        self.lists.twins.at(of_clock=self.of_clock[at : at + 1])
+        return self.lists.twins.states(np.array([t]), Y[None], Yp[None], v[None])[0, : self.n]
 
 
 class _Explicit:
@@ -146,74 +197,170 @@ class _Explicit:
 
     stages = NODES
 
-    def __init__(self, of: Tangent) -> None:
+    def __init__(self, of: Derived) -> None:
         self.of = of
-        self._parts = radau_table(NODES).c[:-1, None, None]
 
-    def step(self, i: int, S: Array) -> tuple[Array, Array]:
-        """Derivatives (n, P) at the end of step i, and their increments at the inner nodes."""
-        of, h = self.of, self.of.run.t[i + 1] - self.of.run.t[i]
-        y0 = of.run.y[i]
-        K, dK = np.zeros((16, of.n)), np.zeros((16, *S.shape))
-        for s in range(16):
-            y, dy = y0 + h * A[s, :s] @ K[:s], S + h * np.tensordot(A[s, :s], dK[:s], 1)
-            if s == 12:
-                of.checked(i, y)
-                end = dy
-            t = of.run.t[i] + C[s] * h
-            K[s], Y, Yp = of.balance(t, y)
-            dK[s] = of.rates(of.stage(t, Y, Yp), dy)
-        return end, self._inside(h, end - S, dK)
+    def _path(self, some: slice, columns: int) -> tuple[Any, Array, Array]:
+        """The path, and times of all stages of some steps, with those at which conditions are read."""
+        of, t = self.of, self.of.run.t[some.start : some.stop + 1]
+        self.called = Called(of.balance, of.n, columns) if of.solved else None
+        twin = self.called.twin if self.called else of.lists.twins.twin
+        times = (t[:-1, None] + np.diff(t)[:, None] * C).ravel()
+        return Path(twin, A, inside(), of.side), times, np.repeat((t[1:] + t[:-1]) / 2, ALL)
 
-    def _inside(self, h: float, change: Array, dK: Array) -> Array:
-        x, c = self._parts, h * np.tensordot(D, dK, 1)
-        first, second = h * dK[0] - change, 2 * change - h * (dK[12] + dK[0])
-        return np.asarray(x * (change + (1 - x) * (first + x * (second + (1 - x) * (
-            c[0] + x * (c[1] + (1 - x) * (c[2] + x * c[3])))))))
+    def along(self, some: slice, S: Array) -> tuple[Array, Array]:
+        """Derivatives (m + 1, n, P) at the ends of steps, and their increments (m, inner, n, P); S (n, P): at the first."""
+        of, run = self.of, self.of.run
+        path, times, sides = self._path(some, S.shape[1])
+        prescribed = of.prescribed(times, sides)
+        of.lists.twins.at(prescribed=prescribed)
+        if of.solved:
+            of.balance.prescribed = prescribed
+        more = slice(some.start, some.stop + 1)
+        code, reached, after, inner = path.along(run.t[more], run.y[more], S)
+        self._checked(code, some, reached)
+        return after, inner
+
+    def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array]:
+        """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks) of the
+        clock, and its derivatives (states, P, clocks)."""
+        of, run = self.of, self.of.run
+        path, times, sides = self._path(some, 0)
+        of_clock = np.zeros((len(times), of.clocks))
+        of.lists.twins.at(of_clock=of_clock if of.clocks else None, room=0 if of.solved else ALL)
+        if of.solved:
+            of.balance.of_clock = of_clock
+        more = slice(some.start, some.stop + 1)
+        code, reached = path.back(run.t[more], run.y[more], ends, inner, total)
+        self._checked(code, some, reached)
+        return of_clock, of.prescribed(times, sides)
+
+    def _checked(self, code: int, some: slice, reached: Array) -> None:
+        run = self.of.run
+        if self.called and self.called.error:
+            raise self.called.error
+        off = np.abs(reached - run.y[some.start + 1 : some.stop + 1]) > REPEATED * (np.abs(run.y).max(axis=0) + self.of.scale)
+        if code or off.any():
+            step = some.start + int(np.argmax(off.any(axis=1)))
+            raise DerivativeError(f"the step of the run that ends at t = {run.t[step + 1]:.9g} s cannot be repeated from its start, so that "
+                                  "it has no derivative")
 
 
 class _Implicit:
     """Steps of Radau IIA, at the stages that the run has stored."""
 
-    def __init__(self, of: Tangent) -> None:
+    def __init__(self, of: Derived) -> None:
         interpolant: Any = of.run.interpolant
         self.of, self._inner, self._ends = of, interpolant.inner, interpolant.ends
-        self.table: CollocationTable = interpolant.table
+        self.table, self.size = interpolant.table, of.assembly.n
         self.stages = len(self.table.c)
+        n, pattern = self.size, of.assembly.pattern
+        entries = Entries.full(n) if pattern is None else Entries(n, *pattern)
+        self._rows, self._columns = entries.row_of, entries.column_of
+        self._kept: dict[bool, tuple[Any, Array, Any]] = {}
+        self._live = np.zeros(entries.nnz, dtype=bool)  # entries of dF/dy' that are not always 0
 
-    def step(self, i: int, S: Array) -> tuple[Array, Array]:
-        """Derivatives (n, P) at the end of step i, and their increments at the inner nodes."""
-        of, table, n, s = self.of, self.table, self.of.lists.n, self.stages
-        h, y0 = of.run.t[i + 1] - of.run.t[i], of.run.y[i]
-        increments = np.concatenate([self._inner[i], (self._ends[i] - y0)[None]])
-        rates, stages = table.A_inv @ increments / h, []
-        for j in range(s):
-            t, y, yp = of.run.t[i] + table.c[j] * h, y0 + increments[j], rates[j]
-            if of.n < n:
-                _, y, _ = of.balance(t, y)
-                yp = np.concatenate([yp, np.zeros(n - of.n)])
-            stages.append(of.stage(t, y, yp))
-        right = -np.concatenate([stage.fp + stage.fy[:, : of.n] @ S for stage in stages])
-        found = _solved([[table.A_inv[j, k] / h * stages[j].fyp + (j == k) * stages[j].fy for k in range(s)] for j in range(s)],
-                        right).reshape(s, n, -1)[:, : of.n]
-        return S + found[-1], found[:-1]
+    def _stages(self, some: slice) -> tuple[Array, Array, Array, Array, Array]:
+        """h (m,), and times (m, s), unknowns and rates (m, s, n of F) at the stages of some steps, and the times inside them."""
+        of, t = self.of, self.of.run.t[some.start : some.stop + 1]
+        h, y0 = np.diff(t), of.run.y[some]
+        increments = np.concatenate([self._inner[some], (self._ends[some] - y0)[:, None]], axis=1)
+        times, inside = t[:-1, None] + h[:, None] * self.table.c, t[:-1] + h / 2
+        Y, Yp = y0[:, None] + increments, np.einsum("jk,mkn->mjn", self.table.A_inv, increments) / h[:, None, None]
+        if of.n < self.size:
+            lacking = np.zeros((*Y.shape[:2], self.size - of.n))
+            Y, Yp = np.concatenate([Y, lacking], axis=2), np.concatenate([Yp, lacking], axis=2)
+            for m, j in np.ndindex(*Y.shape[:2]):
+                of.side[0] = inside[m]
+                Y[m, j] = of.balance.at(times[m, j], Y[m, j, : of.n])[0]
+        return h, times, Y, Yp, inside
+
+    def _jacobians(self, times: Array, Y: Array, Yp: Array, inside: Array) -> tuple[Array, Array]:
+        fy, fyp = np.empty((2, *times.shape, len(self._rows)))
+        for m in range(len(times)):
+            self.of.side[0] = inside[m]
+            fy[m], fyp[m] = self.of.assembly.evaluation.jacobians(times[m], Y[m], Yp[m])
+        return fy, fyp
+
+    def _matrices(self, h: Array, fy: Array, fyp: Array, transposed: bool) -> tuple[Any, Array, Array]:
+        """Matrix of the pattern of the equations of all stages, and of some steps its values and factors of its unknowns."""
+        s, n, live = self.stages, self.size, self._live
+        if (new := np.any(fyp != 0, axis=(0, 1)) & ~live).any():
+            live |= new
+            self._kept.clear()
+        blocks = [(j, k) for j in range(s) for k in range(s)]
+        if transposed not in self._kept:
+            rows = np.concatenate([j * n + self._rows[... if j == k else live] for j, k in blocks])
+            columns = np.concatenate([k * n + self._columns[... if j == k else live] for j, k in blocks])
+            rows, columns = (columns, rows) if transposed else (rows, columns)
+            order = np.lexsort((rows, columns))
+            entries = Entries(s * n, np.searchsorted(columns[order], np.arange(s * n + 1)), rows[order])
+            some = () if self.of.assembly.pattern is None else searches(self.of.assembly.kinds * s)
+            ones = np.ones(s * n)
+            self._kept[transposed] = Matrix(entries, ones, 0 * ones, np.zeros(1), np.zeros(0), some), order, entries
+        matrix, order, entries = self._kept[transposed]
+        w = self.table.A_inv / h[:, None, None]
+        values = np.concatenate([w[:, j, k, None] * (fyp[:, j] if j == k else fyp[:, j, live]) + (fy[:, j] if j == k else 0.0)
+                                 for j, k in blocks], axis=1)[:, order]
+        size = np.maximum.reduceat(np.abs(values), entries.indptr[:-1], axis=1)
+        return matrix, values, 1 / np.where(size > 0, size, 1.0)
+
+    def _solved(self, m: int, matrix: Any, values: Array, factors: Array, right: Array) -> Array:
+        """Solution (N, k) of the equations of step m for right-hand sides (N, k), corrected until it stays."""
+        scale, entries = factors[m], matrix.entries
+        matrix.fy[:] = values[m] * scale[entries.column_of]
+        try:
+            matrix.factor(1.0)
+        except SingularMatrixError:
+            raise DerivativeError(f"a step of the run near t = {self._at:.6g} s has no derivative: the equations of its stages are "
+                                  "singular") from None
+        product = sp.csc_matrix((matrix.fy, entries.row_of, entries.indptr), shape=(entries.n, entries.n))
+        x, left = np.zeros_like(right), right
+        for _ in range(CORRECTIONS):
+            step = matrix.solved(left.T).T
+            x = x + step
+            if np.abs(step).max(initial=0.0) <= SETTLED * np.abs(x).max(initial=0.0):
+                break
+            left = right - product @ x
+        return np.asarray(scale[:, None] * x)
+
+    def along(self, some: slice, S: Array) -> tuple[Array, Array]:
+        """Derivatives (m + 1, n, P) at the ends of steps, and their increments (m, inner, n, P); S (n, P): at the first."""
+        of, (h, times, Y, Yp, middles) = self.of, self._stages(some)
+        fy, fyp = self._jacobians(times, Y, Yp, middles)
+        equations, n, s = self._matrices(h, fy, fyp, False), self.size, self.stages
+        prescribed = of.prescribed(times.ravel(), np.repeat(middles, s))
+        states, inner = [S], []
+        for m in range(len(h)):
+            self._at, of.side[0] = times[m, 0], middles[m]
+            of.lists.twins.at(prescribed=np.ascontiguousarray(prescribed[m * s : (m + 1) * s]))
+            right = -of.lists.twins.states(times[m], Y[m], Yp[m])
+            for j in range(s):
+                right[j] -= sp.csc_matrix((fy[m, j], (self._rows, self._columns)), shape=(n, n))[:, : of.n] @ states[-1]
+            found = self._solved(m, *equations, right.reshape(s * n, -1)).reshape(s, n, -1)[:, : of.n]
+            states.append(states[-1] + found[-1])
+            inner.append(found[:-1])
+        return np.array(states), np.array(inner)
+
+    def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array]:
+        """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks) of the
+        clock, and its derivatives (states, P, clocks)."""
+        of, (h, times, Y, Yp, middles) = self.of, self._stages(some)
+        equations, n, s = self._matrices(h, *self._jacobians(times, Y, Yp, middles), True), self.size, self.stages
+        of_clock = np.zeros((times.size, of.clocks))
+        for m in reversed(range(len(h))):
+            self._at, of.side[0] = times[m, 0], middles[m]
+            weights = np.zeros((s, n))
+            weights[:-1, : of.n], weights[-1, : of.n] = inner[m], total
+            v = self._solved(m, *equations, -weights.reshape(-1, 1)).reshape(s, n)
+            of.lists.twins.at(of_clock=of_clock[m * s : (m + 1) * s] if of.clocks else None)
+            total += of.lists.twins.states(times[m], Y[m], Yp[m], v)[:, : of.n].sum(axis=0) + ends[m]
+        return of_clock, of.prescribed(times.ravel(), np.repeat(middles, s))
 
 
-def _solved(blocks: list[list[Array]], right: Array) -> Array:
-    """The solution of the stages' linear equations, scaled by columns and rows, because unknowns have very different sizes."""
-    M = np.block(blocks)
-    columns = 1 / np.abs(M).max(axis=0)
-    M *= columns
-    rows = 1 / np.abs(M).max(axis=1)
-    M *= rows[:, None]
-    right = rows[:, None] * right
-    found = splu(sp.csc_matrix(M)).solve(right) if len(M) > LARGE else np.linalg.solve(M, right)
-    return np.asarray(columns[:, None] * found)
-
-
-def refuse_jumps(tangent: Tangent) -> None:
+def refuse_jumps(of: Derived) -> None:
     """Raise DerivativeError where y' jumps at an instant that depends on the motion, at which the derivative would jump too."""
-    run = tangent.run
+    run = of.run
     system = run.systems[0][1] if run.systems else None
     switches: Any = None if system is None else system.switches
     if switches is None or not len(run.t) > 1:
@@ -232,8 +379,8 @@ def refuse_jumps(tangent: Tangent) -> None:
             low, high = (middle, high) if at * values[i, a] > 0 else (low, middle)
         span = BESIDE * (run.t[-1] - run.t[0])
         sides = [max(low - span, run.t[0]), min(high + span, run.t[-1])]
-        with tangent.within((run.t[i] + run.t[i + 1]) / 2):
-            before, after = (tangent.balance(t, run(np.array([t]))[0][: tangent.n])[0] for t in sides)
+        with of.within((run.t[i] + run.t[i + 1]) / 2):
+            before, after = (of.rates(t, run(np.array([t]))[0]) for t in sides)
         if np.any(np.abs(after - before) > JUMP * size[: len(before)]):
             raise DerivativeError(f"there are no derivatives of this run: '{names[a]}' makes accelerations jump at t = "
                                   f"{high:.6g} s, at an instant that depends on the motion, and derivatives do not pass such "

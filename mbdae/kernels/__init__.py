@@ -22,7 +22,7 @@ from mbdae.errors import LawError, internal
 from mbdae.native.program import Operations, block
 from mbdae.process import spends
 from mbdae.symbolic.program import Program, python_function
-from mbdae.symbolic.rebuild import complex_atan2
+from mbdae.symbolic.rebuild import complex_atan2, substituted
 from mbdae.symbolic.vectors import Expr
 from mbdae.threads import check
 
@@ -151,8 +151,12 @@ class Kernel:
         weights = [se.Symbol(f"weight_{i}") for i in range(self.width)]
 
         def expressions() -> list[Expr]:
-            program, outputs = self.straight()
-            return program.closed(program.back(outputs, weights, self.symbols))
+            program, table = Program(), dict[Expr, Expr]()
+            shared, outputs = se.cse(self.expressions)  # each of the shared parts gets one weight
+            for name, e in shared:
+                table[name] = program.let(substituted(e, table))
+            found = program.back([program.let(substituted(e, table)) for e in outputs], weights, self.symbols)
+            return program.closed(found)
 
         return Kernel([*self.symbols, *weights], expressions, self.level, len(self.symbols), part_key(self.key, "pullback"))
 

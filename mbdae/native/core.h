@@ -40,6 +40,17 @@ typedef struct {
   int (*rate_jacobian)(void *self, double t, const double *y, const double *yp, double *out);
 } Equations;
 
+/* y' = f(t, y) of n unknowns with its derivatives at stage `at` of a method, which `value` evaluates first: `along` fills out (n,
+   columns) with the changes of f for changes dy (n, columns) of y and for those of the numbers by which one differentiates; `back`
+   fills out (n) with the weights of y for weights (n) of f, and adds up those of the numbers. */
+typedef struct {
+  void *self;
+  I n, columns;
+  int (*value)(void *self, I at, double t, const double *y, double *out);
+  int (*along)(void *self, I at, const double *dy, double *out);
+  int (*back)(void *self, I at, const double *weight, double *out);
+} Twin;
+
 /* How long a step may be because of inputs of time: `share` of the stretch between two edges in which it begins and, where it
    reaches into the next one, the same share of that. No edges: no bound. No step goes beyond a kink. */
 typedef struct { const double *edges; I count; double share; const double *kinks; I kink_count; } Stretches;

@@ -111,7 +111,7 @@ class Program:
                 return
             for x in sorted(e.free_symbols, key=str):
                 if (slope := se.diff(e, x)) != 0:
-                    total[x] = total.get(x, _ZERO) + slope * weight
+                    total[x] = self.let(total.get(x, _ZERO) + self.let(slope * weight))
 
         steps = self.needed(outputs)
         for e, weight in zip(outputs, weights, strict=True):

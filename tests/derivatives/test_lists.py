@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import mbdae as mb
 from mbdae.derivatives.chart import Equations
-from mbdae.derivatives.lists import Lists, written_out
-from mbdae.native.program import ADD, CALL, LOAD, MULTIPLY, SET
+from mbdae.derivatives.lists import Lists, _entries, written_out
+from mbdae.native.program import ADD, CALL, LOAD, MULTIPLY, POSITIVE, SET, SOLVE
 
 
 def arm() -> mb.Scene:
@@ -44,56 +45,89 @@ def beam() -> mb.Scene:
     return s
 
 
-def lists_of(scene: mb.Scene, form: mb.GGL | mb.ODE | mb.Index1 | mb.Index3) -> Lists:
+def free() -> mb.Scene:
+    """A free body with a spring, whose constant mass matrix is factorised once in a run."""
+    s = mb.Scene("free", gravity=(0, 0, -9.81))
+    body = s.rigid_body("body", 1.0, (0.1, 0.2, 0.3), at=(0, 0, 0))
+    s.spring("S", s.ground, body, at_k=(0.3, 0.1, 1), at_l=(0.1, 0, 0.2), stiffness=30.0, length=0.7, damping=0.1)
+    return s
+
+
+def plain(mass: float = 1.0) -> mb.Scene:
+    s = mb.Scene("plain", gravity=(0, -9.81, 0))
+    a, b = s.link("a", (0, 0), (0, 0.3), mass=0.3), s.rigid_body("b", mass, 0.1 * mass, at=(0.4, 0.3))
+    c = s.link("c", (0.8, 0.3), (0.8, 0), mass=0.4)
+    s.revolute("A", s.ground, a, at=(0, 0), rate0=2.0, damper=0.1)
+    s.revolute("B", a, b, at=(0, 0.3))
+    s.revolute("C", b, c, at=(0.8, 0.3))
+    s.revolute("D", s.ground, c, at=(0.8, 0))
+    return s
+
+
+def massless() -> mb.Scene:
+    return plain(0.0)
+
+
+def lists_of(scene: mb.Scene, form: Any, rates: bool = False) -> tuple[Equations, Lists]:
     system = scene.system(form)
     prepared = system._prepared
-    return Lists(Equations(prepared, system.stated, tuple(prepared.mechanics.rows)).assembly)
+    base = Equations(prepared, system.stated, tuple(prepared.mechanics.rows), rates)
+    return base, Lists(base.listed)
 
 
 def by_complex_step(lists: Lists, t: float, y: np.ndarray, yp: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """The change of F along `change` of all inputs: the operations one by one in complex numbers, kernels by NumPy."""
-    lists.residual(t, y, yp)
+    """The change of the results along `change` of all inputs: the operations one by one in complex numbers, kernels by NumPy."""
+    lists.value(t, y, yp)
     step = 1e-30
-    W = lists.ev.W[: lists.width].astype(complex)
+    W = lists.W[: lists.width].astype(complex)
     W[: lists.width] += 1j * step * change[: lists.width]
-    data = {i: (first, size) for i, (first, size) in lists._data.items()}
     at = lists.width
-    for i, one in enumerate(lists._of.steps):
-        f, tables, extra = one.fields, one.tables, 0.0
-        if i in data:
-            extra, at = 1j * step * change[at : at + data[i][1]], at + data[i][1]
+    for one in lists.listed.part.steps:
+        f, tables, extra = one.fields, one.tables, np.zeros(0)
+        if f["kind"] in (LOAD, ADD):
+            extra, at = 1j * step * change[at : at + tables["weight"].size], at + tables["weight"].size
         if f["kind"] == CALL:
             W[f["first"] : f["first"] + f["times"] * f["outputs"]] = f["kernel"].oracle(W[tables["from_"]]).ravel()
         elif f["kind"] == LOAD:
             W[f["first"] : f["first"] + f["count"]] = tables["weight"] + extra
-        else:
+        elif f["kind"] in (SET, ADD, MULTIPLY):
             w = written_out(one)
-            weight = w.weight + (extra[w.place] if i in data and f["kind"] == ADD else 0.0)
+            weight = w.weight + (extra[w.place] if f["kind"] == ADD else 0.0)
             for k, to in enumerate(w.to):
                 value = W[w.from_[k]] * (1.0 if f["kind"] == SET else weight[k])
                 value = value * W[w.by[k]] if f["kind"] == MULTIPLY else value
                 W[to] = value if f["kind"] == SET else W[to] + value
-    return np.asarray(W[lists._first : lists._first + lists.n].imag / step)
+        elif f["kind"] != POSITIVE:
+            n, first, right = f["count"], f["first"], f["outputs"]
+            if f["kind"] != SOLVE:
+                M = np.zeros((n, n), complex)
+                cell, row, column = _entries(one)
+                M[row, column] = W[cell]
+            W[right : right + n] = np.linalg.solve(M, W[right : right + n])
+    return np.asarray(W[lists.listed.first : lists.listed.first + lists.listed.count].imag / step)
 
 
-@pytest.mark.parametrize(("scene", "form"), [
-    (lambda: arm().recursive(), mb.ODE()), (arm, mb.GGL()), (loop, mb.GGL()), (loop, mb.Index3()), (loop, mb.Index1()),
-    (beam, mb.GGL())], ids=["tree", "arm", "loop", "index3", "index1", "beam"])
-def test_pullback_tangent_and_complex_step_agree(scene: object, form: mb.GGL) -> None:
-    lists = lists_of(scene(), form)  # type: ignore[operator]
-    rng = np.random.default_rng(3)
-    y, yp = 0.3 + 0.4 * rng.random((2, lists.n))
-    lists.residual(0.2, y, yp)
-    change, weights = rng.standard_normal(lists.inputs), rng.standard_normal(lists.n)
+@pytest.mark.parametrize(("scene", "form", "rates"), [
+    (lambda: arm().recursive(), mb.ODE(), False), (arm, mb.GGL(), False), (loop, mb.GGL(), False), (loop, mb.Index3(), False),
+    (loop, mb.Index1(), False), (beam, mb.GGL(), False), (lambda: arm().recursive(), mb.ODE(), True), (free, mb.ODE(), True),
+    (plain, mb.Index1(multipliers="eliminated"), True), (massless, mb.Index1(multipliers="eliminated"), True)],
+    ids=["tree", "arm", "loop", "index3", "index1", "beam", "rates of a tree", "rates of a free body", "cholesky", "lu"])
+def test_pullback_tangent_and_complex_step_agree(scene: Any, form: Any, rates: bool) -> None:
+    base, lists = lists_of(scene(), form, rates)
+    rng, n = np.random.default_rng(3), lists.n
+    y, yp = 0.3 + 0.4 * rng.random((2, n))
+    lists.value(0.2, y, yp)
+    change, weights = rng.standard_normal(lists.inputs), rng.standard_normal(lists.listed.count)
     along, back = lists.along(change)[0], lists.back(weights)[0]
     size = np.abs(along).max()
     assert np.abs(along - by_complex_step(lists, 0.2, y, yp, change)).max() < 1e-11 * size  # round-off of sums
     assert abs(weights @ along - back @ change) < 1e-11 * np.abs(weights * along).sum()
-    fy, fyp = lists.jacobian(0.2, y, yp)
-    lists.residual(0.2, y, yp)
-    state = np.where(np.arange(lists.inputs) < 2 * lists.n, change, 0.0)
-    found = lists.along(state)[0]
-    assert np.abs(found - fy @ state[: lists.n] - fyp @ state[lists.n : 2 * lists.n]).max() < 1e-11 * np.abs(found).max()
+    if not rates:
+        fy, fyp = (x[0] for x in base.assembly.dense_stages(np.array([0.2]), y[None], yp[None]))
+        lists.value(0.2, y, yp)
+        state = np.where(np.arange(lists.inputs) < 2 * n, change, 0.0)
+        found = lists.along(state)[0]
+        assert np.abs(found - fy @ state[:n] - fyp @ state[n : 2 * n]).max() < 1e-11 * np.abs(found).max()
 
 
 def test_structure_of_equal_lists_differs_in_numbers_alone() -> None:
