@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp
 from mbdae.derivatives.chart import Chart
 from mbdae.derivatives.lists import Lists
 from mbdae.errors import DerivativeError
@@ -27,8 +26,8 @@ from mbdae.integrators.matrices import searches
 from mbdae.integrators.solution import Solution
 from mbdae.native import Entries
 from mbdae.native.explicit import ALL
-from mbdae.native.sparse import Matrix, SingularMatrixError
-from mbdae.native.twins import Called, Path
+from mbdae.native.sparse import SingularMatrixError
+from mbdae.native.twins import Called, Path, Stages
 from mbdae.system.base import Array
 
 BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops
@@ -38,8 +37,6 @@ REPEATED = 1e-6  #: largest distance of a repeated step from the run's, relative
 BESIDE, JUMP = 1e-9, 1e-5
 BISECTIONS = 60
 BLOCK = 64  #: steps of one call of C, for which the derivatives of inputs of time are made beforehand
-#: a linear equation of the stages is corrected until a correction is at most SETTLED times the solution, CORRECTIONS times at most
-SETTLED, CORRECTIONS = 1e-14, 6
 
 A = np.zeros((ALL, ALL))
 for _i, _j, _a in STAGES:
@@ -255,10 +252,8 @@ class _Implicit:
         self.table, self.size = interpolant.table, of.assembly.n
         self.stages = len(self.table.c)
         n, pattern = self.size, of.assembly.pattern
-        entries = Entries.full(n) if pattern is None else Entries(n, *pattern)
-        self._rows, self._columns = entries.row_of, entries.column_of
-        self._kept: dict[bool, tuple[Any, Array, Any]] = {}
-        self._live = np.zeros(entries.nnz, dtype=bool)  # entries of dF/dy' that are not always 0
+        self._entries = Entries.full(n) if pattern is None else Entries(n, *pattern)
+        self._kept: dict[bool, Stages] = {}
 
     def _stages(self, some: slice) -> tuple[Array, Array, Array, Array, Array]:
         """h (m,), and times (m, s), unknowns and rates (m, s, n of F) at the stages of some steps, and the times inside them."""
@@ -276,68 +271,41 @@ class _Implicit:
         return h, times, Y, Yp, inside
 
     def _jacobians(self, times: Array, Y: Array, Yp: Array, inside: Array) -> tuple[Array, Array]:
-        fy, fyp = np.empty((2, *times.shape, len(self._rows)))
+        shape = *times.shape, self._entries.nnz
+        if not self.of.clocks:
+            flat = (x.reshape(-1, self.size) for x in (Y, Yp))
+            fy, fyp = self.of.assembly.evaluation.jacobians(times.ravel(), *flat)
+            return fy.reshape(shape), fyp.reshape(shape)
+        fy, fyp = np.empty((2, *shape))
         for m in range(len(times)):
             self.of.side[0] = inside[m]
             fy[m], fyp[m] = self.of.assembly.evaluation.jacobians(times[m], Y[m], Yp[m])
         return fy, fyp
 
-    def _matrices(self, h: Array, fy: Array, fyp: Array, transposed: bool) -> tuple[Any, Array, Array]:
-        """Matrix of the pattern of the equations of all stages, and of some steps its values and factors of its unknowns."""
-        s, n, live = self.stages, self.size, self._live
-        if (new := np.any(fyp != 0, axis=(0, 1)) & ~live).any():
-            live |= new
-            self._kept.clear()
-        blocks = [(j, k) for j in range(s) for k in range(s)]
+    def _equations(self, some: slice, transposed: bool) -> tuple[Any, Array, Array, Array, Array]:
+        """The equations of the stages of some steps, with what `_stages` returns."""
+        h, times, Y, Yp, middles = self._stages(some)
         if transposed not in self._kept:
-            rows = np.concatenate([j * n + self._rows[... if j == k else live] for j, k in blocks])
-            columns = np.concatenate([k * n + self._columns[... if j == k else live] for j, k in blocks])
-            rows, columns = (columns, rows) if transposed else (rows, columns)
-            order = np.lexsort((rows, columns))
-            entries = Entries(s * n, np.searchsorted(columns[order], np.arange(s * n + 1)), rows[order])
-            some = () if self.of.assembly.pattern is None else searches(self.of.assembly.kinds * s)
-            ones = np.ones(s * n)
-            self._kept[transposed] = Matrix(entries, ones, 0 * ones, np.zeros(1), np.zeros(0), some), order, entries
-        matrix, order, entries = self._kept[transposed]
-        w = self.table.A_inv / h[:, None, None]
-        values = np.concatenate([w[:, j, k, None] * (fyp[:, j] if j == k else fyp[:, j, live]) + (fy[:, j] if j == k else 0.0)
-                                 for j, k in blocks], axis=1)[:, order]
-        size = np.maximum.reduceat(np.abs(values), entries.indptr[:-1], axis=1)
-        return matrix, values, 1 / np.where(size > 0, size, 1.0)
+            pattern, kinds = self.of.assembly.pattern, self.of.assembly.kinds
+            self._kept[transposed] = Stages(self.table, self._entries, transposed, () if pattern is None else searches(kinds))
+        self._kept[transposed].over(h, *self._jacobians(times, Y, Yp, middles))
+        return self._kept[transposed], times, Y, Yp, middles
 
-    def _solved(self, m: int, matrix: Any, values: Array, factors: Array, right: Array) -> Array:
-        """Solution (N, k) of the equations of step m for right-hand sides (N, k), corrected until it stays."""
-        scale, entries = factors[m], matrix.entries
-        matrix.fy[:] = values[m] * scale[entries.column_of]
-        try:
-            matrix.factor(1.0)
-        except SingularMatrixError:
-            raise DerivativeError(f"a step of the run near t = {self._at:.6g} s has no derivative: the equations of its stages are "
-                                  "singular") from None
-        product = sp.csc_matrix((matrix.fy, entries.row_of, entries.indptr), shape=(entries.n, entries.n))
-        x, left = np.zeros_like(right), right
-        for _ in range(CORRECTIONS):
-            step = matrix.solved(left.T).T
-            x = x + step
-            if np.abs(step).max(initial=0.0) <= SETTLED * np.abs(x).max(initial=0.0):
-                break
-            left = right - product @ x
-        return np.asarray(scale[:, None] * x)
+    def _singular(self, t: float) -> DerivativeError:
+        return DerivativeError(f"a step of the run near t = {t:.6g} s has no derivative: the equations of its stages are singular")
 
     def along(self, some: slice, S: Array) -> tuple[Array, Array]:
         """Derivatives (m + 1, n, P) at the ends of steps, and their increments (m, inner, n, P); S (n, P): at the first."""
-        of, (h, times, Y, Yp, middles) = self.of, self._stages(some)
-        fy, fyp = self._jacobians(times, Y, Yp, middles)
-        equations, n, s = self._matrices(h, fy, fyp, False), self.size, self.stages
-        prescribed = of.prescribed(times.ravel(), np.repeat(middles, s))
+        of, (equations, times, Y, Yp, middles) = self.of, self._equations(some, False)
+        prescribed, s = of.prescribed(times.ravel(), np.repeat(middles, self.stages)), self.stages
         states, inner = [S], []
-        for m in range(len(h)):
-            self._at, of.side[0] = times[m, 0], middles[m]
-            of.lists.twins.at(prescribed=np.ascontiguousarray(prescribed[m * s : (m + 1) * s]))
-            right = -of.lists.twins.states(times[m], Y[m], Yp[m])
-            for j in range(s):
-                right[j] -= sp.csc_matrix((fy[m, j], (self._rows, self._columns)), shape=(n, n))[:, : of.n] @ states[-1]
-            found = self._solved(m, *equations, right.reshape(s * n, -1)).reshape(s, n, -1)[:, : of.n]
+        for m in range(len(times)):
+            of.side[0] = middles[m]
+            of.lists.twins.at(prescribed=prescribed[m * s : (m + 1) * s] if of.clocks else None)
+            try:
+                found = equations.along(m, states[-1], of.lists.twins.states(times[m], Y[m], Yp[m]))[:, : of.n]
+            except SingularMatrixError:
+                raise self._singular(times[m, 0]) from None
             states.append(states[-1] + found[-1])
             inner.append(found[:-1])
         return np.array(states), np.array(inner)
@@ -345,15 +313,16 @@ class _Implicit:
     def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array]:
         """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks) of the
         clock, and its derivatives (states, P, clocks)."""
-        of, (h, times, Y, Yp, middles) = self.of, self._stages(some)
-        equations, n, s = self._matrices(h, *self._jacobians(times, Y, Yp, middles), True), self.size, self.stages
-        of_clock = np.zeros((times.size, of.clocks))
-        for m in reversed(range(len(h))):
-            self._at, of.side[0] = times[m, 0], middles[m]
-            weights = np.zeros((s, n))
+        of, (equations, times, Y, Yp, middles), s = self.of, self._equations(some, True), self.stages
+        of_clock, weights = np.zeros((times.size, of.clocks)), np.zeros((s, self.size))
+        for m in reversed(range(len(times))):
+            of.side[0] = middles[m]
             weights[:-1, : of.n], weights[-1, : of.n] = inner[m], total
-            v = self._solved(m, *equations, -weights.reshape(-1, 1)).reshape(s, n)
             of.lists.twins.at(of_clock=of_clock[m * s : (m + 1) * s] if of.clocks else None)
+            try:
+                v = equations.back(m, weights)
+            except SingularMatrixError:
+                raise self._singular(times[m, 0]) from None
             total += of.lists.twins.states(times[m], Y[m], Yp[m], v)[:, : of.n].sum(axis=0) + ends[m]
         return of_clock, of.prescribed(times.ravel(), np.repeat(middles, s))
 

@@ -1,4 +1,5 @@
-"""Derivatives of lists of operations, and of steps of an explicit method: the Python side of the ends of evaluation.c, explicit.c."""
+"""Derivatives of lists of operations, and of runs along their steps: the Python side of adjoint.c, and of the ends of evaluation.c and
+explicit.c."""
 
 from __future__ import annotations
 
@@ -10,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import internal
-from mbdae.native import declared
+from mbdae.native import Entries, declared
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.explicit import ALL
 from mbdae.native.program import Part, Scene
+from mbdae.native.sparse import Matrix, Searches, SingularMatrixError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -49,6 +51,8 @@ _functions = declared(
     ("twins_states", ctypes.c_int, (Pointer, Whole, *[Pointer] * 5)), ("twins_run", ctypes.c_int, (Pointer, Pointer)),
     ("explicit_along", ctypes.c_int, (Pointer, Whole, *[Pointer] * 5)),
     ("explicit_back", ctypes.c_int, (Pointer, Whole, *[Pointer] * 6)),
+    ("stages_back", ctypes.c_int, (Pointer, Pointer, Whole, Whole, Pointer, Pointer)),
+    ("stages_along", ctypes.c_int, (Pointer, Pointer, *[Whole] * 4, Pointer, Pointer)),
 )
 
 
@@ -176,3 +180,76 @@ class Path:
         code = _functions().explicit_back(ctypes.addressof(self.table), m, given[0].ctypes.data, given[1].ctypes.data, reached.ctypes.data,
                                           given[2].ctypes.data, given[3].ctypes.data, total.ctypes.data)
         return int(code), reached
+
+
+class StagesTable(ctypes.Structure):
+    """The C struct `Stages` of adjoint.c, with the same members in the same order."""
+
+    _fields_ = (*((name, Whole) for name in ("s", "n", "nnz", "transposed", "stage")),
+                *((name, Pointer) for name in ("row_of", "column_of", "order", "A_inv", "T", "T_inv")), ("sign", Number),
+                *((name, Pointer) for name in ("matrix", "r", "x", "mixed", "pair")))
+
+
+class StepsTable(ctypes.Structure):
+    """The C struct `Path` of adjoint.c, with the same members in the same order."""
+
+    _fields_ = tuple((name, Pointer) for name in ("h", "fy", "fyp"))
+
+
+class Stages:
+    """The linear equations of all stages of implicit steps by a collocation table. entries: the pattern of the Jacobian; transposed:
+    those of the adjoint; kinds, searches: see `Searches`."""
+
+    def __init__(self, table: Any, entries: Entries, transposed: bool, searches: Searches) -> None:
+        s, n = len(table.c), entries.n
+        rows, columns = (entries.column_of, entries.row_of) if transposed else (entries.row_of, entries.column_of)
+        order = np.lexsort((rows, columns)).astype(np.int64)
+        own = Entries(n, np.searchsorted(columns[order], np.arange(n + 1)), rows[order])
+        self.matrix = Matrix(own, np.ones(n), np.zeros(n), table.real, table.pairs, searches)
+        self._order, self._stage, self._n, self._s = order, s // 2, n, s
+        real = len(table.real)
+        sign = np.sign((table.T_inv @ table.A_inv @ table.T)[real + 1, real]) if len(table.pairs) else 1.0
+        kept = [np.ascontiguousarray(x) for x in (entries.row_of, entries.column_of, order, table.A_inv, table.T, table.T_inv)]
+        room = [np.zeros(size) for size in (s * n, 2 * s * n, s * n, 2 * n)]
+        self._kept = kept, room
+        self.table = StagesTable(s, n, entries.nnz, int(transposed), self._stage, *(x.ctypes.data for x in kept), float(sign),
+                                 self.matrix.address, *(x.ctypes.data for x in room))
+        self._at = ctypes.addressof(self.table)
+
+    def over(self, h: Array, fy: Array, fyp: Array) -> None:
+        """Choose the steps: h (m,), dF/dy and dF/dy' (m, s, nnz) at their stages; unknowns are scaled by the first."""
+        self._given = [np.ascontiguousarray(x) for x in (h, fy, fyp)]
+        self._steps = StepsTable(*(x.ctypes.data for x in self._given))
+        size = (np.abs(fy[0, self._stage]) + np.abs(fyp[0, self._stage]) / h[0])[self._order]
+        largest = np.zeros(self._n)
+        np.maximum.at(largest, self.matrix.entries.column_of, size)
+        self.matrix.scale[:] = 1 / np.where(largest > 0, largest, 1.0)
+
+    def _called(self, function: Callable[[int], int], m: int) -> None:
+        code = function(0)
+        if code < 0:  # pivots are too small in the present order of elimination
+            self.matrix.factor(float(self._given[0][m]))
+            code = function(1)
+        if code:
+            raise SingularMatrixError
+
+    def back(self, m: int, weights: Array) -> Array:
+        """Weights (s, n) of F at the stages of step m for weights (s, n) of the increments."""
+        x = np.empty((self._s, self._n))
+        self._called(lambda ready: int(_functions().stages_back(self._at, ctypes.addressof(self._steps), m, ready, weights.ctypes.data,
+                                                                x.ctypes.data)), m)
+        return x
+
+    def along(self, m: int, S: Array, by_numbers: Array) -> Array:
+        """Derivatives (s, n, P) of the increments of step m, for those of y at its beginning S (own, P), and of F by the numbers (s, n,
+        P)."""
+        S = np.ascontiguousarray(S)
+
+        def call(ready: int) -> int:
+            given = by_numbers.copy()
+            self._found = given
+            return int(_functions().stages_along(self._at, ctypes.addressof(self._steps), m, ready, *S.shape, S.ctypes.data,
+                                                 given.ctypes.data))
+
+        self._called(call, m)
+        return self._found

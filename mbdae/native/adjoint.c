@@ -1,0 +1,149 @@
+/* Linear equations of all stages of an implicit step, and derivatives of a run along such steps.
+
+   Stages Y_j of a collocation method satisfy F(t_j, Y_j, Y'_j) = 0 with Y' = A^-1 (Y - y0) / h. Their derivatives solve M x = r with
+
+       (M x)_j = dF/dy'_j sum_k A^-1[j, k] x_k / h + dF/dy_j x_j,
+
+   the weights of an adjoint M^T x = r. Both are solved by the matrices of Newton's method, with the derivatives of one stage in all,
+   which the eigenvalues of A^-1 make equations of n unknowns; what is left is solved again until it is round-off. */
+#include "sparse.h"
+
+enum { MOST_CORRECTIONS = 40, SLOW = 3 };
+/* A solution stands where its last correction is at most SETTLED times as large, or where corrections below ROUGH, which round-off
+   leaves, do not fall any more. */
+static const double SETTLED = 1e-14, ROUGH = 1e-9;
+
+/* `order` (nnz): the entries of dF/dy in the order of those of the matrix, whose pattern is transposed where `transposed` is 1.
+   T, T_inv (s, s): rows of T_inv give the real parts, then real and imaginary parts of every pair, whose sign is `sign`. stage: whose
+   derivatives all have in the matrix. r, x, mixed (s, n): room. */
+typedef struct {
+  I s, n, nnz, transposed, stage;
+  const I *row_of, *column_of, *order;
+  const double *A_inv, *T, *T_inv;
+  double sign;
+  Matrix *matrix;
+  double *r, *x, *mixed, *pair;
+} Stages;
+
+static void product(const Stages *a, double h, const double *fy, const double *fyp, const double *x, double *out) {
+  const I n = a->n, s = a->s;
+  memset(a->mixed, 0, sizeof(double) * (size_t)(s * n));
+  memset(out, 0, sizeof(double) * (size_t)(s * n));
+  for (I j = 0; j < s && !a->transposed; j++)
+    for (I k = 0; k < s; k++)
+      for (I i = 0; i < n; i++) a->mixed[j * n + i] += a->A_inv[j * s + k] / h * x[k * n + i];
+  for (I j = 0; j < s; j++, fy += a->nnz, fyp += a->nnz)
+    for (I e = 0; e < a->nnz; e++) {
+      const I row = j * n + a->row_of[e], column = j * n + a->column_of[e];
+      if (a->transposed) {
+        out[column] += fy[e] * x[row];
+        a->mixed[column] += fyp[e] * x[row];
+      } else out[row] += fy[e] * x[column] + fyp[e] * a->mixed[column];
+    }
+  for (I j = 0; j < s && a->transposed; j++)
+    for (I k = 0; k < s; k++)
+      for (I i = 0; i < n; i++) out[k * n + i] += a->A_inv[j * s + k] / h * a->mixed[j * n + i];
+}
+
+/* to = B from for B (s, s), or its transpose */
+static void mix(const Stages *a, const double *B, I transposed, const double *from, double *to) {
+  const I n = a->n, s = a->s;
+  memset(to, 0, sizeof(double) * (size_t)(s * n));
+  for (I j = 0; j < s; j++)
+    for (I k = 0; k < s; k++) {
+      const double b = transposed ? B[k * s + j] : B[j * s + k];
+      for (I i = 0; i < n; i++) to[j * n + i] += b * from[k * n + i];
+    }
+}
+
+/* r (s, n) becomes what solves the equations approximately. */
+static void approximately(const Stages *a, double *r) {
+  const Matrix *m = a->matrix;
+  const I n = a->n;
+  double *w = a->mixed, *one = w;
+  Pair *z = (Pair *)a->pair;
+  mix(a, a->transposed ? a->T : a->T_inv, a->transposed, r, w);
+  for (I j = 0; j < m->reals; j++, one += n) {
+    for (I i = 0; i < n; i++) one[i] *= m->row[i];
+    lu_solve(m->factors[j], one);
+    for (I i = 0; i < n; i++) one[i] *= m->column[i];
+  }
+  const double sign = a->transposed ? -a->sign : a->sign;
+  for (I j = 0; j < m->pairs; j++, one += 2 * n) {
+    for (I i = 0; i < n; i++) z[i] = (Pair){one[i] * m->row[i], sign * one[n + i] * m->row[i]};
+    lu_solve(m->factors[m->reals + j], z);
+    for (I i = 0; i < n; i++) one[i] = z[i].re * m->column[i], one[n + i] = sign * z[i].im * m->column[i];
+  }
+  mix(a, a->transposed ? a->T_inv : a->T, a->transposed, w, r);
+}
+
+static double size_of(const Stages *a, const double *x) {
+  double found = 0;
+  for (I j = 0; j < a->s; j++)
+    for (I i = 0; i < a->n; i++) found = fmax(found, fabs(x[j * a->n + i] / a->matrix->column[i]));
+  return found;
+}
+
+/* The solution x (s, n) for r; NOT_FINITE where corrections do not become small. */
+static int solved(const Stages *a, double h, const double *fy, const double *fyp, const double *r, double *x) {
+  const I size = a->s * a->n;
+  double *step = a->r, before = INFINITY;
+  I slow = 0;
+  memset(x, 0, sizeof(double) * (size_t)size);
+  memcpy(step, r, sizeof(double) * (size_t)size);
+  for (I k = 0; k < MOST_CORRECTIONS; k++) {
+    approximately(a, step);
+    for (I i = 0; i < size; i++) x[i] += step[i];
+    const double now = size_of(a, step), whole = size_of(a, x);
+    if (!isfinite(now)) return NOT_FINITE;
+    if (now <= SETTLED * whole || (now > 0.3 * before && now <= ROUGH * whole)) return DONE;
+    if (now > 0.8 * before && ++slow > SLOW) return NOT_FINITE;
+    before = now;
+    product(a, h, fy, fyp, x, step);
+    for (I i = 0; i < size; i++) step[i] = r[i] - step[i];
+  }
+  return NOT_FINITE;
+}
+
+/* Steps of a run: h (steps), derivatives of F at their stages fy, fyp (steps, s, nnz), by numbers (steps, s, n, columns). */
+typedef struct { const double *h, *fy, *fyp; } Path;
+
+static I factored(const Stages *a, const Path *p, I m, I ready) {
+  const I at = (m * a->s + a->stage) * a->nnz;
+  if (ready) return -1;
+  for (I e = 0; e < a->nnz; e++) a->matrix->fy[e] = p->fy[at + a->order[e]], a->matrix->fyp[e] = p->fyp[at + a->order[e]];
+  return matrix_factor(a->matrix, p->h[m], 0);
+}
+
+/* One step: x (s, n) for weights of the increments (s, n) becomes the weights of F (M^T x = -weights). Returns -1 where the matrix has
+   to be factorised in another order, by the caller, who calls again with `ready`. */
+API int stages_back(const Stages *a, const Path *p, I m, I ready, const double *weights, double *x) {
+  if (factored(a, p, m, ready) >= 0) return RAISED;
+  const I at = m * a->s * a->nnz;
+  const int code = solved(a, p->h[m], p->fy + at, p->fyp + at, weights, x);
+  for (I i = 0; i < a->s * a->n; i++) x[i] = -x[i];
+  return code;
+}
+
+/* One step: from derivatives S (own, columns) of y at its beginning and those of F by the numbers (s, n, columns) to those of the
+   increments, (s, n, columns) in place; the first `own` unknowns of F are those of the run. */
+API int stages_along(const Stages *a, const Path *p, I m, I ready, I own, I columns, const double *S, double *by_numbers) {
+  const I n = a->n, s = a->s, at = m * s * a->nnz;
+  if (factored(a, p, m, ready) >= 0) return RAISED;
+  for (I j = 0; j < s; j++)
+    for (I e = 0; e < a->nnz; e++) {
+      const double v = p->fy[at + j * a->nnz + e];
+      const I column = a->column_of[e];
+      double *to = by_numbers + (j * n + a->row_of[e]) * columns;
+      if (v != 0 && column < own)
+        for (I c = 0; c < columns; c++) to[c] += v * S[column * columns + c];
+    }
+  double *right = a->x, *x = a->x + s * n;
+  for (I c = 0; c < columns; c++) {
+    for (I i = 0; i < s * n; i++) right[i] = -by_numbers[i * columns + c];
+    const int code = solved(a, p->h[m], p->fy + at, p->fyp + at, right, x);
+    if (code) return code;
+    for (I i = 0; i < s * n; i++) by_numbers[i * columns + c] = x[i];
+  }
+  return DONE;
+}
