@@ -282,49 +282,40 @@ class _Implicit:
             fy[m], fyp[m] = self.of.assembly.evaluation.jacobians(times[m], Y[m], Yp[m])
         return fy, fyp
 
-    def _equations(self, some: slice, transposed: bool) -> tuple[Any, Array, Array, Array, Array]:
-        """The equations of the stages of some steps, with what `_stages` returns."""
-        h, times, Y, Yp, middles = self._stages(some)
+    def _equations(self, some: slice, transposed: bool) -> tuple[Any, Array, Array]:
+        """The equations of the stages of some steps, times of all stages, and those at which conditions are read."""
+        of, (h, times, Y, Yp, middles) = self.of, self._stages(some)
         if transposed not in self._kept:
-            pattern, kinds = self.of.assembly.pattern, self.of.assembly.kinds
+            pattern, kinds = of.assembly.pattern, of.assembly.kinds
             self._kept[transposed] = Stages(self.table, self._entries, transposed, () if pattern is None else searches(kinds))
-        self._kept[transposed].over(h, *self._jacobians(times, Y, Yp, middles))
-        return self._kept[transposed], times, Y, Yp, middles
-
-    def _singular(self, t: float) -> DerivativeError:
-        return DerivativeError(f"a step of the run near t = {t:.6g} s has no derivative: the equations of its stages are singular")
+        self._kept[transposed].over(of.lists.twins, of.n, of.side, h, middles, times, Y, Yp, *self._jacobians(times, Y, Yp, middles))
+        return self._kept[transposed], times.ravel(), np.repeat(middles, self.stages)
 
     def along(self, some: slice, S: Array) -> tuple[Array, Array]:
         """Derivatives (m + 1, n, P) at the ends of steps, and their increments (m, inner, n, P); S (n, P): at the first."""
-        of, (equations, times, Y, Yp, middles) = self.of, self._equations(some, False)
-        prescribed, s = of.prescribed(times.ravel(), np.repeat(middles, self.stages)), self.stages
-        states, inner = [S], []
-        for m in range(len(times)):
-            of.side[0] = middles[m]
-            of.lists.twins.at(prescribed=prescribed[m * s : (m + 1) * s] if of.clocks else None)
-            try:
-                found = equations.along(m, states[-1], of.lists.twins.states(times[m], Y[m], Yp[m]))[:, : of.n]
-            except SingularMatrixError:
-                raise self._singular(times[m, 0]) from None
-            states.append(states[-1] + found[-1])
-            inner.append(found[:-1])
-        return np.array(states), np.array(inner)
+        equations, *times = self._equations(some, False)
+        self.of.lists.twins.at(prescribed=self.of.prescribed(*times) if self.of.clocks else None)
+        with self._named(equations):
+            found: tuple[Array, Array] = equations.along(S)
+            return found
 
     def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array]:
         """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks) of the
         clock, and its derivatives (states, P, clocks)."""
-        of, (equations, times, Y, Yp, middles), s = self.of, self._equations(some, True), self.stages
-        of_clock, weights = np.zeros((times.size, of.clocks)), np.zeros((s, self.size))
-        for m in reversed(range(len(times))):
-            of.side[0] = middles[m]
-            weights[:-1, : of.n], weights[-1, : of.n] = inner[m], total
-            of.lists.twins.at(of_clock=of_clock[m * s : (m + 1) * s] if of.clocks else None)
-            try:
-                v = equations.back(m, weights)
-            except SingularMatrixError:
-                raise self._singular(times[m, 0]) from None
-            total += of.lists.twins.states(times[m], Y[m], Yp[m], v)[:, : of.n].sum(axis=0) + ends[m]
-        return of_clock, of.prescribed(times.ravel(), np.repeat(middles, s))
+        equations, *times = self._equations(some, True)
+        of_clock = np.zeros((len(times[0]), self.of.clocks))
+        self.of.lists.twins.at(of_clock=of_clock if self.of.clocks else None)
+        with self._named(equations):
+            equations.back(ends, inner, total)
+        return of_clock, self.of.prescribed(*times)
+
+    @contextmanager
+    def _named(self, equations: Any) -> Iterator[None]:
+        try:
+            yield
+        except SingularMatrixError as error:
+            raise DerivativeError(f"a step of the run near t = {equations.times[error.unknown, 0]:.6g} s has no derivative: the equations of "
+                                  "its stages are singular") from None
 
 
 def refuse_jumps(of: Derived) -> None:

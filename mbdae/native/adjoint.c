@@ -105,45 +105,78 @@ static int solved(const Stages *a, double h, const double *fy, const double *fyp
   return NOT_FINITE;
 }
 
-/* Steps of a run: h (steps), derivatives of F at their stages fy, fyp (steps, s, nnz), by numbers (steps, s, n, columns). */
-typedef struct { const double *h, *fy, *fyp; } Path;
+/* Steps of a run: h and middles (steps), times (steps, s), unknowns and rates of F at their stages Y, Yp (steps, s, n), derivatives fy,
+   fyp (steps, s, nnz). own: number of unknowns of the run, the first of those of F; of: derivatives of F by numbers; side: takes the
+   time at which conditions of inputs are read, inside the step. */
+typedef struct {
+  const double *h, *middles, *times, *Y, *Yp, *fy, *fyp;
+  I own;
+  void *of;
+  double *side;
+} Path;
 
+/* -1, or that the matrix has to be factorised in another order, by the caller, who then calls again with `ready`. */
 static I factored(const Stages *a, const Path *p, I m, I ready) {
   const I at = (m * a->s + a->stage) * a->nnz;
+  *p->side = p->middles[m];
   if (ready) return -1;
   for (I e = 0; e < a->nnz; e++) a->matrix->fy[e] = p->fy[at + a->order[e]], a->matrix->fyp[e] = p->fyp[at + a->order[e]];
   return matrix_factor(a->matrix, p->h[m], 0);
 }
 
-/* One step: x (s, n) for weights of the increments (s, n) becomes the weights of F (M^T x = -weights). Returns -1 where the matrix has
-   to be factorised in another order, by the caller, who calls again with `ready`. */
-API int stages_back(const Stages *a, const Path *p, I m, I ready, const double *weights, double *x) {
-  if (factored(a, p, m, ready) >= 0) return RAISED;
-  const I at = m * a->s * a->nnz;
-  const int code = solved(a, p->h[m], p->fy + at, p->fyp + at, weights, x);
-  for (I i = 0; i < a->s * a->n; i++) x[i] = -x[i];
-  return code;
+static int at_stages(const Stages *a, const Path *p, I m, const double *weights, double *out) {
+  const I at = m * a->s;
+  return twins_states(p->of, at, a->s, p->times + at, p->Y + at * a->n, p->Yp + at * a->n, weights, out);
 }
 
-/* One step: from derivatives S (own, columns) of y at its beginning and those of F by the numbers (s, n, columns) to those of the
-   increments, (s, n, columns) in place; the first `own` unknowns of F are those of the run. */
-API int stages_along(const Stages *a, const Path *p, I m, I ready, I own, I columns, const double *S, double *by_numbers) {
-  const I n = a->n, s = a->s, at = m * s * a->nnz;
-  if (factored(a, p, m, ready) >= 0) return RAISED;
-  for (I j = 0; j < s; j++)
-    for (I e = 0; e < a->nnz; e++) {
-      const double v = p->fy[at + j * a->nnz + e];
-      const I column = a->column_of[e];
-      double *to = by_numbers + (j * n + a->row_of[e]) * columns;
-      if (v != 0 && column < own)
-        for (I c = 0; c < columns; c++) to[c] += v * S[column * columns + c];
-    }
-  double *right = a->x, *x = a->x + s * n;
-  for (I c = 0; c < columns; c++) {
-    for (I i = 0; i < s * n; i++) right[i] = -by_numbers[i * columns + c];
-    const int code = solved(a, p->h[m], p->fy + at, p->fyp + at, right, x);
+/* From the end of step *m - 1 to the beginning of the first: total (own) becomes the weights of y there; ends (steps, own), inner
+   (steps, s - 1, own): those of y at the beginnings of steps, and of the increments. RAISED: see `factored`; *m: what is left. */
+API int stages_back(const Stages *a, const Path *p, I *m, I ready, const double *ends, const double *inner, double *total) {
+  const I n = a->n, s = a->s, own = p->own;
+  double *weights = a->x, *v = a->x + s * n;
+  for (; *m > 0; --*m, ready = 0) {
+    const I k = *m - 1, at = k * s * a->nnz;
+    if (factored(a, p, k, ready) >= 0) return RAISED;
+    memset(weights, 0, sizeof(double) * (size_t)(s * n));
+    for (I j = 0; j < s; j++)
+      for (I i = 0; i < own; i++) weights[j * n + i] = -(j == s - 1 ? total[i] : inner[(k * (s - 1) + j) * own + i]);
+    int code = solved(a, p->h[k], p->fy + at, p->fyp + at, weights, v);
+    if (!code) code = at_stages(a, p, k, v, weights);
     if (code) return code;
-    for (I i = 0; i < s * n; i++) by_numbers[i * columns + c] = x[i];
+    for (I i = 0; i < own; i++) {
+      total[i] += ends[k * own + i];
+      for (I j = 0; j < s; j++) total[i] += weights[j * n + i];
+    }
+  }
+  return DONE;
+}
+
+/* Steps from *m on: S (steps + 1, own, columns), the first row given, derivatives of y; inner (steps, s - 1, own, columns): of the
+   increments; room (s, n, columns). RAISED: see `factored`; *m: the step that is not made. */
+API int stages_along(const Stages *a, const Path *p, I *m, I steps, I ready, I columns, double *S, double *inner, double *room) {
+  const I n = a->n, s = a->s, own = p->own;
+  double *right = a->x, *x = a->x + s * n;
+  for (; *m < steps; ++*m, ready = 0) {
+    const I k = *m, at = k * s * a->nnz;
+    const double *before = S + k * own * columns;
+    if (factored(a, p, k, ready) >= 0) return RAISED;
+    int code = at_stages(a, p, k, NULL, room);
+    for (I j = 0; j < s; j++)
+      for (I e = 0; e < a->nnz; e++) {
+        const double v = p->fy[at + j * a->nnz + e];
+        const I column = a->column_of[e];
+        double *to = room + (j * n + a->row_of[e]) * columns;
+        for (I c = 0; v != 0 && column < own && c < columns; c++) to[c] += v * before[column * columns + c];
+      }
+    for (I c = 0; c < columns && !code; c++) {
+      for (I i = 0; i < s * n; i++) right[i] = -room[i * columns + c];
+      code = solved(a, p->h[k], p->fy + at, p->fyp + at, right, x);
+      for (I i = 0; i < own; i++) {
+        S[((k + 1) * own + i) * columns + c] = before[i * columns + c] + x[(s - 1) * n + i];
+        for (I j = 0; j < s - 1; j++) inner[((k * (s - 1) + j) * own + i) * columns + c] = x[j * n + i];
+      }
+    }
+    if (code) return code;
   }
   return DONE;
 }

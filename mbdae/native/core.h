@@ -51,6 +51,10 @@ typedef struct {
   int (*back)(void *self, I at, const double *weight, double *out);
 } Twin;
 
+/* Derivatives of a list of operations (Twins of evaluation.c) at k states, rows of y (k, n) and y' each, numbered from `first` on: by
+   the numbers alone (count, columns), where no weights (k, count) of the results are given, else (n) the weights of y. */
+API int twins_states(void *self, I first, I k, const double *t, const double *y, const double *yp, const double *weights, double *out);
+
 /* How long a step may be because of inputs of time: `share` of the stretch between two edges in which it begins and, where it
    reaches into the next one, the same share of that. No edges: no bound. No step goes beyond a kink. */
 typedef struct { const double *edges; I count; double share; const double *kinks; I kink_count; } Stretches;

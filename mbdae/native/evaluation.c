@@ -315,14 +315,14 @@ API int twins_along(void *self, I at, const double *dy, double *out) {
   return code;
 }
 
-/* At k states, rows of y (k, n) and y' each: by the numbers alone (count, columns), where no weights (k, count) of the results are
-   given, else (n) the weights of y. */
-API int twins_states(Twins *x, I k, const double *t, const double *y, const double *yp, const double *weights, double *out) {
+API int twins_states(void *self, I first, I k, const double *t, const double *y, const double *yp, const double *weights,
+                     double *out) {
+  Twins *x = self;
   const I n = x->scene->n, width = weights ? n : x->count * x->columns;
   int code = DONE;
   for (I i = 0; i < k && !code; i++) {
     code = scene_part(x->scene, &x->value, t[i], y + i * n, yp + i * n);
-    if (!code) code = weights ? twins_back(x, i, weights + i * x->count, out + i * width) : twins_along(x, i, NULL, out + i * width);
+    if (!code) code = weights ? twins_back(x, first + i, weights + i * x->count, out + i * width) : twins_along(x, first + i, NULL, out + i * width);
   }
   return code;
 }

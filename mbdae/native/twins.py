@@ -48,11 +48,11 @@ class PathTable(ctypes.Structure):
 _functions = declared(
     ("twins_value", ctypes.c_int, (Pointer, Whole, Number, Pointer, Pointer)),
     ("twins_along", ctypes.c_int, (Pointer, Whole, Pointer, Pointer)), ("twins_back", ctypes.c_int, (Pointer, Whole, Pointer, Pointer)),
-    ("twins_states", ctypes.c_int, (Pointer, Whole, *[Pointer] * 5)), ("twins_run", ctypes.c_int, (Pointer, Pointer)),
+    ("twins_states", ctypes.c_int, (Pointer, Whole, Whole, *[Pointer] * 5)), ("twins_run", ctypes.c_int, (Pointer, Pointer)),
     ("explicit_along", ctypes.c_int, (Pointer, Whole, *[Pointer] * 5)),
     ("explicit_back", ctypes.c_int, (Pointer, Whole, *[Pointer] * 6)),
-    ("stages_back", ctypes.c_int, (Pointer, Pointer, Whole, Whole, Pointer, Pointer)),
-    ("stages_along", ctypes.c_int, (Pointer, Pointer, *[Whole] * 4, Pointer, Pointer)),
+    ("stages_back", ctypes.c_int, (Pointer, Pointer, Pointer, Whole, *[Pointer] * 3)),
+    ("stages_along", ctypes.c_int, (Pointer, Pointer, Pointer, *[Whole] * 3, *[Pointer] * 3)),
 )
 
 
@@ -104,7 +104,7 @@ class Twins:
         t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
         given = None if weights is None else np.ascontiguousarray(weights, dtype=float)
         out = np.empty((len(t), self.count, self.table.columns) if given is None else (len(t), self.n))
-        if _functions().twins_states(self.address, len(t), t.ctypes.data, y.ctypes.data, yp.ctypes.data,
+        if _functions().twins_states(self.address, 0, len(t), t.ctypes.data, y.ctypes.data, yp.ctypes.data,
                                      None if given is None else given.ctypes.data, out.ctypes.data):
             raise FloatingPointError
         return out
@@ -193,7 +193,8 @@ class StagesTable(ctypes.Structure):
 class StepsTable(ctypes.Structure):
     """The C struct `Path` of adjoint.c, with the same members in the same order."""
 
-    _fields_ = tuple((name, Pointer) for name in ("h", "fy", "fyp"))
+    _fields_ = (*((name, Pointer) for name in ("h", "middles", "times", "Y", "Yp", "fy", "fyp")), ("own", Whole), ("of", Pointer),
+                ("side", Pointer))
 
 
 class Stages:
@@ -216,40 +217,41 @@ class Stages:
                                  self.matrix.address, *(x.ctypes.data for x in room))
         self._at = ctypes.addressof(self.table)
 
-    def over(self, h: Array, fy: Array, fyp: Array) -> None:
-        """Choose the steps: h (m,), dF/dy and dF/dy' (m, s, nnz) at their stages; unknowns are scaled by the first."""
-        self._given = [np.ascontiguousarray(x) for x in (h, fy, fyp)]
-        self._steps = StepsTable(*(x.ctypes.data for x in self._given))
+    def over(self, of: Twins, own: int, side: Array, *given: Array) -> None:
+        """Choose the steps: derivatives of F by numbers, the number of unknowns of the run, which are the first of F, the array whose
+        first number is the time at which conditions are read; and as `Path` in adjoint.c says h and middles (m,), times (m, s), Y, Y'
+        (m, s, n), dF/dy and dF/dy' (m, s, nnz). Unknowns are scaled by the first step."""
+        self._given = [np.ascontiguousarray(x) for x in given]
+        self._steps = StepsTable(*(x.ctypes.data for x in self._given), own, of.address, side.ctypes.data)
+        h, fy, fyp = self._given[0], *self._given[-2:]
+        self.times, self._own, self._columns = self._given[2], own, of.table.columns
         size = (np.abs(fy[0, self._stage]) + np.abs(fyp[0, self._stage]) / h[0])[self._order]
         largest = np.zeros(self._n)
         np.maximum.at(largest, self.matrix.entries.column_of, size)
         self.matrix.scale[:] = 1 / np.where(largest > 0, largest, 1.0)
 
-    def _called(self, function: Callable[[int], int], m: int) -> None:
-        code = function(0)
-        if code < 0:  # pivots are too small in the present order of elimination
-            self.matrix.factor(float(self._given[0][m]))
+    def _called(self, function: Callable[..., int], m: Any, back: int) -> None:
+        """Call C until all steps are made; it returns where a matrix needs another order of elimination. SingularMatrixError where there
+        is none, or a step has no solution; its `unknown` then is the step."""
+        code, at = function(0), None
+        while code < 0 and at != m.value:
+            at = m.value
+            self.matrix.factor(float(self._given[0][at - back]))
             code = function(1)
         if code:
-            raise SingularMatrixError
+            raise SingularMatrixError(m.value - back)
 
-    def back(self, m: int, weights: Array) -> Array:
-        """Weights (s, n) of F at the stages of step m for weights (s, n) of the increments."""
-        x = np.empty((self._s, self._n))
-        self._called(lambda ready: int(_functions().stages_back(self._at, ctypes.addressof(self._steps), m, ready, weights.ctypes.data,
-                                                                x.ctypes.data)), m)
-        return x
+    def back(self, ends: Array, inner: Array, total: Array) -> None:
+        """Take weights back, as `Path.back`."""
+        m, given = Whole(len(ends)), [np.ascontiguousarray(x) for x in (ends, inner)]
+        self._called(lambda ready: int(_functions().stages_back(self._at, ctypes.addressof(self._steps), ctypes.addressof(m), ready,
+                                                                *(x.ctypes.data for x in given), total.ctypes.data)), m, 1)
 
-    def along(self, m: int, S: Array, by_numbers: Array) -> Array:
-        """Derivatives (s, n, P) of the increments of step m, for those of y at its beginning S (own, P), and of F by the numbers (s, n,
-        P)."""
-        S = np.ascontiguousarray(S)
-
-        def call(ready: int) -> int:
-            given = by_numbers.copy()
-            self._found = given
-            return int(_functions().stages_along(self._at, ctypes.addressof(self._steps), m, ready, *S.shape, S.ctypes.data,
-                                                 given.ctypes.data))
-
-        self._called(call, m)
-        return self._found
+    def along(self, S: Array) -> tuple[Array, Array]:
+        """Derivatives (m + 1, n, P) at the ends of the steps, and of the increments (m, s - 1, n, P); S (n, P): at the first."""
+        steps, P = len(self.times), self._columns
+        out, inner = np.empty((steps + 1, self._own, P)), np.empty((steps, self._s - 1, self._own, P))
+        out[0], room, m = S, np.zeros((self._s, self._n, P)), Whole(0)
+        self._called(lambda ready: int(_functions().stages_along(self._at, ctypes.addressof(self._steps), ctypes.addressof(m), steps, ready,
+                                                                 P, out.ctypes.data, inner.ctypes.data, room.ctypes.data)), m, 0)
+        return out, inner
