@@ -11,7 +11,7 @@
 enum { MOST_CORRECTIONS = 40, SLOW = 3 };
 /* A solution stands where its last correction is at most SETTLED times as large, or where corrections below ROUGH, which round-off
    leaves, do not fall any more. */
-static const double SETTLED = 1e-14, ROUGH = 1e-9;
+static const double SETTLED = 1e-11, ROUGH = 1e-9;
 
 /* `order` (nnz): the entries of dF/dy in the order of those of the matrix, whose pattern is transposed where `transposed` is 1.
    T, T_inv (s, s): rows of T_inv give the real parts, then real and imaginary parts of every pair, whose sign is `sign`. stage: whose
