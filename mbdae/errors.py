@@ -132,8 +132,7 @@ class DerivativeError(MbdaeError):
 
 
 class StoppedError(MbdaeError):
-    """A run that is kept in a folder was ended by SIGTERM, after the step under way, with what was computed until then (attribute
-    `solution`); the same call goes on."""
+    """A run that is kept in a folder was ended by SIGTERM after a step; `solution`: until then; the same call goes on."""
 
 
 class Stopping(BaseException):
@@ -220,8 +219,7 @@ def warn(text: str) -> None:
 
 
 def say(text: str) -> None:
-    """Tell on the error stream, by Python's `logging` (logger "mbdae"), what goes another way or takes long: no part of a result,
-    and no doubt about it."""
+    """Tell on the error stream, by `logging` (logger "mbdae"), what goes another way or takes long: no doubt about a result."""
     import logging
 
     logging.getLogger("mbdae").warning("mbdae: %s", text)

@@ -17,7 +17,11 @@ import numpy as np
 
 from mbdae.derivatives.chart import DISTANCE, Chart, Equations, chart_of, differenced, refuse_run, refused
 from mbdae.derivatives.chart import refuse_scene as refuse_scene
-from mbdae.derivatives.steps import Derived, refuse_jumps
+from mbdae.derivatives.objectives import Objective
+from mbdae.derivatives.objectives import at_end as at_end
+from mbdae.derivatives.objectives import integral as integral
+from mbdae.derivatives.objectives import largest as largest
+from mbdae.derivatives.steps import Derived
 from mbdae.errors import DerivativeError, OptionError, warn
 from mbdae.formulations import form_of, system_for
 from mbdae.integrators.base import Asked
@@ -31,12 +35,14 @@ from mbdae.results.result import Result
 from mbdae.run.choice import choose
 from mbdae.system.base import Array
 from mbdae.system.scene_system import SceneSystem
-from mbdae.values import number, option, optional, sequence, shown, text
+from mbdae.values import option, sequence, shown, text
 
 FINER, LEVELS = 10.0, 4  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
 TOLD = 10.0  #: the error of a derivative, over the accuracy times its largest value, above which a warning is issued
-POINTS, POINT_WEIGHTS = np.polynomial.legendre.leggauss(8)
-NEAR = 1e-3  #: two maxima that differ by less than this share may change places, so that the largest has no derivative there
+#: y' is compared on both sides of an instant, this share of the run away from it; a difference of more than JUMP times the
+#: largest y' of the run counts as a jump
+BESIDE, JUMP = 1e-9, 1e-5
+BISECTIONS = 60
 #: share of a derivative to which the differences along the run have to agree, else they are taken closer, CLOSER times at most
 AGREED, CLOSER, ATTEMPTS = 1e-7, 8.0, 4
 SIDES = (1, -1, 2, -2, 3, -3)  #: nodes of the differences of what is read along one unknown, which is cheap and smooth
@@ -61,69 +67,6 @@ class Derivatives(dict[Any, Derivative]):
 
     def __missing__(self, key: Any) -> Derivative:
         raise OptionError(f"there is no derivative {shown(key)} among those asked for: {', '.join(map(str, self))}")
-
-
-@dataclass(frozen=True)
-class Objective:
-    """One number of a run: a sum of values of `quantity` at some times, with weights. kind: "integral", "end" or "largest"."""
-
-    quantity: Any
-    kind: str
-    smooth: float | None = None
-
-    def points(self, run: Result) -> tuple[Array, Array]:
-        """Times (k,) and weights (k,), with which the derivative of the objective is the sum over the derivatives of the
-        quantity."""
-        t = run.solution.t
-        if self.kind == "end":
-            return t[-1:], np.ones(1)
-        half = np.diff(t) / 2
-        times = ((t[1:] + t[:-1])[:, None] / 2 + half[:, None] * POINTS).ravel()
-        weights = (half[:, None] * POINT_WEIGHTS).ravel()
-        if self.kind == "integral":
-            return times, weights
-        if self.smooth is not None:
-            size = np.abs(values := self.read(run, times))
-            share = weights * np.exp((size - size.max(initial=0.0)) / (self.smooth * size.max(initial=0.0) or 1.0))
-            return times, np.sign(values) * share / share.sum()
-        peak = run.peak(self.quantity)
-        self._refuse_ties(run, np.unique(np.concatenate([times, t])), peak)
-        at = np.array([peak.t])
-        return at, np.sign(self.read(run, at))
-
-    def _refuse_ties(self, run: Result, times: Array, peak: Any) -> None:
-        size = np.abs(self.read(run, times))
-        tops = np.flatnonzero((size >= np.r_[-1.0, size[:-1]]) & (size > np.r_[size[1:], -1.0]))
-        others = [i for i in tops if abs(times[i] - peak.t) > 2 * np.diff(times).max() and size[i] > (1 - NEAR) * peak.value]
-        if others:
-            raise DerivativeError(f"the largest {shown(self.quantity)} has no derivative: it is nearly as large at t = "
-                                  f"{times[others[0]]:.6g} s as at t = {peak.t:.6g} s, so that the largest may change its place; "
-                                  "give mb.largest(..., smooth=1e-3)")
-
-    def read(self, run: Result, times: Array) -> Array:
-        """Values (k,) of the quantity at times (k,)."""
-        values = np.asarray(run(times).value(self.quantity))
-        if values.ndim > 1:
-            raise OptionError(f"{shown(self.quantity)} has components: name one, as in {shown(self.quantity)}[0], or norm(...)")
-        return values
-
-
-def integral(quantity: Quantity) -> Objective:
-    """The integral over the run of a quantity, "body.acceleration[1]**2": an objective for `Result.gradient`."""
-    return Objective(quantity, "integral")
-
-
-def at_end(quantity: Quantity) -> Objective:
-    """The value of a quantity at the end of the run: an objective for `Result.gradient`."""
-    return Objective(quantity, "end")
-
-
-def largest(quantity: Quantity, smooth: float | None = None) -> Objective:
-    """The largest magnitude of a quantity over the run, as `Result.peak` finds it: an objective for `Result.gradient`. smooth: a
-    mean is taken in its place in which values that are lower by this share of the largest count e times less; it has a derivative
-    also where two maxima may change places."""
-    optional("smooth", smooth, number, "give a share of the largest value, such as 1e-3", above=0)
-    return Objective(quantity, "largest", smooth)
 
 
 # -- one run with its tangent
@@ -175,7 +118,8 @@ class Along:
 
         return self._explicit(k, moved, read)
 
-    def _explicit(self, k: int, moved: Callable[[Equations, float], Result], read: Callable[[Result], Array]) -> tuple[Array, Array]:
+    def _explicit(self, k: int, moved: Callable[[Equations, float], Result],
+                  read: Callable[[Result], Array]) -> tuple[Array, Array]:
         varied = self.charts[k].varied
         for _ in range(ATTEMPTS):
             found, doubt = varied.sum_of(lambda one, node, at=varied.distance: read(moved(one, node * at)))  # type: ignore[misc]
@@ -221,11 +165,12 @@ class Along:
 
                 found, off = differenced(moved, SIDES, by)
                 given, doubt = weights * found, doubt + float(np.abs(weights) @ off) * size[j]
-                np.add.at(inner, (step, slice(None), j), given[:, None] * basis[:, :-1])
-                np.add.at(ends, (step + 1, j), given * basis[:, -1])
-                np.add.at(ends, (step, j), given * ((part == "value") - basis[:, -1]))
+                np.add.at(inner[:, :, j], step, given[:, None] * basis[:, :-1])
+                np.add.at(ends[:, j], step + 1, given * basis[:, -1])
+                np.add.at(ends[:, j], step, given * (float(part == "value") - basis[:, -1]))
         total = self.derived.adjoint(ends, inner)
-        parts = [self._explicit(k, lambda one, by: self._result(one, run.interpolant, run.y), read) for k in range(len(self.charts))]
+        parts = [self._explicit(k, lambda one, _: self._result(one, run.interpolant, run.y), read)
+                 for k in range(len(self.charts))]
         worst = np.abs(total).max(initial=0.0) or 1.0
         return [(np.asarray(own + weights @ found), np.asarray(np.abs(weights) @ off + doubt * abs(own) / worst))
                 for own, (found, off) in zip(total, parts, strict=True)]
@@ -272,6 +217,34 @@ class _Shifted:
         return found
 
 
+def refuse_jumps(of: Derived) -> None:
+    """Raise DerivativeError where y' jumps at an instant that depends on the motion, at which the derivative would jump too."""
+    run = of.run
+    system = run.systems[0][1] if run.systems else None
+    switches: Any = None if system is None else system.switches
+    if switches is None or not len(run.t) > 1:
+        return
+    kinks = np.array([kind == "kink" for kind in switches.kinds], dtype=bool)
+    if not kinks.any():
+        return
+    values = switches.arguments(run.t, run.y)[:, kinks]
+    names = [name for name, kink in zip(switches.names, kinks, strict=True) if kink]
+    for i, a in np.argwhere(values[1:] * values[:-1] < 0):
+        low, high = run.t[i], run.t[i + 1]
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            at = switches.arguments(np.array([middle]), run(np.array([middle])))[0, kinks][a]
+            low, high = (middle, high) if at * values[i, a] > 0 else (low, middle)
+        span = BESIDE * (run.t[-1] - run.t[0])
+        sides = [max(low - span, run.t[0]), min(high + span, run.t[-1])]
+        with of.within((run.t[i] + run.t[i + 1]) / 2):
+            jump = of.jump(np.array(sides))
+        if np.any(jump > JUMP):
+            raise DerivativeError(f"there are no derivatives of this run: '{names[a]}' makes accelerations jump at t = "
+                                  f"{high:.6g} s, at an instant that depends on the motion, and derivatives do not pass such "
+                                  "jumps yet; state it by a function without jumps, such as tanh")
+
+
 Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
 
 # -- runs at falling tolerances
@@ -287,8 +260,7 @@ class Refined:
         self.solver, self.system = result.info.solver, self._system_of(run)
         if not isinstance(self.solver, DOP853 | RadauIIA):
             self._with_other_method()
-        base = Equations(self.prepared, self.system.stated, tuple(self.prepared.mechanics.rows))
-        base = replace(base, rates=isinstance(self.solver, DOP853) and base.has_rates)
+        base = Equations.of(self.prepared, self.system.stated, isinstance(self.solver, DOP853))
         self.charts = [chart_of(name, base, float(run.t[-1])) for name in names]
         for chart in self.charts:
             chart.refuse_moving_breaks(float(run.t[0]))

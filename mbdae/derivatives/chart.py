@@ -16,7 +16,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.deferred import as_full
-from mbdae.derivatives.lists import Listed, structure_of
+from mbdae.derivatives.lists import Listed, Lists, structure_of
 from mbdae.errors import DerivativeError, MbdaeError, OptionError
 from mbdae.inputs import timed
 from mbdae.results.result import Result
@@ -53,8 +53,8 @@ def difference_weights(nodes: Sequence[int]) -> Array:
 
 
 def differenced(function: Callable[[int], Array], nodes: Sequence[int], distance: float) -> tuple[Array, Array]:
-    """The derivative at 0 of a function of values at whole nodes that are `distance` apart, and its estimated error: the difference
-    to that of the order that is lower by two."""
+    """The derivative at 0 of a function of values at whole nodes that are `distance` apart, and its estimated error: the
+    difference to that of the order that is lower by two."""
     values = np.array([function(node) for node in nodes])
     weights, count = difference_weights(nodes), len(nodes) - 2
     less = np.zeros(len(weights))
@@ -67,13 +67,34 @@ def differenced(function: Callable[[int], Array], nodes: Sequence[int], distance
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of a prepared scene in the form of a run, with every number open: spec and rows are those of the run; rates: those
-    of y' are differentiated (`has_rates`), not F."""
+    """The equations of a prepared scene in the form of a run, with every number open: spec and rows are those of the run; rates:
+    those of y' are differentiated (`has_rates`), not F."""
 
     prepared: Prepared
     spec: FormSpec
     rows: tuple[Row, ...]
     rates: bool = False
+    charts: dict[tuple[str, float], Chart] = field(default_factory=dict)
+    _lists: dict[bytes, Lists] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, prepared: Prepared, spec: FormSpec, explicit: bool) -> Equations:
+        """The equations of a scene, made once, with the charts that are known; explicit: for a method that takes y' = f(t, y)."""
+        made: dict[Any, Equations] = prepared.__dict__.setdefault("derivatives", {})  # a copy or pickle of the scene has none
+        if (key := (repr(spec), explicit)) not in made:
+            found = cls(prepared, spec, tuple(prepared.mechanics.rows))
+            made[key] = replace(found, rates=True) if explicit and found.has_rates else found
+        return made[key]
+
+    def at(self, prepared: Prepared) -> Equations:
+        """The same equations of another scene."""
+        return Equations(prepared, self.spec, self.rows, self.rates)
+
+    def lists(self, active: Any) -> Lists:
+        """The list with its tangent and pullback, by the data that are `active` (inputs,)."""
+        if (key := active.tobytes()) not in self._lists:
+            self._lists[key] = Lists(self.fresh(), active)
+        return self._lists[key]
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -93,7 +114,7 @@ class Equations:
             assert found is not None
             return found
         ev = self.assembly.operations()
-        return Listed(ev, ev.residual_part, ev.rows, self.assembly.n, self.assembly.n)
+        return Listed.with_matrices(ev, ev.residual_part, ev.rows, self.assembly.n, self.assembly.n)
 
     @property
     def has_rates(self) -> bool:
@@ -106,13 +127,14 @@ class Equations:
         """y' of trees and of free bodies, whose constant mass matrix is factorised anew in the list."""
         model = self.prepared.model
         trees = [tree.opened(Open.ALL) for tree in self.prepared.all_bodies.moved.trees]
-        assembly = Assembly(model, list(self.rows), replace(self.spec, eliminated=False), None, MovedBodies(model, trees, ordered=False))
+        moved = MovedBodies(model, trees, ordered=False)
+        assembly = Assembly(model, list(self.rows), replace(self.spec, eliminated=False), None, moved)
         ev = assembly.operations()
         if assembly._inert:
-            return Listed(ev, ev.rates_part, ev.rates, assembly.n, assembly.n)
+            return Listed.with_matrices(ev, ev.rates_part, ev.rates, assembly.n, assembly.n)
         ev.with_rates(assembly._inertia, assembly.columns)
         once = [] if ev._steady is None else [ev._steady[0]]
-        return Listed(ev, ev.operations.part(*once, ev.rates_part), ev.rates, assembly.n, assembly.n)
+        return Listed.with_matrices(ev, ev.operations.part(*once, ev.rates_part), ev.rates, assembly.n, assembly.n)
 
     def _with_constraints(self) -> Listed | None:
         """y' of constrained bodies, where the multipliers are eliminated by a compiled function."""
@@ -121,7 +143,8 @@ class Equations:
             return None
         full = Assembly(model, list(self.rows), replace(self.spec, eliminated=False), None, self.prepared.all_bodies.moved)
         kernel = acceleration_kernel(full, as_full(full.constant_mass), full.row_of, (start.t, self.start))
-        return None if kernel is None else Listed(kernel, kernel.part, kernel.rates, kernel.differential, kernel.differential)
+        n = full.numbering.start["lambda"]
+        return None if kernel is None else Listed.with_matrices(kernel, kernel.part, kernel.rates, n, n)
 
     @cached_property
     def inputs(self) -> Array:
@@ -168,7 +191,7 @@ class Varied:
         """The equations with the number `node` distances away from its value."""
         if node not in self._known:
             scene = self._stated(lambda stated: stated + node * self.distance)
-            self._known[node] = replace(self.base, prepared=prepared_from(scene, None, self.t_end))
+            self._known[node] = self.base.at(prepared_from(scene, None, self.t_end))
         return self._known[node]
 
     def closer(self, times: float) -> Varied:
@@ -228,7 +251,13 @@ def refused(name: str, why: str) -> None:
 
 
 def chart_of(name: str, base: Equations, t_end: float) -> Chart:
-    """The chart of a number by its name; DerivativeError where it has none."""
+    """The chart of a number by its name, made once for a scene; DerivativeError where it has none."""
+    if (name, t_end) not in base.charts:
+        base.charts[name, t_end] = _chart_of(name, base, t_end)
+    return base.charts[name, t_end]
+
+
+def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
     try:
         varied = Varied(name, base, t_end)
     except OptionError as error:

@@ -10,13 +10,28 @@ every law, element and form; of a kernel they take the kernels `tangent` and `pu
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdae.errors import internal
-from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, POSITIVE, SET, SOLVE, Operations, Scene, Step, block, core
+from mbdae.native.program import (
+    ADD,
+    CALL,
+    CHOLESKY,
+    LOAD,
+    LU,
+    MULTIPLY,
+    POSITIVE,
+    SET,
+    SOLVE,
+    Operations,
+    Scene,
+    Step,
+    block,
+    core,
+)
 from mbdae.native.twins import Twins
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import Index, Workspace
@@ -69,14 +84,25 @@ def structure_of(of: Operations) -> list[Any]:
 
 
 class Listed(NamedTuple):
-    """A list of operations with its results in `count` slots from `first` on. of: the workspace to which it belongs; n: number of
-    unknowns y, the first slots of W; once: operations that run once, when the array is made."""
+    """A list of operations with `width` results in the slots from `first` on. of: the workspace to which it belongs; n: number of
+    unknowns y, the first slots of W."""
 
     of: Workspace
     part: Operations
     first: int
-    count: int
+    width: int
     n: int
+
+    @classmethod
+    def with_matrices(cls, of: Workspace, part: Operations, first: int, width: int, n: int) -> Listed:
+        """The list with a copy of every matrix before LU overwrites it, because derivatives read it again."""
+        kept = part.part()
+        for step in part.steps:
+            if step.fields["kind"] == LU:
+                cells = np.arange(step.fields["count"] ** 2)
+                kept.set(kept.slots(len(cells)) + cells, step.fields["first"] + cells)
+            kept.steps.append(step)
+        return cls(of, kept, first, width, n)
 
     def inputs(self) -> Array:
         """The numbers in all slots, and the data, in the order of `Lists`."""
@@ -87,7 +113,8 @@ class Listed(NamedTuple):
 
 
 class Lists:
-    """A list with its tangent and pullback, on an array of their own. active (inputs,): which data may have derivatives, None: all.
+    """A list with its tangent and pullback, on an array of their own. active (inputs,): which data may have derivatives, None:
+    all.
 
     inputs: slots of W, then data (`data_of`), as one vector; width: number of slots, the differential of a slot is this many
     further on; places (inputs,): slot of the differential of every input, -1 for data that are not active."""
@@ -96,8 +123,8 @@ class Lists:
         self.listed, operations = listed, listed.of.operations
         self.width, self.n = operations.size, listed.n
         self._zero = self.width + operations.slots(self.width + 1)
-        self.part, given = operations.part(), self.width
-        self.places = [self.width + np.arange(self.width)]
+        given = self.width
+        places = [self.width + np.arange(self.width)]
         self._data: dict[int, Index] = {}
         for i, values in data_of(listed.part):
             kept = np.ones(values.size, bool) if active is None else active[given : given + values.size]
@@ -105,30 +132,23 @@ class Lists:
             slots = np.full(values.size, -1)
             slots[kept] = operations.slots(int(kept.sum())) + np.arange(kept.sum())
             self._data[i] = slots
-            self.places.append(slots)
-        self.places, self.inputs = np.concatenate(self.places), given
+            places.append(slots)
+        self.places, self.inputs = np.concatenate(places), given
         self.tangent, self.pullback = operations.part(), operations.part()
         self._checked()
-        self._matrices = {i: self._kept_matrix(step) for i, step in enumerate(listed.part.steps) if step.fields["kind"] == LU}
         for i, step in enumerate(listed.part.steps):
-            if i in self._matrices:
-                n = step.fields["count"]
-                self.part.set(self._matrices[i] + np.arange(n * n), step.fields["first"] + np.arange(n * n))
-            self.part.steps.append(step)
             self._along(i, step)
         for i, step in reversed(list(enumerate(listed.part.steps))):
             self._back(i, step)
         self._made()
-
-    def _kept_matrix(self, step: Step) -> int:
-        return self.listed.of.operations.slots(step.fields["count"] ** 2)
 
     def _checked(self) -> None:
         """Tangent and pullback read the slots that the list has read again: none may be written to afterwards."""
         read = np.zeros(self.width, dtype=bool)
         for step in self.listed.part.steps:
             fields, kind = step.fields, step.fields["kind"]
-            to, used = NONE, NONE
+            to: Any = NONE
+            used: Any = NONE
             if kind in (SET, ADD, MULTIPLY):
                 w = written_out(step)
                 to, used = w.to, np.concatenate([w.by, w.from_ if kind != SET else w.by])
@@ -161,7 +181,7 @@ class Lists:
                 other = kind == MULTIPLY or (kind == ADD and self._data[i][w.place] >= 0)
                 for to, from_, product in zip(w.to, w.from_, np.broadcast_to(other, len(w.to)), strict=True):
                     varying[to] = varying[from_] | product | (varying[to] and kind != SET)
-        return ~varying[self.listed.first : self.listed.first + self.listed.count]
+        return ~varying[self.listed.first : self.listed.first + self.listed.width]
 
     # -- the tangent
 
@@ -201,7 +221,8 @@ class Lists:
             part.solve(n, f["inputs"], f["first"], right, 1)
             return
         at, cells = part.slots(n * n), np.arange(n * n).reshape(n, n)
-        part.set(at + cells.ravel(), self._matrices[i] + (cells.T if transposed else cells).ravel())
+        kept = self.listed.part.steps[i - 1].tables["to"]
+        part.set(at + cells.ravel(), kept[(cells.T if transposed else cells).ravel()])
         part.lu(n, at, right)
 
     # -- the pullback
@@ -247,30 +268,36 @@ class Lists:
         self.W, nb = np.zeros(operations.size), of.numbering
         self.W[: nb.width] = nb.workspace()
         operations.fill(self.W)
-        parts = {"clock": of.clock, "value": self.part, "along": self.tangent, "back": self.pullback}
+        parts = {"clock": of.clock, "value": self.listed.part, "along": self.tangent, "back": self.pullback}
         tables = {name: part.table(len(self.W)) for name, part in parts.items()}
         self._x = np.zeros(max(part.widest for part in parts.values()) + 1)
         self._kept = tables, nb.model.conditions.read
-        self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n, dotted=of.n, at=of.at, bad=-1, rows=self.listed.first,
-                           read=self._kept[1].ctypes.data, t=np.nan, side=np.nan, clock=tables["clock"][0])
-        self.twins = Twins(self.scene, *(tables[name][0] for name in ("value", "along", "back")), self.listed.first,
-                           self.listed.count, self.width, nb.first_input, len(nb.clock.expressions), self.W)
+        self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n, dotted=of.n, at=of.at, bad=-1,
+                           rows=self.listed.first, read=self._kept[1].ctypes.data, t=np.nan, side=np.nan,
+                           clock=tables["clock"][0])
+        self.twins = Twins(self.scene, {name: table for name, (table, _) in tables.items()}, self.W, self.listed.first,
+                           self.listed.width, self.width, nb.first_input, len(nb.clock.expressions))
 
     def value(self, t: float, y: Array, yp: Array) -> Array:
         """The results (count,) at a state, to which `along` and `back` refer afterwards."""
         y, yp = (np.ascontiguousarray(x, dtype=float) for x in (y, yp))
-        code = core().scene_part(ctypes.addressof(self.scene), ctypes.byref(self.twins.table.value), t, y.ctypes.data, yp.ctypes.data)
+        code = core().scene_part(ctypes.addressof(self.scene), ctypes.byref(self.twins.table.value), t, y.ctypes.data,
+                                 yp.ctypes.data)
         if code:
             raise FloatingPointError
-        return self.W[self.listed.first : self.listed.first + self.listed.count].copy()
+        return np.array(self.W[self.listed.first : self.listed.first + self.listed.width])
 
     def along(self, changes: Array) -> Array:
         """(k, count) changes of the results for changes (k, inputs) of the inputs, at the state evaluated last."""
-        return self._run("along", np.atleast_2d(changes), self.places, self.width + self.listed.first + np.arange(self.listed.count))
+        return self._run("along", np.atleast_2d(changes), self.places, self._results)
 
     def back(self, weights: Array) -> Array:
         """(k, inputs) weights of the inputs for weights (k, count) of the results, at the state evaluated last."""
-        return self._run("back", np.atleast_2d(weights), self.width + self.listed.first + np.arange(self.listed.count), self.places)
+        return self._run("back", np.atleast_2d(weights), self._results, self.places)
+
+    @property
+    def _results(self) -> Index:
+        return self.width + self.listed.first + np.arange(self.listed.width)
 
     def _run(self, name: str, given: Array, to: Index, from_: Index) -> Array:
         out, own = np.empty((len(given), len(from_))), self.W[self.width :]
@@ -286,8 +313,8 @@ class Lists:
 
 
 def _entries(step: Step) -> tuple[Index, Index, Index]:
-    """Slots of the entries of the matrix of CHOLESKY, SOLVE or LU, with their rows and columns; of a band, which holds one half of
-    a symmetric matrix, those beside the diagonal twice."""
+    """Slots of the entries of the matrix of CHOLESKY, SOLVE or LU, with their rows and columns; of a band, which holds one half
+    of a symmetric matrix, those beside the diagonal twice."""
     f, n = step.fields, step.fields["count"]
     width = n if f["kind"] == LU else f["inputs"]
     row, k = np.divmod(np.arange(n * width), width)

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import Chart
-from mbdae.derivatives.lists import Lists
 from mbdae.errors import DerivativeError
 from mbdae.integrators.collocation_tables import radau_table
 from mbdae.integrators.dense import Collocation
@@ -32,10 +31,6 @@ from mbdae.system.base import Array
 
 BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops
 REPEATED = 1e-6  #: largest distance of a repeated step from the run's, relative to the unknown's size
-#: y' is compared on both sides of an instant, this share of the run away from it; a difference of more than JUMP times the
-#: largest y' of the run counts as a jump
-BESIDE, JUMP = 1e-9, 1e-5
-BISECTIONS = 60
 BLOCK = 64  #: steps of one call of C, for which the derivatives of inputs of time are made beforehand
 
 A = np.zeros((ALL, ALL))
@@ -64,7 +59,7 @@ class Derived:
         self.run, self.charts, self.scale, self.n = run, charts, scale, run.y.shape[1]
         self.assembly, nb = base.assembly, base.listed.of.numbering
         self.seeds = np.array([chart.inputs for chart in charts]).reshape(len(charts), -1)
-        self.lists = Lists(base.fresh(), np.any(self.seeds != 0, axis=0))
+        self.lists = base.lists(np.any(self.seeds != 0, axis=0))
         self.clocks, self._conditions = len(nb.clock.expressions), nb.model.conditions
         self.solved = not base.rates
         steps = _Explicit if self.explicit else _Implicit
@@ -99,8 +94,8 @@ class Derived:
         return Collocation.of(self.steps.stages, self.run.t, flat, np.concatenate(inner).reshape(m, self.steps.stages - 1, -1))
 
     def adjoint(self, ends: Array, inner: Array) -> Array:
-        """(P,) derivatives of a sum of weights times states. ends (m + 1, n): weights of y at the ends of steps; inner (m, s - 1, n): of
-        the increments at the inner nodes."""
+        """(P,) derivatives of a sum of weights times states. ends (m + 1, n): weights of y at the ends of steps; inner (m, s - 1,
+        n): of the increments at the inner nodes."""
         self.lists.twins.clear()
         total, m, found = ends[-1].copy(), len(self.run.t) - 1, np.zeros(len(self.charts))
         with self.within(0.0):
@@ -123,7 +118,8 @@ class Derived:
             self._conditions.time = None
 
     def prescribed(self, t: Array, sides: Array) -> Array:
-        """Derivatives (k, P, clocks) of the values of the clock at times (k,), conditions being read at the times `sides` (k,)."""
+        """Derivatives (k, P, clocks) of the values of the clock at times (k,), conditions being read at the times `sides`
+        (k,)."""
         if not self.clocks:
             return np.zeros((0, len(self.charts), 0))
         return np.ascontiguousarray(np.stack([chart.prescribed(t, sides) for chart in self.charts], axis=1))
@@ -133,11 +129,18 @@ class Derived:
         """Array whose first number is the time at which conditions are read."""
         return np.asarray(self._conditions.read)
 
-    def rates(self, t: float, y: Array) -> Array:
-        """y' (n,), or of velocities alone where the run's unknowns contain multipliers."""
-        if self.solved:
-            return np.asarray(self.balance.at(t, y)[1][: self.n])
-        return self.lists.value(t, y, np.zeros_like(y))
+    def jump(self, sides: Array) -> Array:
+        """(k,) how far y' jumps between two times, over its largest of the run; where multipliers are unknowns, how far F does at
+        equal y', over its terms with y'."""
+        y, size = self.run(sides), np.abs(self.run.yp).max(axis=0)
+        if self.lists.n > self.n or not self.solved:
+            rates = [self.balance.at(t, x)[1][: self.n] if self.solved else self.lists.value(t, x, np.zeros_like(x))
+                     for t, x in zip(sides, y, strict=True)]
+            return np.asarray(np.abs(rates[1] - rates[0]) / (size + 1e-300))
+        rate = self.run.interpolant.derivative(sides[:1])[0]
+        before, after = (self.lists.value(t, one, rate) for t, one in zip(sides, y, strict=True))
+        by_rates = np.abs(self.assembly.dense_stages(sides[:1], y[:1], rate[None])[1][0]) @ size
+        return np.asarray(np.abs(after - before)[by_rates > 0] / by_rates[by_rates > 0])
 
     @cached_property
     def balance(self) -> Balance:
@@ -153,7 +156,8 @@ class Balance:
         self._rate = np.arange(of.assembly.n) < of.n
         self._multipliers = np.zeros(of.assembly.n - of.n)
         self._at: dict[int, Any] = {}
-        self.prescribed, self.of_clock = np.zeros(0), np.zeros(0)
+        self.prescribed: Array = np.zeros(0)
+        self.of_clock: Array = np.zeros(0)
 
     def at(self, t: float, y: Array) -> tuple[Array, Array, Array, Array]:
         """Unknowns and rates of F at which it vanishes, dF/d(y', lambda) and dF/dy."""
@@ -219,8 +223,8 @@ class _Explicit:
         return after, inner
 
     def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array]:
-        """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks) of the
-        clock, and its derivatives (states, P, clocks)."""
+        """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks)
+        of the clock, and its derivatives (states, P, clocks)."""
         of, run = self.of, self.of.run
         path, times, sides = self._path(some, 0)
         of_clock = np.zeros((len(times), of.clocks))
@@ -239,8 +243,8 @@ class _Explicit:
         off = np.abs(reached - run.y[some.start + 1 : some.stop + 1]) > REPEATED * (np.abs(run.y).max(axis=0) + self.of.scale)
         if code or off.any():
             step = some.start + int(np.argmax(off.any(axis=1)))
-            raise DerivativeError(f"the step of the run that ends at t = {run.t[step + 1]:.9g} s cannot be repeated from its start, so that "
-                                  "it has no derivative")
+            raise DerivativeError(f"the step of the run that ends at t = {run.t[step + 1]:.9g} s cannot be repeated from its "
+                                  "start, so that it has no derivative")
 
 
 class _Implicit:
@@ -263,7 +267,7 @@ class _Implicit:
         times, inside = t[:-1, None] + h[:, None] * self.table.c, t[:-1] + h / 2
         Y, Yp = y0[:, None] + increments, np.einsum("jk,mkn->mjn", self.table.A_inv, increments) / h[:, None, None]
         if of.n < self.size:
-            lacking = np.zeros((*Y.shape[:2], self.size - of.n))
+            lacking: Array = np.zeros((*Y.shape[:2], self.size - of.n))
             Y, Yp = np.concatenate([Y, lacking], axis=2), np.concatenate([Yp, lacking], axis=2)
             for m, j in np.ndindex(*Y.shape[:2]):
                 of.side[0] = inside[m]
@@ -273,10 +277,10 @@ class _Implicit:
     def _jacobians(self, times: Array, Y: Array, Yp: Array, inside: Array) -> tuple[Array, Array]:
         shape = *times.shape, self._entries.nnz
         if not self.of.clocks:
-            flat = (x.reshape(-1, self.size) for x in (Y, Yp))
-            fy, fyp = self.of.assembly.evaluation.jacobians(times.ravel(), *flat)
-            return fy.reshape(shape), fyp.reshape(shape)
-        fy, fyp = np.empty((2, *shape))
+            found = self.of.assembly.evaluation.jacobians(times.ravel(), *(x.reshape(-1, self.size) for x in (Y, Yp)))
+            return found[0].reshape(shape), found[1].reshape(shape)
+        fy: Array = np.empty(shape)
+        fyp: Array = np.empty(shape)
         for m in range(len(times)):
             self.of.side[0] = inside[m]
             fy[m], fyp[m] = self.of.assembly.evaluation.jacobians(times[m], Y[m], Yp[m])
@@ -288,7 +292,8 @@ class _Implicit:
         if transposed not in self._kept:
             pattern, kinds = of.assembly.pattern, of.assembly.kinds
             self._kept[transposed] = Stages(self.table, self._entries, transposed, () if pattern is None else searches(kinds))
-        self._kept[transposed].over(of.lists.twins, of.n, of.side, h, middles, times, Y, Yp, *self._jacobians(times, Y, Yp, middles))
+        jacobians = self._jacobians(times, Y, Yp, middles)
+        self._kept[transposed].over(of.lists.twins, of.n, of.side, h, middles, times, Y, Yp, *jacobians)
         return self._kept[transposed], times.ravel(), np.repeat(middles, self.stages)
 
     def along(self, some: slice, S: Array) -> tuple[Array, Array]:
@@ -300,8 +305,8 @@ class _Implicit:
             return found
 
     def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array]:
-        """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks) of the
-        clock, and its derivatives (states, P, clocks)."""
+        """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks)
+        of the clock, and its derivatives (states, P, clocks)."""
         equations, *times = self._equations(some, True)
         of_clock = np.zeros((len(times[0]), self.of.clocks))
         self.of.lists.twins.at(of_clock=of_clock if self.of.clocks else None)
@@ -314,34 +319,5 @@ class _Implicit:
         try:
             yield
         except SingularMatrixError as error:
-            raise DerivativeError(f"a step of the run near t = {equations.times[error.unknown, 0]:.6g} s has no derivative: the equations of "
-                                  "its stages are singular") from None
-
-
-def refuse_jumps(of: Derived) -> None:
-    """Raise DerivativeError where y' jumps at an instant that depends on the motion, at which the derivative would jump too."""
-    run = of.run
-    system = run.systems[0][1] if run.systems else None
-    switches: Any = None if system is None else system.switches
-    if switches is None or not len(run.t) > 1:
-        return
-    kinks = np.array([kind == "kink" for kind in switches.kinds], dtype=bool)
-    if not kinks.any():
-        return
-    values = switches.arguments(run.t, run.y)[:, kinks]
-    names = [name for name, kink in zip(switches.names, kinks, strict=True) if kink]
-    size = np.abs(run.yp).max(axis=0) + 1e-300
-    for i, a in np.argwhere(values[1:] * values[:-1] < 0):
-        low, high = run.t[i], run.t[i + 1]
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            at = switches.arguments(np.array([middle]), run(np.array([middle])))[0, kinks][a]
-            low, high = (middle, high) if at * values[i, a] > 0 else (low, middle)
-        span = BESIDE * (run.t[-1] - run.t[0])
-        sides = [max(low - span, run.t[0]), min(high + span, run.t[-1])]
-        with of.within((run.t[i] + run.t[i + 1]) / 2):
-            before, after = (of.rates(t, run(np.array([t]))[0]) for t in sides)
-        if np.any(np.abs(after - before) > JUMP * size[: len(before)]):
-            raise DerivativeError(f"there are no derivatives of this run: '{names[a]}' makes accelerations jump at t = "
-                                  f"{high:.6g} s, at an instant that depends on the motion, and derivatives do not pass such "
-                                  "jumps yet; state it by a function without jumps, such as tanh")
+            raise DerivativeError(f"a step of the run near t = {equations.times[error.unknown, 0]:.6g} s has no derivative: the "
+                                  "equations of its stages are singular") from None

@@ -1,5 +1,5 @@
-"""Derivatives of lists of operations, and of runs along their steps: the Python side of adjoint.c, and of the ends of evaluation.c and
-explicit.c."""
+"""Derivatives of lists of operations, and of runs along their steps: the Python side of adjoint.c, and of the ends of
+evaluation.c and explicit.c."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ class TwinsTable(ctypes.Structure):
     """The C struct `Twins` of evaluation.c, with the same members in the same order."""
 
     _fields_ = (("scene", Pointer), *((name, Part) for name in ("value", "along", "back")),
-                *((name, Whole) for name in ("first", "count", "width", "clock", "clocks", "columns", "by_rows", "known", "room")),
+                *((name, Whole) for name in ("first", "count", "width", "clock", "clocks", "columns", "by_rows", "known",
+                                             "room")),
                 *((name, Pointer) for name in ("column", "slot", "seed", "prescribed", "fixed", "J", "G", "kept", "of_clock")))
 
 
@@ -47,7 +48,8 @@ class PathTable(ctypes.Structure):
 
 _functions = declared(
     ("twins_value", ctypes.c_int, (Pointer, Whole, Number, Pointer, Pointer)),
-    ("twins_along", ctypes.c_int, (Pointer, Whole, Pointer, Pointer)), ("twins_back", ctypes.c_int, (Pointer, Whole, Pointer, Pointer)),
+    ("twins_along", ctypes.c_int, (Pointer, Whole, Pointer, Pointer)),
+    ("twins_back", ctypes.c_int, (Pointer, Whole, Pointer, Pointer)),
     ("twins_states", ctypes.c_int, (Pointer, Whole, Whole, *[Pointer] * 5)), ("twins_run", ctypes.c_int, (Pointer, Pointer)),
     ("explicit_along", ctypes.c_int, (Pointer, Whole, *[Pointer] * 5)),
     ("explicit_back", ctypes.c_int, (Pointer, Whole, *[Pointer] * 6)),
@@ -59,11 +61,14 @@ _functions = declared(
 class Twins:
     """A list of operations with its tangent and pullback on the array W of a scene, see `Twins` in evaluation.c."""
 
-    def __init__(self, scene: Scene, value: Part, along: Part, back: Part, first: int, count: int, width: int, clock: int, clocks: int,
-                 W: Array) -> None:
-        self._W, self._kept, self._parts = W, {"scene": scene}, {"along": along, "back": back}
-        self.table = TwinsTable(ctypes.addressof(scene), value, along, back, first, count, width, clock, clocks, 0, 0, 0, 1)
-        self.address, self.n, self.count, self.clocks, self.width = ctypes.addressof(self.table), int(scene.n), count, clocks, width
+    def __init__(self, scene: Scene, parts: dict[str, Part], W: Array, first: int, count: int, width: int, clock: int,
+                 clocks: int) -> None:
+        """parts: value, along, back; the others as in evaluation.c."""
+        self._W, self._kept, self._parts = W, dict[str, Any](scene=scene), parts
+        self.table = TwinsTable(ctypes.addressof(scene), *(parts[name] for name in ("value", "along", "back")), first, count,
+                                width, clock, clocks, 0, 0, 0, 1)
+        self.address, self.n = ctypes.addressof(self.table), int(scene.n)
+        self.count, self.clocks, self.width = count, clocks, width
 
     def _give(self, **arrays: Any) -> None:
         for name, array in arrays.items():
@@ -87,8 +92,8 @@ class Twins:
         self.table.columns, self.table.known, self.table.by_rows = P, 0, int(self.count - np.count_nonzero(fixed) < P)
 
     def at(self, prescribed: Array | None = None, of_clock: Array | None = None, room: int = 0) -> None:
-        """Set, for the states that follow, the derivatives of the values of the clock by the numbers (states, P, clocks), or where the
-        weights of these values go (states, clocks); room: number of states to which pullbacks may go back."""
+        """Set, for the states that follow, the derivatives of the values of the clock by the numbers (states, P, clocks), or
+        where the weights of these values go (states, clocks); room: number of states to which pullbacks may go back."""
         kept = self._kept.get("kept")
         self._give(prescribed=prescribed, of_clock=of_clock,
                    kept=None if not room else kept if kept is not None else np.zeros((room, self.width)))
@@ -99,8 +104,8 @@ class Twins:
         _functions().twins_run(self.address, ctypes.byref(self._parts[name]))
 
     def states(self, t: Array, y: Array, yp: Array, weights: Array | None = None) -> Array:
-        """At k states, t (k,), y and yp (k, n): the changes (k, count, P) by the numbers; with weights (k, count) of the results the
-        weights (k, n) of y, while those of the inputs are added up."""
+        """At k states, t (k,), y and yp (k, n): the changes (k, count, P) by the numbers; with weights (k, count) of the results
+        the weights (k, n) of y, while those of the inputs are added up."""
         t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
         given = None if weights is None else np.ascontiguousarray(weights, dtype=float)
         out = np.empty((len(t), self.count, self.table.columns) if given is None else (len(t), self.n))
@@ -118,14 +123,14 @@ class Twins:
 
 
 class Called:
-    """Derivatives of y' = f(t, y) in Python, `columns` at a time: an object with the functions value(at, t, y) -> y', along(at, dy) ->
-    (n, P) and back(at, weight) -> (n,). error: the exception that one of them raised."""
+    """Derivatives of y' = f(t, y) in Python, `columns` at a time: an object with the functions value(at, t, y) -> y', along(at,
+    dy) -> (n, P) and back(at, weight) -> (n,). error: the exception that one of them raised."""
 
     def __init__(self, of: Any, n: int, columns: int) -> None:
         self.error: BaseException | None = None
 
         def view(address: int, *shape: int) -> Array:
-            return np.frombuffer((ctypes.c_double * int(np.prod(shape))).from_address(address)).reshape(shape)
+            return np.ctypeslib.as_array((ctypes.c_double * int(np.prod(shape))).from_address(address)).reshape(shape)
 
         def guarded(function: Callable[..., None]) -> Callable[..., int]:
             def call(_: Any, *args: Any) -> int:
@@ -151,8 +156,8 @@ class Called:
 
 
 class Path:
-    """Derivatives along steps of an explicit method. twin: the derivatives of y'; A (ALL, ALL), B (inner, ALL): stages, and increments at the
-    inner nodes; side: array whose first number is the time at which conditions of inputs are read."""
+    """Derivatives along steps of an explicit method. twin: the derivatives of y'; A (ALL, ALL), B (inner, ALL): stages, and
+    increments at the inner nodes; side: array whose first number is the time at which conditions of inputs are read."""
 
     def __init__(self, twin: TwinTable, A: Array, B: Array, side: Array) -> None:
         n, width = int(twin.n), max(int(twin.columns), 1)
@@ -162,8 +167,8 @@ class Path:
         self.table = PathTable(ctypes.addressof(twin), len(B), *(array.ctypes.data for array in arrays))
 
     def along(self, t: Array, y: Array, S: Array) -> tuple[int, Array, Array, Array]:
-        """A code, ends (m, n) of the repeated steps, derivatives (m + 1, n, P) of y and increments (m, inner, n, P); S (n, P): those at
-        the beginning; t (m + 1,), y (m + 1, n): of the run."""
+        """A code, ends (m, n) of the repeated steps, derivatives (m + 1, n, P) of y and increments (m, inner, n, P); S (n, P):
+        those at the beginning; t (m + 1,), y (m + 1, n): of the run."""
         m, out = len(t) - 1, np.empty((len(t), self.n, self.columns))
         out[0] = S
         inner, reached = np.empty((m, self.inner, self.n, self.columns)), np.zeros((m, self.n))
@@ -173,12 +178,13 @@ class Path:
         return int(code), reached, out, inner
 
     def back(self, t: Array, y: Array, ends: Array, inner: Array, total: Array) -> tuple[int, Array]:
-        """A code and the ends of the repeated steps; total (n,), weights of y at the end, becomes those at the beginning. ends (m, n):
-        weights of y at the beginnings of the steps; inner (m, inner, n): of the increments."""
+        """A code and the ends of the repeated steps; total (n,), weights of y at the end, becomes those at the beginning. ends
+        (m, n): weights of y at the beginnings of the steps; inner (m, inner, n): of the increments."""
         m, reached = len(t) - 1, np.zeros((len(t) - 1, self.n))
         given = [np.ascontiguousarray(x) for x in (t, y, ends, inner)]
-        code = _functions().explicit_back(ctypes.addressof(self.table), m, given[0].ctypes.data, given[1].ctypes.data, reached.ctypes.data,
-                                          given[2].ctypes.data, given[3].ctypes.data, total.ctypes.data)
+        t, y, ends, inner = given
+        code = _functions().explicit_back(ctypes.addressof(self.table), m, t.ctypes.data, y.ctypes.data, reached.ctypes.data,
+                                          ends.ctypes.data, inner.ctypes.data, total.ctypes.data)
         return int(code), reached
 
 
@@ -198,8 +204,8 @@ class StepsTable(ctypes.Structure):
 
 
 class Stages:
-    """The linear equations of all stages of implicit steps by a collocation table. entries: the pattern of the Jacobian; transposed:
-    those of the adjoint; kinds, searches: see `Searches`."""
+    """The linear equations of all stages of implicit steps by a collocation table. entries: the pattern of the Jacobian;
+    transposed: those of the adjoint; kinds, searches: see `Searches`."""
 
     def __init__(self, table: Any, entries: Entries, transposed: bool, searches: Searches) -> None:
         s, n = len(table.c), entries.n
@@ -218,9 +224,9 @@ class Stages:
         self._at = ctypes.addressof(self.table)
 
     def over(self, of: Twins, own: int, side: Array, *given: Array) -> None:
-        """Choose the steps: derivatives of F by numbers, the number of unknowns of the run, which are the first of F, the array whose
-        first number is the time at which conditions are read; and as `Path` in adjoint.c says h and middles (m,), times (m, s), Y, Y'
-        (m, s, n), dF/dy and dF/dy' (m, s, nnz). Unknowns are scaled by the first step."""
+        """Choose the steps: derivatives of F by numbers, the number of unknowns of the run, which are the first of F, the array
+        whose first number is the time at which conditions are read; and as `Path` in adjoint.c says h and middles (m,), times (m,
+        s), Y, Y' (m, s, n), dF/dy and dF/dy' (m, s, nnz). Unknowns are scaled by the first step."""
         self._given = [np.ascontiguousarray(x) for x in given]
         self._steps = StepsTable(*(x.ctypes.data for x in self._given), own, of.address, side.ctypes.data)
         h, fy, fyp = self._given[0], *self._given[-2:]
@@ -231,8 +237,8 @@ class Stages:
         self.matrix.scale[:] = 1 / np.where(largest > 0, largest, 1.0)
 
     def _called(self, function: Callable[..., int], m: Any, back: int) -> None:
-        """Call C until all steps are made; it returns where a matrix needs another order of elimination. SingularMatrixError where there
-        is none, or a step has no solution; its `unknown` then is the step."""
+        """Call C until all steps are made; it returns where a matrix needs another order of elimination. SingularMatrixError
+        where there is none, or a step has no solution; its `unknown` then is the step."""
         code, at = function(0), None
         while code < 0 and at != m.value:
             at = m.value
@@ -244,14 +250,16 @@ class Stages:
     def back(self, ends: Array, inner: Array, total: Array) -> None:
         """Take weights back, as `Path.back`."""
         m, given = Whole(len(ends)), [np.ascontiguousarray(x) for x in (ends, inner)]
-        self._called(lambda ready: int(_functions().stages_back(self._at, ctypes.addressof(self._steps), ctypes.addressof(m), ready,
-                                                                *(x.ctypes.data for x in given), total.ctypes.data)), m, 1)
+        rest = *(x.ctypes.data for x in given), total.ctypes.data
+        self._called(lambda ready: int(_functions().stages_back(self._at, ctypes.addressof(self._steps), ctypes.addressof(m),
+                                                                ready, *rest)), m, 1)
 
     def along(self, S: Array) -> tuple[Array, Array]:
         """Derivatives (m + 1, n, P) at the ends of the steps, and of the increments (m, s - 1, n, P); S (n, P): at the first."""
         steps, P = len(self.times), self._columns
         out, inner = np.empty((steps + 1, self._own, P)), np.empty((steps, self._s - 1, self._own, P))
         out[0], room, m = S, np.zeros((self._s, self._n, P)), Whole(0)
-        self._called(lambda ready: int(_functions().stages_along(self._at, ctypes.addressof(self._steps), ctypes.addressof(m), steps, ready,
-                                                                 P, out.ctypes.data, inner.ctypes.data, room.ctypes.data)), m, 0)
+        rest = P, out.ctypes.data, inner.ctypes.data, room.ctypes.data
+        self._called(lambda ready: int(_functions().stages_along(self._at, ctypes.addressof(self._steps), ctypes.addressof(m),
+                                                                 steps, ready, *rest)), m, 0)
         return out, inner

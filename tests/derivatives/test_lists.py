@@ -98,13 +98,13 @@ def by_complex_step(lists: Lists, t: float, y: np.ndarray, yp: np.ndarray, chang
                 value = value * W[w.by[k]] if f["kind"] == MULTIPLY else value
                 W[to] = value if f["kind"] == SET else W[to] + value
         elif f["kind"] != POSITIVE:
-            n, first, right = f["count"], f["first"], f["outputs"]
+            n, right = f["count"], f["outputs"]
             if f["kind"] != SOLVE:
                 M = np.zeros((n, n), complex)
                 cell, row, column = _entries(one)
                 M[row, column] = W[cell]
             W[right : right + n] = np.linalg.solve(M, W[right : right + n])
-    return np.asarray(W[lists.listed.first : lists.listed.first + lists.listed.count].imag / step)
+    return np.asarray(W[lists.listed.first : lists.listed.first + lists.listed.width].imag / step)
 
 
 @pytest.mark.parametrize(("scene", "form", "rates"), [
@@ -117,7 +117,7 @@ def test_pullback_tangent_and_complex_step_agree(scene: Any, form: Any, rates: b
     rng, n = np.random.default_rng(3), lists.n
     y, yp = 0.3 + 0.4 * rng.random((2, n))
     lists.value(0.2, y, yp)
-    change, weights = rng.standard_normal(lists.inputs), rng.standard_normal(lists.listed.count)
+    change, weights = rng.standard_normal(lists.inputs), rng.standard_normal(lists.listed.width)
     along, back = lists.along(change)[0], lists.back(weights)[0]
     size = np.abs(along).max()
     assert np.abs(along - by_complex_step(lists, 0.2, y, yp, change)).max() < 1e-11 * size  # round-off of sums

@@ -10,6 +10,7 @@ import pytest
 import sympy
 
 import mbdae as mb
+from mbdae.derivatives import Refined
 
 M, K, X0, T = 1.0, 30.0, 0.2, 1.3  # the mass 1 is a number that trees write into their kernels where it is not open
 
@@ -31,6 +32,8 @@ def exact(m: float, k: float, x0: float, t: Any) -> dict[str, Any]:
 
 
 NAMES = ["body.mass", "P.spring", "P.position0"]
+NUMBERS = {"oscillator": NAMES, "four-bar": ["crank.mass", "k", "A.rate0", "amplitude", "pace"],
+           "slide": ["rod.mass", "A.spring", "P.rate0", "P.friction.mu", "size", "pace"]}
 
 
 @pytest.mark.parametrize("options", [{}, {"solver": mb.RadauIIA(3), "form": mb.GGL()}, {"solver": mb.IDA()}],
@@ -95,6 +98,38 @@ def test_loop_with_numbers_of_every_kind() -> None:
             assert np.abs(one.value - true).max() < one.error + 1e-8 * np.abs(true).max()
 
 
+def with_friction() -> mb.Scene:
+    """Friction by reaction: y' is found by Newton's method where the multipliers are eliminated."""
+    s = mb.Scene("slide", gravity=(0, -9.81, 0))
+    body, rod = s.rigid_body("body", 1.0, 0.1, at=(0, 0)), s.link("rod", (0, 0), (0.5, 0.2), mass=0.4)
+    s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0.2, 0), rate0=1.0, friction=mb.Coulomb(mu=0.1, v_c=0.05))
+    s.revolute("A", body, rod, at=(0, 0), spring=2.0, torque=mb.number("size", 0.3) * sympy.sin(mb.number("pace", 3.0) * mb.t))
+    return s
+
+
+@pytest.mark.parametrize(("scene", "options"), [
+    (oscillator, {}), (lambda: four_bar({}), {}), (with_friction, {"solver": mb.RadauIIA(3)}),
+    (with_friction, {"solver": mb.DOP853(), "form": mb.Index1(), "accuracy": 1e-3}),
+    (with_friction, {"solver": mb.RadauIIA(2), "form": mb.Index1(multipliers="eliminated"), "accuracy": 1e-3})],
+    ids=["tree", "loop", "radau", "solved for", "eliminated"])
+def test_the_adjoint_is_the_transposed_tangent(scene: Callable[[], mb.Scene], options: dict[str, Any]) -> None:
+    """Weights of states and of increments inside the steps, by numbers of bodies, joints, starts and inputs of time."""
+    s = scene()
+    known = NUMBERS[s.name]
+    derived = Refined(s.simulate(0.2, **options), known).level(0).derived
+    tangent = derived.tangent()
+    rng, m, n = np.random.default_rng(5), len(derived.run.t) - 1, derived.run.y.shape[1]
+    ends, inner = rng.standard_normal((m + 1, n)), rng.standard_normal((m, derived.steps.stages - 1, n))
+    states = tangent.y.reshape(m + 1, n, -1)
+    increments = tangent.inner.reshape(m, -1, n, len(known))
+    terms = ends[..., None] * states, inner[..., None] * increments
+    found = derived.adjoint(ends, inner)
+    true, size = (sum(np.sum(part(x), axis=tuple(range(x.ndim - 1))) for x in terms) for part in (np.asarray, np.abs))
+    assert len(known) >= 3
+    assert (np.abs(found - true) < 1e-9 * size).all()  # the least of the digits that Newton's method for y' leaves
+    assert (size > 0).all()
+
+
 def test_a_run_with_derivatives_is_the_run_without() -> None:
     a, b = oscillator().simulate(T), oscillator().simulate(T, derivatives=True)
     assert np.array_equal(a.solution.y, b.solution.y)
@@ -117,6 +152,10 @@ def controlled() -> mb.Scene:
     return s
 
 
+def jumping() -> mb.Scene:
+    return pendulum(torque=sympy.Piecewise((1.0, mb.Scene.sensor(mb.Scene(), "A.angle") < -0.3), (0.0, True)))
+
+
 @pytest.mark.parametrize(("scene", "options", "name", "said"), [
     (lambda: pendulum(limits=(-0.3, 0.5), stop=mb.Stop(stiffness=1e4)), {}, "rod.mass", "contacts.*'A'"),
     (controlled, {}, "rod.mass", "sampled controller 'c'"),
@@ -126,9 +165,9 @@ def controlled() -> mb.Scene:
     (pendulum, {}, "A.model", "not for a number"),
     (lambda: pendulum(torque=sympy.Piecewise((0, mb.t < 0.1), (2.0, mb.t < 0.3), (0, True))), {}, "A.torque.begin",
      "moves an instant"),
-    (lambda: pendulum(torque=sympy.Piecewise((1.0, mb.Scene.sensor(mb.Scene(), "A.angle") < -0.3), (0.0, True))), {}, "rod.mass",
-     "accelerations jump"),
-], ids=["stop", "controller", "until", "accuracy", "out of plane", "word", "break", "jump"])
+    (lambda: jumping(), {}, "rod.mass", "accelerations jump"),
+    (lambda: jumping(), {"solver": mb.RadauIIA(3), "form": mb.GGL()}, "rod.mass", "accelerations jump"),
+], ids=["stop", "controller", "until", "accuracy", "out of plane", "word", "break", "jump", "jump with multipliers"])
 def test_refused_by_name_and_reason(scene: Callable[[], mb.Scene], options: dict[str, Any], name: str, said: str) -> None:
     r = scene().simulate(0.5, **options)
     with pytest.raises(mb.DerivativeError, match=said):

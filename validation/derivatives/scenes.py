@@ -43,7 +43,7 @@ def four_bar() -> mb.Scene:
 
 def top() -> mb.Scene:
     s = mb.Scene("top", gravity=(0, 0, -9.81))
-    body = s.rigid_body("body", 15.0, (0.234375, 0.46875, 0.234375), at=(0, 1, 0), angular_velocity=(0, 150.0, -4.61538))
+    body = s.rigid_body("body", 15.0, (0.3, 0.46875, 0.3), at=(0, 1, 0), angular_velocity=(0, 150.0, -4.6))
     s.spherical("O", s.ground, body, at=(0, 0, 0))
     return s
 

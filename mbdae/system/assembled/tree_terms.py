@@ -73,7 +73,8 @@ class TreeTerms:
                 alike.setdefault(tuple(own[id(tree)]), []).append(tree)
             for pairs, some in alike.items():
                 piece = plan.rates(pairs)
-                gather = [[self._read(tree, place, forces - self.nb.nq, own[id(tree)]) for place in piece.inputs] for tree in some]
+                gather = [[self._read(tree, place, forces - self.nb.nq, own[id(tree)]) for place in piece.inputs]
+                          for tree in some]
                 values = piece.kernel.emit(part, np.array(gather, dtype=np.intp).reshape(len(some), -1))
                 half = values.shape[1] // 2
                 to = np.array([[self._at(tree, "u", first)(t) for t in piece.targets[:half]] for tree in some], dtype=np.intp)
