@@ -20,7 +20,8 @@ compiled once when mbdae is installed (`native/`). Python makes tables and reads
 `radau.c`: Newton's iteration on the stages of a collocation step, its starting values and its error; steps of a run and their
     control
 `contacts.c`, `contacts.h`: contacts between steps: how long the next one may be, and whether the last one needs a closer look
-`explicit.c`: steps of the explicit method of order 8, and batches of its runs
+`explicit.c`: steps of the explicit method of order 8, batches of its runs, and derivatives along its steps
+`adjoint.c`: linear equations of the stages of a collocation step, and derivatives along such steps
 
 One array, a list of operations. The workspace of a numbering (y, y', motion of loaded nodes, prescribed values, constants) goes
 on behind its last slot with the inputs and values of kernels, the rows of F, the entries of the Jacobian, the band of a mass
@@ -77,7 +78,7 @@ from mbdae.native import build
 from mbdae.native.equations import Number, Pointer, Whole
 
 #: version number of the interface between C and Python. It has to equal `mbdae_interface` of version.c, or the library is refused
-INTERFACE = 13
+INTERFACE = 14
 
 
 @cache

@@ -1,13 +1,14 @@
-"""Scenes whose derivatives are compared with differences of runs: of each the numbers, the end of the run (s) and what is read."""
+"""Scenes whose derivatives are compared with differences of runs."""
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sympy
 
 import mbdae as mb
 
@@ -60,8 +61,6 @@ def rotor(free: bool) -> mb.Scene:
     for i in range(4):
         d = np.array([np.cos(i * np.pi / 2), np.sin(i * np.pi / 2)])
         blade = s.link(f"blade{i + 1}", tuple(0.6 * d), tuple(4.85 * d), mass=12.75)
-        start = {"rate0": 20.01} if free else {}
-        del start
         s.revolute(f"lag{i + 1}", hub, blade, at=tuple(0.6 * d), angle0=0.05 if i == 0 else 0.0, spring=50.0, damper=5.0)
     return s.recursive()
 
@@ -72,8 +71,10 @@ def arm(recursive: bool) -> mb.Scene:
     axes = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0))
     for i, axis in enumerate(axes):
         length = 0.4 / (1 + 0.3 * i)
-        body = s.rigid_body(f"L{i + 1}", 5.0 / (1 + i), tuple(0.02 / (1 + i) * np.array([1, 1.2, 0.8])), at=tuple(at + (length / 2, 0, 0.05)))
-        s.revolute(f"J{i + 1}", previous, body, at=tuple(at), axis=axis, spring=20.0 / (1 + i), damper=0.5, rate0=0.3 * (-1) ** i)
+        body = s.rigid_body(f"L{i + 1}", 5.0 / (1 + i), tuple(0.02 / (1 + i) * np.array([1, 1.2, 0.8])),
+                            at=tuple(np.add(at, (length / 2, 0, 0.05))))
+        s.revolute(f"J{i + 1}", previous, body, at=tuple(at), axis=axis, spring=20.0 / (1 + i), damper=0.5,
+                   rate0=0.3 * (-1) ** i, model=None if recursive else mb.Kinematic())
         previous, at = body, at + np.array([length, 0, 0.05])
     return s.recursive() if recursive else s
 
@@ -125,23 +126,24 @@ def friction() -> mb.Scene:
 
 
 def andrews() -> mb.Scene:
-    import importlib.util
-    from pathlib import Path
-
     path = Path(__file__).resolve().parents[2] / "examples" / "andrews_squeezer.py"
     spec = importlib.util.spec_from_file_location("andrews_squeezer", path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
-    return made.scene()
+    found: mb.Scene = made.scene()
+    return found
 
 
 JOINTS = tuple(f"J{i}.{name}" for i in range(1, 7) for name in ("spring", "damper", "rate0"))
 LINKS = tuple(f"L{i}.{name}" for i in range(1, 7) for name in ("mass", "inertia.0"))
 SCENES = {
     "pendulum": Scene(pendulum, 2.0, ("A.angle",), ("rod.mass", "A.spring", "A.damper", "A.angle0", "A.rate0")),
-    "four-bar": Scene(four_bar, 0.4, ("C.angle", "B.force[0]"), ("crank.mass", "coupler.mass", "rocker.mass", "C.spring", "C.damper", "B.damper", "A.rate0")),
-    "andrews": Scene(andrews, 0.02, ("O.angle",), ("K1.mass", "K2.mass", "K3.mass", "spring.stiffness", "spring.length", "O.torque")),
+    "four-bar": Scene(four_bar, 0.4, ("C.angle", "B.force[0]"),
+                      ("crank.mass", "coupler.mass", "rocker.mass", "C.spring", "C.damper", "B.damper", "A.rate0")),
+    "andrews": Scene(andrews, 0.02, ("O.angle",),
+                     ("K1.mass", "K2.mass", "K3.mass", "spring.stiffness", "spring.length", "O.torque")),
     "top": Scene(top, 0.3, ("body.position[2]",), ("body.mass", "body.inertia.0", "body.inertia.1", "body.angular_velocity.1")),
     "driven rotor": Scene(lambda: rotor(False), 0.5, ("lag1.angle", "sx.displacement"),
                           ("speed", "block.mass", "sx.spring", "sy.damper", "lag1.angle0", "lag2.spring", "blade3.mass")),
@@ -151,6 +153,8 @@ SCENES = {
     "kinematic arm": Scene(lambda: arm(False), 0.6, ("L6.position[2]",), JOINTS + LINKS),
     "beam": Scene(beam, 0.15, ("tip.position[2]",), ("tip.mass", "A.spring", "A.damper", "rod.section.EA", "rod.section.EI3")),
     "wing": Scene(wing, 0.1, ("D.angle",), ("omega", "crank.mass", "D.damper", "rod.section.EI3")),
-    "car": Scene(car, 1.5, ("strut.displacement",), ("gain", "wheel.mass", "body.mass", "tyre.spring", "strut.spring", "strut.damper")),
-    "friction": Scene(friction, 0.3, ("D.displacement", "B.force[0]"), ("crank.mass", "rod.mass", "A.rate0", "D.damper", "B.friction.mu")),
+    "car": Scene(car, 1.5, ("strut.displacement",),
+                 ("gain", "wheel.mass", "body.mass", "tyre.spring", "strut.spring", "strut.damper")),
+    "friction": Scene(friction, 0.3, ("D.displacement", "B.force[0]"),
+                      ("crank.mass", "rod.mass", "A.rate0", "D.damper", "B.friction.mu")),
 }
