@@ -25,81 +25,107 @@ typedef struct {
   double *r, *x, *mixed, *pair;
 } Stages;
 
-static void product(const Stages *a, double h, const double *fy, const double *fyp, const double *x, double *out) {
-  const I n = a->n, s = a->s;
-  memset(a->mixed, 0, sizeof(double) * (size_t)(s * n));
-  memset(out, 0, sizeof(double) * (size_t)(s * n));
+static inline void add(I P, double factor, const double *x, double *to) {
+  for (I c = 0; c < P; c++) to[c] += factor * x[c];
+}
+
+/* out = M x, for x (s, n, columns) */
+WIDE static void product(const Stages *a, I P, double h, const double *restrict fy, const double *restrict fyp, const double *x,
+                         double *out, double *mixed) {
+  const I s = a->s, size = a->n * P;
+  memset(mixed, 0, sizeof(double) * (size_t)(s * size));
+  memset(out, 0, sizeof(double) * (size_t)(s * size));
   for (I j = 0; j < s && !a->transposed; j++)
     for (I k = 0; k < s; k++)
-      for (I i = 0; i < n; i++) a->mixed[j * n + i] += a->A_inv[j * s + k] / h * x[k * n + i];
+      for (I i = 0; i < size; i++) mixed[j * size + i] += a->A_inv[j * s + k] / h * x[k * size + i];
   for (I j = 0; j < s; j++, fy += a->nnz, fyp += a->nnz)
     for (I e = 0; e < a->nnz; e++) {
-      const I row = j * n + a->row_of[e], column = j * n + a->column_of[e];
-      if (a->transposed) {
-        out[column] += fy[e] * x[row];
-        a->mixed[column] += fyp[e] * x[row];
-      } else out[row] += fy[e] * x[column] + fyp[e] * a->mixed[column];
+      const I row = j * size + a->row_of[e] * P, column = j * size + a->column_of[e] * P;
+      const double u = fy[e], v = fyp[e];
+      if (u != 0) add(P, u, x + (a->transposed ? row : column), out + (a->transposed ? column : row));
+      if (v != 0) add(P, v, a->transposed ? x + row : mixed + column, a->transposed ? mixed + column : out + row);
     }
   for (I j = 0; j < s && a->transposed; j++)
     for (I k = 0; k < s; k++)
-      for (I i = 0; i < n; i++) out[k * n + i] += a->A_inv[j * s + k] / h * a->mixed[j * n + i];
+      for (I i = 0; i < size; i++) out[k * size + i] += a->A_inv[j * s + k] / h * mixed[j * size + i];
 }
 
 /* to = B from for B (s, s), or its transpose */
-static void mix(const Stages *a, const double *B, I transposed, const double *from, double *to) {
-  const I n = a->n, s = a->s;
-  memset(to, 0, sizeof(double) * (size_t)(s * n));
+WIDE static void mix(I s, I size, const double *B, I transposed, const double *restrict from, double *restrict to) {
+  memset(to, 0, sizeof(double) * (size_t)(s * size));
   for (I j = 0; j < s; j++)
     for (I k = 0; k < s; k++) {
       const double b = transposed ? B[k * s + j] : B[j * s + k];
-      for (I i = 0; i < n; i++) to[j * n + i] += b * from[k * n + i];
+      for (I i = 0; i < size; i++) to[j * size + i] += b * from[k * size + i];
     }
 }
 
-/* r (s, n) becomes what solves the equations approximately. */
-static void approximately(const Stages *a, double *r) {
+/* x (n, columns): rows times factors */
+static void scale(I n, I P, const double *factor, double *x) {
+  for (I i = 0; i < n; i++)
+    for (I c = 0; c < P; c++) x[i * P + c] *= factor[i];
+}
+
+/* r (s, n, columns) becomes what solves the equations approximately. */
+static void approximately(const Stages *a, I P, double *r) {
   const Matrix *m = a->matrix;
-  const I n = a->n;
+  const I n = a->n, size = n * P;
   double *w = a->mixed, *one = w;
   Pair *z = (Pair *)a->pair;
-  mix(a, a->transposed ? a->T : a->T_inv, a->transposed, r, w);
-  for (I j = 0; j < m->reals; j++, one += n) {
-    for (I i = 0; i < n; i++) one[i] *= m->row[i];
-    lu_solve(m->factors[j], one);
-    for (I i = 0; i < n; i++) one[i] *= m->column[i];
+  mix(a->s, size, a->transposed ? a->T : a->T_inv, a->transposed, r, w);
+  for (I j = 0; j < m->reals; j++, one += size) {
+    scale(n, P, m->row, one);
+    if (P == 1) lu_solve(m->factors[j], one);
+    else lu_solve_columns(m->factors[j], P, one, z);
+    scale(n, P, m->column, one);
   }
   const double sign = a->transposed ? -a->sign : a->sign;
-  for (I j = 0; j < m->pairs; j++, one += 2 * n) {
-    for (I i = 0; i < n; i++) z[i] = (Pair){one[i] * m->row[i], sign * one[n + i] * m->row[i]};
-    lu_solve(m->factors[m->reals + j], z);
-    for (I i = 0; i < n; i++) one[i] = z[i].re * m->column[i], one[n + i] = sign * z[i].im * m->column[i];
+  for (I j = 0; j < m->pairs; j++, one += 2 * size) {
+    scale(n, P, m->row, one);
+    scale(n, P, m->row, one + size);
+    for (I i = 0; i < size; i++) z[i] = (Pair){one[i], sign * one[size + i]};
+    if (P == 1) lu_solve(m->factors[m->reals + j], z);
+    else lu_solve_columns(m->factors[m->reals + j], P, z, z + size);
+    for (I i = 0; i < size; i++) one[i] = z[i].re, one[size + i] = sign * z[i].im;
+    scale(n, P, m->column, one);
+    scale(n, P, m->column, one + size);
   }
-  mix(a, a->transposed ? a->T_inv : a->T, a->transposed, w, r);
+  mix(a->s, size, a->transposed ? a->T_inv : a->T, a->transposed, w, r);
 }
 
-static double size_of(const Stages *a, const double *x) {
-  double found = 0;
-  for (I j = 0; j < a->s; j++)
-    for (I i = 0; i < a->n; i++) found = fmax(found, fabs(x[j * a->n + i] / a->matrix->column[i]));
-  return found;
+/* The largest ratio of a step to x among the columns, each measured by its largest unknown. */
+static double share_of(const Stages *a, I P, const double *step, const double *x) {
+  double worst = 0;
+  for (I c = 0; c < P; c++) {
+    double now = 0, whole = 0;
+    for (I j = 0, at = c; j < a->s; j++)
+      for (I i = 0; i < a->n; i++, at += P) {
+        const double unit = 1 / a->matrix->column[i], part = fabs(step[at] * unit), all = fabs(x[at] * unit);
+        if (!isfinite(part)) return NAN;
+        if (part > now) now = part;
+        if (all > whole) whole = all;
+      }
+    if (whole > 0 && now > worst * whole) worst = now / whole;
+  }
+  return worst;
 }
 
-/* The solution x (s, n) for r; NOT_FINITE where corrections do not become small. */
-static int solved(const Stages *a, double h, const double *fy, const double *fyp, const double *r, double *x) {
-  const I size = a->s * a->n;
+/* The solution x (s, n, columns) for r; NOT_FINITE where corrections do not become small. */
+static int solved(const Stages *a, I P, double h, const double *fy, const double *fyp, const double *r, double *x) {
+  const I size = a->s * a->n * P;
   double *step = a->r, before = INFINITY;
   I slow = 0;
   memset(x, 0, sizeof(double) * (size_t)size);
   memcpy(step, r, sizeof(double) * (size_t)size);
   for (I k = 0; k < MOST_CORRECTIONS; k++) {
-    approximately(a, step);
+    approximately(a, P, step);
     for (I i = 0; i < size; i++) x[i] += step[i];
-    const double now = size_of(a, step), whole = size_of(a, x);
+    const double now = share_of(a, P, step, x);
     if (!isfinite(now)) return NOT_FINITE;
-    if (now <= SETTLED * whole || (now > 0.3 * before && now <= ROUGH * whole)) return DONE;
+    if (now <= SETTLED || (now > 0.3 * before && now <= ROUGH)) return DONE;
     if (now > 0.8 * before && ++slow > SLOW) return NOT_FINITE;
     before = now;
-    product(a, h, fy, fyp, x, step);
+    product(a, P, h, fy, fyp, x, step, a->mixed);
     for (I i = 0; i < size; i++) step[i] = r[i] - step[i];
   }
   return NOT_FINITE;
@@ -140,7 +166,7 @@ API int stages_back(const Stages *a, const Path *p, I *m, I ready, const double 
     memset(weights, 0, sizeof(double) * (size_t)(s * n));
     for (I j = 0; j < s; j++)
       for (I i = 0; i < own; i++) weights[j * n + i] = -(j == s - 1 ? total[i] : inner[(k * (s - 1) + j) * own + i]);
-    int code = solved(a, p->h[k], p->fy + at, p->fyp + at, weights, v);
+    int code = solved(a, 1, p->h[k], p->fy + at, p->fyp + at, weights, v);
     if (!code) code = at_stages(a, p, k, v, weights);
     if (code) return code;
     for (I i = 0; i < own; i++) {
@@ -155,7 +181,7 @@ API int stages_back(const Stages *a, const Path *p, I *m, I ready, const double 
    increments; room (s, n, columns). RAISED: see `factored`; *m: the step that is not made. */
 API int stages_along(const Stages *a, const Path *p, I *m, I steps, I ready, I columns, double *S, double *inner, double *room) {
   const I n = a->n, s = a->s, own = p->own;
-  double *right = a->x, *x = a->x + s * n;
+  double *x = a->x;
   for (; *m < steps; ++*m, ready = 0) {
     const I k = *m, at = k * s * a->nnz;
     const double *before = S + k * own * columns;
@@ -168,14 +194,11 @@ API int stages_along(const Stages *a, const Path *p, I *m, I steps, I ready, I c
         double *to = room + (j * n + a->row_of[e]) * columns;
         for (I c = 0; v != 0 && column < own && c < columns; c++) to[c] += v * before[column * columns + c];
       }
-    for (I c = 0; c < columns && !code; c++) {
-      for (I i = 0; i < s * n; i++) right[i] = -room[i * columns + c];
-      code = solved(a, p->h[k], p->fy + at, p->fyp + at, right, x);
-      for (I i = 0; i < own; i++) {
-        S[((k + 1) * own + i) * columns + c] = before[i * columns + c] + x[(s - 1) * n + i];
-        for (I j = 0; j < s - 1; j++) inner[((k * (s - 1) + j) * own + i) * columns + c] = x[j * n + i];
-      }
-    }
+    for (I i = 0; i < s * n * columns; i++) room[i] = -room[i];
+    if (!code) code = solved(a, columns, p->h[k], p->fy + at, p->fyp + at, room, x);
+    for (I j = 0; j < s - 1; j++)
+      memcpy(inner + (k * (s - 1) + j) * own * columns, x + j * n * columns, sizeof(double) * (size_t)(own * columns));
+    for (I i = 0; i < own * columns; i++) S[(k + 1) * own * columns + i] = before[i] + x[(s - 1) * n * columns + i];
     if (code) return code;
   }
   return DONE;

@@ -207,7 +207,7 @@ class Stages:
     """The linear equations of all stages of implicit steps by a collocation table. entries: the pattern of the Jacobian;
     transposed: those of the adjoint; kinds, searches: see `Searches`."""
 
-    def __init__(self, table: Any, entries: Entries, transposed: bool, searches: Searches) -> None:
+    def __init__(self, table: Any, entries: Entries, transposed: bool, numbers: int, searches: Searches) -> None:
         s, n = len(table.c), entries.n
         rows, columns = (entries.column_of, entries.row_of) if transposed else (entries.row_of, entries.column_of)
         order = np.lexsort((rows, columns)).astype(np.int64)
@@ -217,7 +217,7 @@ class Stages:
         real = len(table.real)
         sign = np.sign((table.T_inv @ table.A_inv @ table.T)[real + 1, real]) if len(table.pairs) else 1.0
         kept = [np.ascontiguousarray(x) for x in (entries.row_of, entries.column_of, order, table.A_inv, table.T, table.T_inv)]
-        room = [np.zeros(size) for size in (s * n, 2 * s * n, s * n, 2 * n)]
+        room = [np.zeros(size * n * numbers) for size in (s, 2 * s, s, 4)]
         self._kept = kept, room
         self.table = StagesTable(s, n, entries.nnz, int(transposed), self._stage, *(x.ctypes.data for x in kept), float(sign),
                                  self.matrix.address, *(x.ctypes.data for x in room))
