@@ -291,8 +291,8 @@ class _Implicit:
         of, (h, times, Y, Yp, middles) = self.of, self._stages(some)
         if transposed not in self._kept:
             pattern, kinds = of.assembly.pattern, of.assembly.kinds
-            columns = 1 if transposed else len(of.charts)
-            self._kept[transposed] = Stages(self.table, self._entries, transposed, columns, () if pattern is None else searches(kinds))
+            numbers, orders = 1 if transposed else len(of.charts), () if pattern is None else searches(kinds)
+            self._kept[transposed] = Stages(self.table, self._entries, transposed, numbers, orders)
         jacobians = self._jacobians(times, Y, Yp, middles)
         self._kept[transposed].over(of.lists.twins, of.n, of.side, h, middles, times, Y, Yp, *jacobians)
         return self._kept[transposed], times.ravel(), np.repeat(middles, self.stages)
