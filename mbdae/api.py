@@ -19,9 +19,9 @@ from mbdae.integrators.named import solver_of
 from mbdae.notation import picture, rows, titled
 from mbdae.results.result import ATTACHED, Result
 from mbdae.results.storage import load as load
-from mbdae.run.checkpoint import keeper_of, kept, progress_of, statement_of
+from mbdae.run.checkpoint import keeper_of, kept, lent, progress_of, statement_of
 from mbdae.run.checks import Check, check_scene
-from mbdae.run.choice import choose, prepared_from, with_recursive_joints
+from mbdae.run.choice import choose, prepared_from
 from mbdae.run.conditions import conditions, ends_of_curves
 from mbdae.run.control import plausible
 from mbdae.run.estimate import Controlled
@@ -31,7 +31,7 @@ from mbdae.run.stepper import Stepper
 from mbdae.scene.contacts import READERS
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.prepare import prepare
+from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start import Start
 from mbdae.threads import limited, single_threaded
@@ -118,13 +118,14 @@ class Scene(SceneData):
         return floquet(self, period, at, count, accuracy)
 
     def stepper(self, dt: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
-                form: Form | type[Form] | str | None = None, inputs: Sequence[str] | None = None, batch: int | None = None,
-                start: Result | None = None) -> Stepper:
+                form: Form | type[Form] | str | None = None, inputs: Sequence[str] | None = None, reads: Sequence[str] = (),
+                batch: int | None = None, start: Result | None = None) -> Stepper:
         """Steps of a loop of one's own: step.set(u=1.0), step.advance(), step["J.angle"], step.state, step.reset(state).
 
         dt: length of a step, s, over which inputs are held: exactly, as by s.controller(every=dt). inputs: names of the inputs,
         by default every s.signal(name, number); also outputs of a controller, which is then not called, and numbers of items that
-        may be driven, such as "J.torque" of s.revolute("J", ..., torque=0.0). batch: number of states that are stepped together.
+        may be driven, such as "J.torque" of s.revolute("J", ..., torque=0.0). reads: names of sensors that the loop reads, as a
+        controller names them: whole turns of these angles are counted, in space too. batch: number of states stepped together.
         accuracy, solver, form, start: as in `simulate`; the tolerance is that of its first run, and steps are not repeated:
         `error` of the stepper estimates what came of it. Raises SceneError and OptionError as `simulate` does."""
         accuracy = plausible(accuracy)
@@ -133,7 +134,8 @@ class Scene(SceneData):
         optional("start", start, of_class, START, base=Result)
         named = optional("inputs", inputs, sequence, "give a list of names of inputs, such as ['u', 'J.torque']", each=text)
         count = optional("batch", batch, whole, "give a number of states from 1, or None for one", least=1, most=MOST_STATES)
-        return Stepper(self, length, accuracy, method, own, named, count, start)
+        seen = option("reads", reads, sequence, "give a list of sensors, such as ['J.angle']", each=text)
+        return Stepper(self, length, accuracy, method, own, named, seen, count, start)
 
     @with_text_when_interrupted
     @single_threaded
@@ -189,20 +191,26 @@ class Scene(SceneData):
                    start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any,
                    derivatives: bool) -> Result:
         """`simulate` after its options have been checked."""
-        prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
-        prepared = prepared if prepared is not None else prepared_from(self, start, end)
-        prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
-        if derivatives:
-            _derivatives("refuse_scene")(prepared, start, bool(watched.until))
+        default = method is None and own is None
+        with lent(self, (end, default) if start is None and asked.progress is None else None,
+                  partial(prepared_from, start=start, t_end=end, default=default)) as prepared:
+            prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
+            if derivatives:
+                _derivatives("refuse_scene")(prepared, start, bool(watched.until))
+            return self._solved(prepared, end, accuracy, method, own, times, start is not None, verify, asked, watched, outputs)
+
+    def _solved(self, prepared: Prepared, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
+                continued: bool, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:
+        """`simulate` after the scene has been prepared."""
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
-            job, taken = Job(prepared, own, accuracy, asked, times, continued=start is not None), method
+            job, taken = Job(prepared, own, accuracy, asked, times, continued), method
 
             def made(job: Job) -> tuple[Controlled, Job]:
                 return job.run(method), job
         else:
             choice = choose(prepared, self, accuracy, own)
-            job, taken = Job(prepared, choice.form, accuracy, asked, times, continued=start is not None), choice.solver
+            job, taken = Job(prepared, choice.form, accuracy, asked, times, continued), choice.solver
 
             def made(job: Job) -> tuple[Controlled, Job]:
                 return job.run_default(choice, own)

@@ -273,6 +273,15 @@ def system_for(prepared: Prepared, form: Form | None = None, highest_index: int 
     return SceneSystem(prepared, spec, assembly=Assembly(prepared.model, prepared.mechanics.rows, spec, None, moved))
 
 
+def shared_system(prepared: Prepared, form: Form | None = None, highest_index: int = 1) -> SceneSystem:
+    """`system_for`, made once of a prepared scene, for runs one after the other."""
+    form = form if form is not None else default_form(prepared, highest_index)
+    key = form.for_index(highest_index).for_time(prepared.time)
+    if key not in prepared.kept:
+        prepared.kept[key] = system_for(prepared, form, highest_index)
+    return prepared.kept[key]  # type: ignore[no-any-return]
+
+
 REMEDY = "give a form such as mb.GGL(), mb.Index3() or 'ggl', or None for the default of the scene"
 
 

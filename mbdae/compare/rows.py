@@ -16,7 +16,7 @@ from mbdae.compare.problem import Problem, with_models
 from mbdae.compare.run import CHOICE, MOST, REPEATED, Equations, Run, warm
 from mbdae.compare.table import Row
 from mbdae.errors import MbdaeError, SolverError
-from mbdae.formulations import Form, default_form, system_for
+from mbdae.formulations import Form, default_form, shared_system, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.process import cold, measured
@@ -25,7 +25,6 @@ from mbdae.run.estimate import Controlled
 from mbdae.run.job import Job
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
-from mbdae.system.scene_system import SceneSystem
 
 Known = tuple[Reference, list[Any]]  #: a reference, and its values of every measure, None where they are not known
 OUTPUTS = 201  #: number of output times of a result, the default of `simulate`
@@ -72,10 +71,9 @@ class Split:
                     companions = companions_of(equations.for_solver(form, solver), solver, asked)[0].cpu_s
                 except MbdaeError:
                     companions = None
-            system = equations.for_solver(form, solver)
-            assert isinstance(system, SceneSystem)
+            shared_system(prepared, form, solver.highest_index)  # made before, since it is none of the checks
             times = np.linspace(float(solution.t[0]), end, OUTPUTS)
-            job = Job(prepared, form, 1e-6, asked, times, continued=False, _systems={(form, solver.highest_index): system})
+            job = Job(prepared, form, 1e-6, asked, times, continued=False)
             begin = time.process_time()
             try:
                 job.result(Controlled(solution, solver, math.nan, 1, 0.0))

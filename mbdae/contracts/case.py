@@ -21,6 +21,7 @@ from mbdae.symbolic.vectors import ZERO, Expr
 from mbdae.system.base import Array
 from mbdae.system.model.nodes import turned
 
+FAR = 1e3  #: largest value of a law, of numbers near 1, that is far from where it has none
 POINTS = 4  #: number of random states in which a variant of a law is evaluated
 STEP = 1e-30  #: imaginary increment of the complex-step derivative
 Measured = tuple[str, float]  #: what is checked, in words, and its error, see `BOUNDS` in checks.py
@@ -87,8 +88,16 @@ class Case:
         self.d: Derived = derive(law, structure, sides)
         self.family[structure, sides] = self
         self.rng = np.random.default_rng(20)
-        self.states = RandomStates(self.d, given, self.rng, POINTS)
+        self.states = RandomStates(self.d, given, self.rng, POINTS, self._defined)
         self.values = self.states.values
+
+    def _defined(self, values: Values) -> bool:
+        """Whether the law is finite in a state, and far from where it is not; asked of laws that say that there are such."""
+        if "some places" not in self.d.law.undefined_at():
+            return True
+        plan = self.all_outputs
+        with np.errstate(all="ignore"):
+            return bool(np.all(np.abs(plan.kernel.oracle(columns(plan.all_inputs.symbols, values))) < FAR))
 
     def variant(self, sides: tuple[Side, ...]) -> Case:
         """The same law between other nodes."""

@@ -3,7 +3,7 @@ values of a joint's coordinates for which its motion is defined."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -97,21 +97,31 @@ def joint_axes(axes: Axes, rng: np.random.Generator) -> Array:
 class RandomStates:
     """Random states of a law: its sides as drawn and displaced from there. `values`: all symbols by name in `count` states."""
 
-    def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:
+    def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int,
+                 defined: Callable[[Values], bool] = lambda _: True) -> None:
+        """defined: whether the law has finite values in a state; of others none is drawn."""
         self.d, self.given, self.rng = d, given, rng
-        self._domain = Domain(d.law)
-        self.values = _stack([self._point(rng.uniform(-1.2, 1.2, 3), False) for _ in range(count)])
+        self._domain, self._defined = Domain(d.law), defined
+        self.values = _stack([self._drawn(rng.uniform(-1.2, 1.2, 3), False) for _ in range(count)])
         self._count = count
 
     @cached_property
     def near(self) -> Values:
         """States near the drawn position (rotations up to 0.4 rad), four times as many as `values` has."""
-        return _stack([self._point(self.rng.uniform(-0.4, 0.4, 3), False) for _ in range(4 * self._count)])
+        return _stack([self._drawn(self.rng.uniform(-0.4, 0.4, 3), False) for _ in range(4 * self._count)])
 
     def special(self, rotation: float, together: bool) -> Values:
         """One state with l (and further sides) turned by `rotation` (rad) about the joint axis; together: whether the points of
         all sides coincide."""
-        return _stack([self._point(rotation, together)])
+        return _stack([self._drawn(rotation, together)])
+
+    def _drawn(self, relative: Any, together: bool) -> dict[str, float]:
+        """A state in which the law is defined, or the last of DRAWS."""
+        for _ in range(DRAWS):
+            point = self._point(relative, together)
+            if self._defined(_stack([point])):
+                break
+        return point
 
     def _point(self, relative: Any, together: bool) -> dict[str, float]:
         d, rng = self.d, self.rng

@@ -29,9 +29,10 @@ HALVINGS, JUMPS = 40, 1e-3
 #: a run is examined where its last 2000 steps are less than SHARE of it, so that it needs more than 1e5: at SAMPLES of them, it
 #: is sought whether the equations jump within BESIDE steps on either side. They do at 33 to 40 of 40 in motions that switch
 #: without end, at none in fast vibrations or where they jump with time; SAMPLES - SPARED are enough. BISECTIONS of that distance
-#: locate a jump; a change of a residual by less than SLIGHT of it is round-off, or by less than ABOVE times what NEXT of a step
-#: changes it (of a constraint of a welded beam, all of whose vibrations short steps followed, it was nothing else)
-SHARE, SAMPLES, SPARED, BESIDE, BISECTIONS, SLIGHT, ABOVE, NEXT = 2e-2, 40, 10, 10, 25, 1e-6, 100.0, 1e-9
+#: locate a jump; a change of a residual by less than SLIGHT of it is round-off, or by less than ABOVE times how far its values at
+#: points NEXT of a step apart are off a straight line (of constraints and strains of beams, all of whose vibrations short steps
+#: followed, it was nothing else)
+SHARE, SAMPLES, SPARED, BESIDE, BISECTIONS, SLIGHT, ABOVE, NEXT = 2e-2, 40, 10, 10, 25, 1e-6, 100.0, 0.1
 
 #: number of a kink -> number of changes of sign of its argument until now, and the time (s) of the first
 Counts = dict[int, tuple[float, float]]
@@ -129,7 +130,7 @@ def _jumps_beside(system: System, t: float, first: Array, last: Array, h: float)
         with np.errstate(all="ignore"):
             at_a, at_b = F(a), F(b)
             whole = np.abs(at_b - at_a)
-            noise = np.max([np.abs(F(a + NEXT * k) - at_a) for k in (1, 2, 3)], axis=0)  # of a constraint held to round-off
+            noise = np.max(np.abs(np.diff([F(a + NEXT * k) for k in range(5)], 2, axis=0)), axis=0)
             whole[~(whole > np.maximum(SLIGHT * np.abs(size), ABOVE * noise))] = np.inf
             for _ in range(BISECTIONS):
                 at_middle = F(middle := (a + b) / 2)

@@ -11,13 +11,19 @@ from numpy.typing import NDArray
 from mbdae.deferred import distinct
 from mbdae.integrators.collocation_tables import CollocationTable, radau_table
 from mbdae.integrators.kept_rows import leave
+from mbdae.native import address, declared
+from mbdae.native.equations import Pointer, Whole
 from mbdae.system.base import Array
 
-FEW = 64  #: largest number of times that are evaluated together, so that their data stay in the processor's cache
+MANY = 4096  #: largest number of times that are evaluated together: the pages of a file that they read are given back then
 BLOCK = 1000  #: largest number of steps that are interpolated together
 #: one polynomial through several neighbouring steps is used where each of them is longer than this fraction of the step in which
 #: it is evaluated; else the cubic over that step alone
 EVEN = 0.5
+
+
+#: function that opens the library and states the types of the function for piecewise polynomials, for ctypes
+_functions = declared(("interpolated", None, (Whole, Whole, Whole, Pointer, Pointer, Whole, *[Pointer] * 4)))
 
 
 def interval(t: Array, times: Array) -> NDArray[np.intp]:
@@ -44,7 +50,7 @@ class Collocation:
     def value(self, times: Array) -> Array:
         """y (k, n) at times (k,)."""
         i, theta = self._locate(times)
-        found = self._combine(i, self.table.values(theta), self.y)
+        found = self._combine(i, self.table.values(theta), start=True)
         last = theta == 1  # at the end of a step the stored value is returned, because a polynomial of high degree adds round-off
         if last.any() and len(self.t) > 1:
             found[last] = self.ends[i[last]]
@@ -62,21 +68,17 @@ class Collocation:
         i = interval(self.t, times)
         return i, (times - self.t[i]) / self._widths()[i]
 
-    def _combine(self, i: NDArray[np.intp], weights: Array, start: Array | None = None) -> Array:
-        """Weighted sum (k, n) of the increments of steps i (k,), weights (k, s), plus start[i] where `start` is given."""
+    def _combine(self, i: NDArray[np.intp], weights: Array, start: bool = False) -> Array:
+        """Weighted sum (k, n) of the increments of steps i (k,), weights (k, s), plus y where they start if `start`."""
         if len(self.t) == 1:
-            return np.zeros((len(i), self.y.shape[1])) if start is None else start[i]
-        total = np.zeros((len(i), self.y.shape[1]))
-        for first in range(0, len(i), FEW):
-            some, w = i[first : first + FEW], weights[first : first + FEW]
-            at, part = total[first : first + FEW], self.ends[some]
-            if start is not None:
-                at[:] = start[some]
-            part -= self.y[some]
-            part *= w[:, -1:]
-            at += part
-            for j in range(self.inner.shape[1]):
-                at += w[:, j : j + 1] * self.inner[some, j]
+            return self.y[i] if start else np.zeros((len(i), self.y.shape[1]))
+        n, s = self.y.shape[1], weights.shape[1]
+        data = [np.ascontiguousarray(one, dtype=float) for one in (self.y, self.ends, self.inner)]
+        steps, w, total = np.ascontiguousarray(i, dtype=np.int64), np.ascontiguousarray(weights), np.empty((len(i), n))
+        for first in range(0, len(i), MANY):
+            at = slice(first, first + MANY)
+            _functions().interpolated(len(steps[at]), n, s, address(steps[at]), address(w[at]), int(start), *map(address, data),
+                                      address(total[at]))
             leave(self.inner, self.y, self.ends)
         return total
 

@@ -136,7 +136,12 @@ class _Run:
         atol = self.atol
         self.rtol, self.watch = rtol, StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         self.equations = rates_of(self.system)
-        self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
+        before = loop.method  # of the part of the run before this one
+        if isinstance(before, Explicit) and before.equations is self.equations and before.fits(rtol, atol):
+            self.method = before.anew()
+        else:
+            self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
+        loop.method = self.method
         self.h0 = h0
         # number of steps in the next call, and their largest length (s) where a step had passed over a contact or switch
         self.rows, self.landing = 1, inf
@@ -156,7 +161,7 @@ class _Run:
         loop, watch = self.loop, self.watch
         if self.system.longest_step is not None:
             self.method.bound(*self.system.longest_step)
-        most = 1 if self.system.looks_at_steps or (watch is not None and watch.contacts is not None) else ROWS
+        most = 1 if self.system.one_by_one or (watch is not None and watch.contacts is not None) else ROWS
         self.rows, going = most if watch is None else min(most, FEW), True
         loop.goes_on(self)
         while going:

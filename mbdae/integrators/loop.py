@@ -62,6 +62,7 @@ class StepLoop:
         self._pieces = Rows("inner")
         self._renewed: System | None = None  # where the last step ended with new equations: the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
+        self.method: Any = None  #: the native part of a method, which it may use again in the next part of the run
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
         #: number of a kink -> sign changes of its argument in the run, and time of the first (`watched.chattering`)
@@ -131,8 +132,19 @@ class StepLoop:
         return t < self.t_end and self._renewed is None and not self._may_stop() and not self._begins_anew()
 
     def accept_many(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> bool:
-        """Store steps t (m,), y and yp (m, n) of a system that does not examine single steps (`System.looks_at_steps`); arrays
+        """Store steps t (m,), y and yp (m, n) of a system whose steps need not be made one by one (`System.one_by_one`); arrays
         are not copied. False where the loop has to end."""
+        try:
+            self.system.accept_many(t, y)
+        except SolverError as error:
+            last = int(np.searchsorted(t, error.time, side="right"))
+            self._store(t[:last], y[:last], yp[:last], pieces[:last])
+            raise
+        self._store(t, y, yp, pieces)
+        self.guard()
+        return self.t < self.t_end and not self._may_stop() and not self._begins_anew()
+
+    def _store(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> None:
         stats, widths = self.stats, np.diff(t, prepend=self.t)
         counted = widths if stats.steps == 0 and len(t) == 1 else widths[t < self.t_end]
         if len(counted):
@@ -140,15 +152,11 @@ class StepLoop:
             stats.h_max = max(stats.h_max, float(counted.max()))
         stats.steps += len(t)
         self._t.frombytes(t.tobytes())
-        self._y.extend(y)
-        self._yp.extend(yp)
-        self._pieces.extend(pieces)
-        self.guard()
-        return self.t < self.t_end and not self._may_stop() and not self._begins_anew()
+        for kept, rows in ((self._y, y), (self._yp, yp), (self._pieces, pieces)):
+            kept.extend(rows)
 
     def _may_stop(self) -> bool:
-        """Whether the run may end early, by the function `stop` of `Asked`; called whenever the number of steps has grown by a
-        third."""
+        """Whether the run may end early, by the function `stop` of `Asked`, called when there are a third more steps."""
         if self._stop is not None and not self.stopped and len(self._t) >= self._next_look:
             self._next_look = len(self._t) * 4 // 3
             self.stopped = self._stop(self.solution())

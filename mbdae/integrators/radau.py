@@ -58,7 +58,7 @@ class Adaptive:
         self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         if system.longest_step is not None:
             self.step.run.bound(*system.longest_step)
-        one_by_one = system.looks_at_steps
+        one_by_one = system.one_by_one
         if self.watch is not None:
             one_by_one |= self.watch.one_by_one or not table.stiffly_accurate
         self.most = 1 if one_by_one else ROWS

@@ -223,10 +223,10 @@ MANY, FEW = 0.75, 200
 
 def rejecting(run: Solution) -> str:
     """The warning about a run that rejects most of its steps; "" where it does not. Steps that were repeated because of a contact
-    or a kink do not count: that is how these are found."""
+    or a kink do not count: that is how these are found; beside kinks error control repeats others, so that nothing is said."""
     stats = run.stats
-    rejected = stats.rejected - stats.dips - stats.retaken
-    if stats.steps < FEW or rejected < MANY * stats.steps:
+    rejected = stats.rejected - stats.dips
+    if stats.steps < FEW or rejected < MANY * stats.steps or stats.retaken:
         return ""
     return (f"{run.solver.label} rejected {rejected} attempts of steps and accepted {stats.steps}: it makes far shorter steps "
             "than the solution needs; see whether the Jacobian, the index and the scales of the unknowns are right, or take "

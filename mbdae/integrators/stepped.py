@@ -15,7 +15,7 @@ import warnings
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass, replace
-from math import ceil, floor, inf, log, log10
+from math import ceil, floor, inf, isfinite, log, log10
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -187,7 +187,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         spent += fine.stats.cpu_s
         if coarse is None:
             coarse, best = (fine, h), Halved(fine, now, float("inf"), runs, spent)
-            h = min(h / 2, fine.stats.resolving_step or h)
+            h = min(h / 2, resolving if (resolving := fine.stats.resolving_step) > span / MOST_STEPS else h)
             continue
         coarser = Beside(coarse[0], check_times(coarse[0]), measure)
         gap = coarser.distance(fine)
@@ -251,9 +251,11 @@ def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverErr
     solution, steps = best.solution, span / h
     cpu = solution.stats.cpu_s * steps / max(solution.stats.steps, 1)
     reached = best.estimate * (solution.stats.steps / MOST_STEPS) **best.solver.order
+    advice = (f"has an estimated error of {best.estimate:.1e}. Ask for an accuracy of {_up(reached / SAFETY)} or more, or use "
+              f"mb.RadauIIA(3)" if isfinite(reached) else
+              f"passes over what the law of '{next(iter(solution.stats.unresolved), '')}' does within a step. Use mb.RadauIIA(3)")
     text = (f"{best.solver.label}: accuracy {accuracy:g} needs about {steps:.1e} steps of {h:.1e} s and {cpu:.0f} s of CPU, more "
-            f"than the {MOST_STEPS:.0e} steps allowed; the finest run made, attribute `solution` of this error, has an estimated "
-            f"error of {best.estimate:.1e}. Ask for an accuracy of {_up(reached / SAFETY)} or more, or use mb.RadauIIA(3)")
+            f"than the {MOST_STEPS:.0e} steps allowed; the finest run made, attribute `solution` of this error, {advice}")
     return SolverError(text, float(solution.t[-1]), "", solution)
 
 

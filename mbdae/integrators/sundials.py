@@ -205,7 +205,7 @@ class _IdaRun(SundialsRun):
         sparse = system.sparse
         return native.Ida(equations_of(system), self.settings(order), start, sparse=sparse,
                           pattern=system.sparsity if sparse else system.pattern, differences=system.differences,
-                          relaxing=self.watch is None)
+                          raising=self.watch is None and order > 3)
 
     def diagnosis(self, reason: str) -> SolverError:
         last, correction = self.last, self._newton_correction()

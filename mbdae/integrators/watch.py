@@ -36,6 +36,9 @@ RETRIES = 10
 #: fraction of a step: a kink nearer to the end of the step counts as being at the end, if it is the only one in the step; one
 #: that is as near to the start was the end of the step before
 MET = 1e-2
+#: fraction of a constant step up to which a kink counts as being at its start: what starts on a kink as drawn is off it by
+#: rounding, which its motion crosses in 1e-9 s
+BEGUN = 1e-5
 #: an argument whose largest magnitude in a step is below this many times its change by the tolerance of the unknowns counts as 0,
 #: so that its changes of sign are no kinks
 NOISE = 3.0
@@ -120,7 +123,8 @@ class SwitchingSteps:
             return None
         kinks = self.arguments.kinks
         found = [place for i in np.flatnonzero(asked & ~kinks).tolist() if (place := self._scale(i)) is not None]
-        crossings = [(part, i) for i in np.flatnonzero(asked & kinks).tolist() for part in self._crossings(i)]
+        begun = BEGUN if constant else -1.0
+        crossings = [(part, i) for i in np.flatnonzero(asked & kinks).tolist() for part in self._crossings(i) if part > begun]
         if len(crossings) > 1 or (len(crossings) == 1 and not constant and crossings[0][0] <= 1 - MET):
             found += [(part, i, len(crossings) > 1) for part, i in crossings]
         if not constant and not crossings:

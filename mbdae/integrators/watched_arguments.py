@@ -183,9 +183,9 @@ class StepArguments:
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
 
     def quiet(self, t: Array, y: Callable[[Array, slice], Array], n: int, limit: float) -> tuple[Any, Array]:
-        """For m steps between times t (m+1,): whether (m,) no argument has an extremum, a change of sign or a variation of PHI
-        above `limit`, and the largest rate (m,) of a PHI at the end of each step, 1/s. y(parts, steps): n unknowns at fractions
-        (8,) of a slice of the steps."""
+        """For m steps between times t (m+1,): whether (m,) no argument has an extremum that matters, a change of sign or a
+        variation of PHI above `limit`, and the largest rate (m,) of a PHI at the end of each step, 1/s. y(parts, steps): n
+        unknowns at fractions (8,) of a slice of the steps."""
         h, few = np.diff(t), max(TOGETHER // (len(NODES) * n), 1)
         times = t[:-1, None] + NODES * h[:, None]
         U = np.concatenate([self.switches.arguments(times[some].ravel(), y(NODES, some).reshape(-1, n))
@@ -196,9 +196,20 @@ class StepArguments:
         stretched = self.stretched(ends.reshape(4 * len(h), -1)).reshape(ends.shape)
         turns = (rise[:, :-1] * rise[:, 1:] <= 0) & (np.maximum(np.abs(rise[:, :-1]), np.abs(rise[:, 1:]))
                                                      > ROUND_OFF * size[:, None])
-        loud = turns.any(axis=1) | (tail > POOR * np.ptp(U, axis=1) + ROUND_OFF * size)
+        turned = turns.any(axis=1)
+        if turned.any():
+            turned &= ~self._mild(U, rise, limit)
+        loud = turned | (tail > POOR * np.ptp(U, axis=1) + ROUND_OFF * size)
         loud |= (np.abs(stretched[:, 1] - stretched[:, 0]) > limit) | ((U[:, 0] < 0) != (U[:, -1] < 0))
         return ~loud.any(axis=1), np.abs(stretched[:, 2] - stretched[:, 3]).max(axis=1) / (2 * SMALL * h)
+
+    def _mild(self, U: Array, rise: Array, limit: float) -> Any:
+        """(m, na) whether arguments vary so little in steps that their extrema there do not matter. U, rise (m, ..., na): values
+        at NODES, and what TO_RISES makes of them."""
+        F, beyond = TO_FINE @ U, BEYOND * np.abs(rise[:, 1:-1]).max(axis=1)
+        low, high = F.min(axis=1) - beyond, F.max(axis=1) + beyond
+        most = np.abs(self.stretched(high) - self.stretched(low))
+        return (most <= min(MATTERS, limit / len(FINE))) & ~self.kinks & (~self._signed | ((low < 0) == (high < 0)))
 
     @property
     def fine(self) -> Array:

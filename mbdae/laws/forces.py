@@ -176,7 +176,9 @@ class Rope(Force):
     V = stiffness e^2 / (2 (length - wound)) where its path is longer than the rope by e > 0, else 0; with a damper the tension is
     (stiffness e + damping de/dt) / (length - wound) where both e and it are positive, else 0. On the pulleys between the ends
     (`rope_over`) it slides without friction. An end with a radius is wound on a drum about the z axis of its body, without slip;
-    wound is what the drums have taken up since the drawing: it keeps no energy, and what is left is the shorter and the stiffer.
+    wound is what the drums have taken up since the drawing: what is left is the shorter and the stiffer. The tension pulls along
+    the path, on a drum with tension times radius. What a drum takes up takes its energy along: with drums there is no V, all is
+    power.
 
     Radii are positive where the rope, on its way from k to l, goes about z with the right hand, negative against it. The path
     goes along the common tangents of circles about points of the bodies: exact where their axes are parallel."""
@@ -196,7 +198,7 @@ class Rope(Force):
     pulleys: ClassVar[int] = 0  #: number of frames between k and l on the way of the rope, p1, p2, ...
 
     def undefined_at(self) -> tuple[str, ...]:
-        return ("points together",)
+        return ("points together", "some places")  # circles that overlap have no tangent
 
     def _route(self, frames: tuple[Frame, ...]) -> tuple[Expr, list[Expr], tuple[Expr | None, Expr | None]]:
         """Length of all spans between the circles; wrap of every pulley between the ends, rad; directions at both ends about
@@ -239,12 +241,18 @@ class Rope(Force):
         pulling = let(se.Piecewise((total, total > 0), (0, True)))
         return path, taut, free, let(se.Piecewise((pulling - self.stiffness * taut, over > 0), (0, True))) / free
 
+    @property
+    def _on_drum(self) -> bool:
+        return self.radius_k is not None or self.radius_l is not None
+
     def energy(self, *frames: Frame) -> Expr:
         _, taut, free, _ = self._pull(frames)
-        return self.stiffness * taut**2 / (2 * free)
+        return se.Integer(0) if self._on_drum else self.stiffness * taut**2 / (2 * free)
 
     def thrust(self, *frames: Frame) -> tuple[Expr, Expr] | None:
-        path, _, _, damped = self._pull(frames)
+        path, taut, free, damped = self._pull(frames)
+        if self._on_drum:
+            return path, -(self.stiffness * taut / free + damped)
         return None if self.damping is None else (path, -damped)
 
     def observed(self, *frames: Frame) -> dict[str, list[Expr]]:

@@ -216,6 +216,18 @@ API int scene_jacobians(Scene *s, I k, const double *t, const double *y, const d
   return code;
 }
 
+/* Values (k, n) of piecewise polynomials: for each, in step i of y and `ends` (m, n) and increments `inner` (m, s - 1, n), the sum
+ * of the increments with weights w (s), that to the end of the step last, and y where `from` is not 0. */
+API void interpolated(I k, I n, I s, const I *steps, const double *w, I from, const double *y, const double *ends,
+                      const double *inner, double *out) {
+  for (I q = 0; q < k; q++, w += s, out += n) {
+    const double *a = y + steps[q] * n, *b = ends + steps[q] * n, *z = inner + steps[q] * (s - 1) * n;
+    for (I c = 0; c < n; c++) out[c] = (from ? a[c] : 0.0) + (b[c] - a[c]) * w[s - 1];
+    for (I j = 0; j < s - 1; j++, z += n)
+      for (I c = 0; c < n; c++) out[c] += w[j] * z[c];
+  }
+}
+
 /* Derivatives of a list `value` with `count` results from slot `first` on, by its tangent `along` and its pullback `back`. The
    differential, or weight, of slot k is in slot k + width. Derivatives are by y, and by numbers, one a column: column c has the
    differentials seed[k] in the slots slot[k], column[c] <= k < column[c + 1], and prescribed (states, columns, clocks) in the slots
@@ -322,7 +334,9 @@ API int twins_states(void *self, I first, I k, const double *t, const double *y,
   int code = DONE;
   for (I i = 0; i < k && !code; i++) {
     code = scene_part(x->scene, &x->value, t[i], y + i * n, yp + i * n);
-    if (!code) code = weights ? twins_back(x, first + i, weights + i * x->count, out + i * width) : twins_along(x, first + i, NULL, out + i * width);
+    if (code) return code;
+    code = weights ? twins_back(x, first + i, weights + i * x->count, out + i * width)
+                   : twins_along(x, first + i, NULL, out + i * width);
   }
   return code;
 }

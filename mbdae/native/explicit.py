@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import internal
-from mbdae.native import declared
+from mbdae.native import address, declared
 from mbdae.native.equations import SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
 
 Array = NDArray[np.float64]
@@ -138,10 +138,19 @@ class Explicit(Stepping):
         self._K, self._y, self._next, self._F = np.zeros((ALL, n)), np.zeros(n), np.zeros(n), np.zeros((ORDER + 1, n))
         self._kept = method, np.array(nodes, dtype=float), np.array(atol, dtype=float)
         self.table = CExplicit(
-            equations.address, method.stages, method.errors, method.dense, method.c, *(a.ctypes.data for a in self._kept[1:]),
-            len(nodes), rtol, 0.0, np.inf, Stretches(), *(a.ctypes.data for a in (self._K, self._y, self._next, self._F)), 0, 0,
+            equations.address, method.stages, method.errors, method.dense, method.c, *map(address, self._kept[1:]),
+            len(nodes), rtol, 0.0, np.inf, Stretches(), *map(address, (self._K, self._y, self._next, self._F)), 0, 0,
             0)
         self.inner, self._at = len(nodes), ctypes.addressof(self.table)
+
+    def fits(self, rtol: float, atol: Array) -> bool:
+        """Whether it was made for these tolerances."""
+        return bool(self.table.rtol == rtol) and self._kept[2].tolist() == atol.tolist()
+
+    def anew(self) -> Self:
+        """The same method, without bounds and steps of an earlier part of a run."""
+        self.table.stretches, self.table.h, self.table.after_rejection = Stretches(), 0.0, 0
+        return self
 
     def begin(self, y: Array, rate: Array, h: float) -> None:
         """Start from y (n,) with slope rate (n,) and a first step of h (s)."""
@@ -162,7 +171,7 @@ class Explicit(Stepping):
         times, y, yp = np.empty(rows), np.empty((rows, self.n)), np.empty((rows, self.n))
         inner, made = np.empty((rows, self.inner, self.n)), Whole()
         self.table.longest = longest
-        arrays = (a.ctypes.data for a in (times, y, yp, inner))
+        arrays = map(address, (times, y, yp, inner))
         code = self.native(_functions().explicit_steps, self._at, t, end, self.table.evaluations + most, SLICE, rows, *arrays,
                            ctypes.addressof(made))
         m = made.value

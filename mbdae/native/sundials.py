@@ -251,14 +251,14 @@ class Ida(Method):
     """IDA: variable-order BDF for F(t, y, y') = 0.
 
     pattern: sparsity pattern of the Jacobian (CSC), None: full; sparse: whether linear systems are solved by SuperLU_MT;
-    differences: whether the (full) Jacobian is made by differences of the residual; relaxing: whether
-    tolerances may be widened for a while where steps stay short (`relax` of sundials.c)."""
+    differences: whether the (full) Jacobian is made by differences of the residual; raising: whether it
+    is led out of low orders where it stays there (`raise_order` of sundials.c)."""
 
     prefix = "IDA"
 
     def __init__(self, *args: Any, pattern: Any = None, sparse: bool = False, differences: bool = False,
-                 relaxing: bool = False) -> None:
-        self._relaxing = relaxing
+                 raising: bool = False) -> None:
+        self._raising = raising
         self._pattern, self._sparse, self.jacobian = pattern, sparse, "ida_differences" if differences else "ida_jacobian"
         super().__init__(*args)
 
@@ -288,9 +288,14 @@ class Ida(Method):
     def _initialise(self, t: float) -> None:
         run, S = self.run, self.S
         run.ida, run.until = _pointer(S.IDASolve), _pointer(S.IDASetStopTime)
-        run.errors = _pointer(S.IDAGetEstLocalErrors) if self._relaxing else None
+        run.iteration = _pointer(S.SUNNonlinSolGetCurIter)
         run.wider = self._address(np.ones(self.n))
+        if self._raising:
+            run.errors, run.order, run.longest = map(_pointer, (S.IDAGetEstLocalErrors, S.IDAGetLastOrder, S.IDASetMaxStep))
         self._call("Init", self.C.ida_residual, t, self._y, self._yp)
+        newton = self._owned(S.SUNNonlinSol_Newton(self._y, self._context), S.SUNNonlinSolFree)
+        self._call("SetNonlinearSolver", newton)
+        S.SUNNonlinSolSetConvTestFn(newton, self.C.ida_converged, ctypes.addressof(run))
 
     def _start_vectors(self) -> tuple[int, ...]:
         return self._y, self._yp

@@ -40,7 +40,9 @@ _IDA = {
     "SUNSparseMatrix_IndexPointers": (_P, _P), "SUNSparseMatrix_IndexValues": (_P, _P),
     "SUNSparseFromDenseMatrix": (_P, _P, _D, _I), "IDACreate": (_P, _P), "IDAInit": (_I, _P, _P, _D, _P, _P),
     "IDAReInit": (_I, _P, _D, _P, _P), "IDASolve": (_I, _P, _D, _P, _P, _P, _I),
-    "IDAGetEstLocalErrors": (_I, _P, _P), "IDAWFtolerances": (_I, _P, _P),
+    "IDAGetEstLocalErrors": (_I, _P, _P), "IDAWFtolerances": (_I, _P, _P), "IDAGetLastOrder": (_I, _P, _P),
+    "IDASetMaxStep": (_I, _P, _D), "IDASetNonlinearSolver": (_I, _P, _P), "SUNNonlinSol_Newton": (_P, _P, _P),
+    "SUNNonlinSolFree": (_I, _P), "SUNNonlinSolSetConvTestFn": (_I, _P, _P, _P), "SUNNonlinSolGetCurIter": (_I, _P, _P),
 }
 _CVODE = {
     "CVodeCreate": (_P, _I, _P), "CVodeInit": (_I, _P, _P, _D, _P), "CVodeReInit": (_I, _P, _D, _P),
@@ -165,8 +167,8 @@ class RunStruct(ctypes.Structure):
         ("renew", Whole), ("renewing", Whole), ("fresh", Whole), ("t", Number), ("cj", Number), ("y", Pointer), ("yp", Pointer),
         ("values", Pointer), ("jacobian_t", Number), ("jacobian_y", Pointer), ("from_t", Number), ("last_step", Number),
         ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
-        ("errors", Pointer), ("wider", Pointer), ("window", Whole), ("before", Whole),
-        ("relaxed", Whole), ("least", Number), ("most_of_window", Number), ("most_of_run", Number),
+        ("iteration", Pointer), ("correction", Number), ("errors", Pointer), ("order", Pointer),
+        ("longest", Pointer), ("wider", Pointer), ("low", Whole), ("before", Whole), ("held", Whole),
     )
 
 

@@ -22,9 +22,9 @@ from mbdae.system.start_with_contacts import ExpectedContact
 
 #: number of equal parts of every step; the quantity is evaluated at the begin of each and just before the end of the step
 INSIDE = 6
-#: largest number of times, of those at which the quantity was evaluated, around which its largest value is sought more closely
+#: largest number of maxima among the values so far around which the largest one is sought more closely
 BEST = 5
-FINER, ROUNDS = 9, 12  #: number of times per round of a closer search, and of its rounds
+FINER, ROUNDS = 17, 8  #: number of times per round of a closer search, and of its rounds
 #: distance from the end of a step, over its length, of the last time read inside it: accelerations may jump at its end
 JUST = 1e-9
 #: with more than MANY steps those alone are looked into in which a larger value can be. A parabola rises above the ends of a step
@@ -105,7 +105,10 @@ def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple
         return float("nan"), float("nan")
     top = int(np.nanargmax(found))
     best = float(found[top]), float(times[top])
-    near = np.argsort(np.nan_to_num(found, nan=-np.inf))[::-1][:BEST]
+    known = np.nan_to_num(found, nan=-np.inf)
+    around = np.pad(known, 1, constant_values=-np.inf)
+    near = np.flatnonzero((known >= around[:-2]) & (known >= around[2:]))
+    near = near[np.argsort(known[near])[::-1][:BEST]]
     low, high = times[np.maximum(near - 1, 0)], times[np.minimum(near + 1, len(times) - 1)]
     for _ in range(ROUNDS):
         grid = np.linspace(low, high, FINER)  # one column around each of the best
@@ -113,6 +116,10 @@ def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple
         k, column = np.argmax(seen, axis=0), np.arange(len(near))
         i = int(np.argmax(seen[k, column]))
         best = max(best, (float(seen[k[i], i]), float(grid[k[i], i])))
+        reaches = seen[k, column] + np.ptp(seen, axis=0) >= best[0]  # the others are lower
+        if not reaches.any():
+            break
+        k, column, near = k[reaches], column[reaches], near[reaches]
         low, high = grid[np.maximum(k - 1, 0), column], grid[np.minimum(k + 1, FINER - 1), column]
     return best
 

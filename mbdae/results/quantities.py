@@ -31,6 +31,9 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 _SIGNS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.true_divide, ast.Pow: np.power,
 }
+#: largest number of jumps of a quantity that are looked at where two runs differ; a jump is sought at ACROSS times, then at as
+#: many between the two that differ most, and so on: 32^6 times finer than the shift of its instant that is allowed
+JUMPS, ACROSS, NARROWINGS = 50, 33, 6
 NAME_A_QUANTITY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a "
                    "function of the result (lambda r: r[\"J\"].angle)")
 
@@ -55,6 +58,43 @@ def value(result: Any, quantity: Quantity) -> Array:
 def magnitudes(values: Array) -> Array:
     """Magnitudes (k,) of values (k, ...): of numbers, and lengths of vectors."""
     return np.asarray(np.abs(values) if values.ndim == 1 else np.linalg.norm(values.reshape(len(values), -1), axis=1))
+
+
+def difference(own: Array, compared: Array, unit: str) -> Array:
+    """Difference of two readings of a quantity; of angles without whole turns."""
+    found = compared - own
+    return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
+
+
+def differences(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float, least: float) -> Array:
+    """Magnitudes (nt,) of the differences of a quantity between two runs at the times of both. Up to `shift` (s) from an instant
+    at which it jumps in the first, the other may show either side of the jump; differences up to `least` are not asked about."""
+    compared = value(beside, quantity)
+    found = magnitudes(difference(value(own, quantity), compared, unit))
+    for _ in range(JUMPS):
+        k = int(np.argmax(found))
+        if not (shift > 0 and found[k] > least):
+            break
+        t, sides = _jump(own, quantity, unit, float(own.t[k]), shift)
+        near, before = np.abs(own.t - t) <= shift, found[k]
+        if magnitudes(difference(sides[:1], sides[1:], unit))[0] < before / 2:  # no jump
+            break
+        either = [magnitudes(difference(one[None], compared[near], unit)) for one in sides]
+        found[near] = np.minimum(found[near], np.min(either, axis=0))
+        if found[k] > before / 2:
+            break
+    return found
+
+
+def _jump(own: Any, quantity: Quantity, unit: str, t: float, shift: float) -> tuple[float, Array]:
+    """The instant within `shift` of t at which a quantity of a run varies most, and its values just before and after (2, ...)."""
+    first, last = (float(np.clip(t + sign * shift, own.solution.t[0], own.solution.t[-1])) for sign in (-1, 1))
+    for _ in range(NARROWINGS):
+        at = np.linspace(first, last, ACROSS)
+        values = value(own(at), quantity)
+        k = int(np.argmax(magnitudes(difference(values[:-1], values[1:], unit))))
+        first, last, sides = float(at[k]), float(at[k + 1]), values[k : k + 2]
+    return first, sides
 
 
 def named(quantity: Any) -> str:

@@ -23,7 +23,7 @@ from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller,
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import parsed, placed
 from mbdae.system.base import Array
-from mbdae.system.dependent_rows import smallest, unit_rows_at
+from mbdae.system.dependent_rows import smallest_at
 from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import Sampling, UnderWay
 from mbdae.system.start import Start
@@ -259,8 +259,7 @@ class Result(OfRun, RunStates, ListsAttributes):
     def smallest_singular_value(self) -> Array:
         """(nt,) smallest singular value of all constraint rows, each scaled to unit length; the zeros that redundant rows cause
         do not count. Near zero, the position is singular and reactions are uncertain."""
-        rows, rank = unit_rows_at(self.prepared.with_all_rows, self.t, self.q), len(self.prepared.rank.kept)
-        return np.array([smallest(B, rank) for B in rows])
+        return smallest_at(self.prepared.with_all_rows, len(self.prepared.rank.kept), self.t, self.q)
 
     # -- pictures and files (see `ATTACHED`)
 

@@ -36,6 +36,7 @@ MOST = 50_000  #: largest number of pieces of a run along which disturbances are
 #: than before and less than the finest, until the largest rise (natural logarithm) changes by less than SURE, or by less than
 #: CLEAR of its distance from the value on which a decision depends
 TOGETHER, FEWER, SURE, CLEAR = (32, 16, 8, 4, 2, 1), 1.5, 0.5, 0.3
+DIGITS = 3  #: decimals with which a growth (natural logarithm) is told: it is sure to SURE
 BLOCK = 2**13  #: number of pieces whose matrices are computed together, times the square of the number of unknowns
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
 TINY = 1e-300
@@ -191,7 +192,7 @@ class Amplified:
 
     def __call__(self) -> float | None:
         found = Disturbances(self.run.systems[0][1], self.run).growth() if self.run.systems else None
-        return None if found is None else found[0]
+        return None if found is None else round(found[0], DIGITS)
 
 
 def decided_by_round_off(prepared: Prepared | None, run: Solution, frozen: float, accuracy: float) -> list[str]:

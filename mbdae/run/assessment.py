@@ -30,7 +30,7 @@ from mbdae.run.growing import left_behind, total
 from mbdae.scene.models import spanning_tree
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
-from mbdae.system.dependent_rows import DEPENDENT, Dependency, dependencies
+from mbdae.system.dependent_rows import DEPENDENT, Dependency, dependencies, least_parts
 from mbdae.system.model.moved_bodies import expressions_of
 from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
@@ -176,10 +176,12 @@ def _named(result: Result, near: list[Dependency]) -> str:
 
 
 def _minima(result: Result, times: Array) -> list[tuple[float, float]]:
-    """Minima of the smallest singular value of the rows between the first and the last time, with their times (s)."""
-    seen = result(times).smallest_singular_value
-    best = int(np.argmin(seen))
-    found = [(float(seen[best]), float(times[best]))]
+    """Minima of the smallest singular value of the rows between the first and the last time, with their times (s), sought where
+    the smallest independent part of a row has its minima."""
+    at = result(times)
+    seen = least_parts(result.prepared.with_all_rows, len(result.prepared.rank.kept), at.t, at.q)
+    best = float(times[np.argmin(seen)])
+    found = [(float(result([best]).smallest_singular_value[0]), best)]
     inner = np.flatnonzero((seen[1:-1] <= seen[:-2]) & (seen[1:-1] <= seen[2:]) & (seen[1:-1] < NEAR * median(seen))) + 1
     for i in sorted(inner, key=lambda i: float(seen[i]))[:CHOSEN]:
         found.append(_minimum(result, float(times[i - 1]), float(times[i + 1])))
@@ -262,13 +264,16 @@ def turned_aside(result: Result) -> list[str]:
     return found
 
 
+PAST = 1e-9  #: of the scene's length, by which a quantity is negative where a run ends at 0 by `until`
+
+
 def past_their_domain(result: Result) -> list[str]:
     """Warnings about forces that no longer mean what they state, such as a rope that has left a pulley."""
     found = []
     for c in result.prepared.model.scene.connections:
         for name, words in (entry for law in c.laws for entry in getattr(law, "must_stay", {}).items()):
             seen = getattr(result[c.name], name)
-            if (below := np.flatnonzero(np.any(seen < 0, axis=1))).size:
+            if (below := np.flatnonzero(np.any(seen < -PAST * result.prepared.length, axis=1))).size:
                 found.append(f"{c.kind} '{c.name}', at t = {result.t[below[0]]:.6g} s: {words}")
     return found
 

@@ -24,7 +24,7 @@ from mbdae.integrators.batch import Batch, Together, refuse_watched, solve_batch
 from mbdae.integrators.dop853 import DOP853
 from mbdae.integrators.loop import StepLoop
 from mbdae.results import archive
-from mbdae.run.choice import choose, prepared_from, with_recursive_joints
+from mbdae.run.choice import choose, prepared_from
 from mbdae.run.control import ATTEMPTS, FINER, plausible
 from mbdae.run.estimate import measure_of
 from mbdae.scene.control import problems
@@ -65,7 +65,7 @@ class Batches:
                  numbers: Iterable[str] = ()) -> None:
         """numbers: names of law parameters that will vary; some cannot, because the equations have them as constants."""
         self.accuracy, self.t_end = plausible(accuracy), t_end
-        prepared = with_recursive_joints(scene, t_end=t_end) or prepared_from(scene, t_end=t_end)
+        prepared = prepared_from(scene, t_end=t_end, default=True)
         choice = choose(prepared, scene, self.accuracy)
         if not isinstance(choice.solver, DOP853):
             raise OptionError(f"scene '{scene.name}': a batch is solved by DOP853, but mbdae solves this scene by {choice}; run "

@@ -2,6 +2,8 @@
 
 Progress of a run as a bar on the error stream, if that is a terminal.
 
+Prepared scenes kept for the next call of the same statement.
+
 Calls of `Scene.simulate` stored in a folder while they run: recognition of the same call, and its end by SIGTERM.
 
 `integrators.checkpoints` stores the runs of a call; here the folder gets a statement of scene and options by which an equal call
@@ -31,7 +33,7 @@ from mbdae.results.reads import own_classes, own_of
 from mbdae.results.result import Result
 from mbdae.results.stored_parts import by_item, own_laws, statements
 from mbdae.scene.scene import SceneData
-from mbdae.system.prepare import modelled
+from mbdae.system.prepare import Prepared, modelled
 from mbdae.values import function, option, optional, path, shown, whole
 
 PACKAGES = ("mbdae", "numpy", "scipy", "scikit-sundae", "symengine")
@@ -141,6 +143,36 @@ def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
     if strange:
         raise OptionError(f"checkpoint = '{folder}' holds other files: {FOLDER}")
     return Keeper(folder, steps or EVERY)
+
+
+MOST, NODES = 8, 500  #: number of prepared scenes that wait for their next call, and of nodes of each, at most
+_waiting: dict[tuple[Any, ...], Prepared] = {}
+
+
+@contextmanager
+def lent(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[Any], Prepared]) -> Iterator[Prepared]:
+    """The scene as `prepare` makes it, or as it was made for an earlier call with the same statement and options: nobody else
+    uses it inside of this context. options: None where the call cannot be told from others.
+
+    In the main thread alone: elsewhere an earlier result may be read while the next run uses what it is read from."""
+    alone = threading.current_thread() is threading.main_thread() and active() is None
+    said = scene.said() if options is not None and alone else None
+    if said is None or options is None:
+        yield prepare(scene)
+        return
+    key = said, *options
+    found = _waiting.pop(key, None)
+    if found is None:
+        found = prepare(scene)
+        found.kept["shared"] = found.model.scene is scene
+    elif found.kept["shared"] and found.model.scene is not scene:  # another scene, which may be given further statements
+        found = prepare(scene.copied())
+        found.kept["shared"] = False
+    yield found
+    if len(found.model.nodes) <= NODES:
+        _waiting[key] = found
+        while len(_waiting) > MOST:
+            _waiting.pop(next(iter(_waiting)))
 
 
 @contextmanager

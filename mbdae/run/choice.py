@@ -2,9 +2,8 @@
 
 The rules and their bounds are measured by benchmarks/choice.py; docs/accuracy.md has the table.
 
-Numbers of unknowns, equations and operations of a scene, from the naive formulation to the one integrated by default.
-
-The naive formulation: in space, classical joints with their coordinates, all rows of all joints, no shared unknowns.
+Numbers of unknowns, equations and operations of a scene, from the naive formulation (in space, classical joints with their
+coordinates, all rows of all joints, no shared unknowns) to the one integrated by default.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import numpy as np
 
 from mbdae.deferred import Later, eigvals
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
+from mbdae.formulations import GGL, ODE, Form, Index1, default_form, shared_system, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.dop853 import DOP853
 from mbdae.integrators.radau import RadauIIA
@@ -76,8 +75,7 @@ class Choice:
     @property
     def recursive(self) -> tuple[str, ...]:
         """Names of joints that become recursive although the scene does not state it."""
-        as_stated = {c.name for c in self.stated.joints if c.recursive}
-        return tuple(c.name for c in self.prepared.model.recursive if c.name not in as_stated)
+        return tuple(c.name for c in self.prepared.model.recursive if not self.stated[c.name].recursive)
 
     def __str__(self) -> str:
         n, eliminated = unknowns(self.prepared, self.form, self.solver.highest_index), self.solver.highest_index == 0
@@ -87,9 +85,11 @@ class Choice:
         return f"{self.solver.label}, {self.form.label}, {plane}, {counted(n, 'unknown')}, {linear}{joints}: {self.why}"
 
 
-def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared:
-    """The scene prepared with its own start, or from the end of a Result; raises SceneError with every problem found."""
-    return prepare(scene, start.state_for(scene) if start is not None else None, t_end=t_end)
+def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | None = None, default: bool = False) -> Prepared:
+    """The scene prepared with its own start, or from the end of a Result, by default with recursive joints where these are taken;
+    raises SceneError with every problem found."""
+    found = with_recursive_joints(scene, start, t_end) if default else None
+    return found or prepare(scene, start.state_for(scene) if start is not None else None, t_end=t_end)
 
 
 def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared | None:
@@ -103,7 +103,8 @@ def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: 
     if found is None or found.model.stay_kinematic:
         return None
     full = found.all_bodies.moved.ordered and unknowns(found, ODE(), 0) > MOST_FULL
-    return None if full and (Rates(found).decay > STIFF or Rates(found).oscillation > STIFF) else found
+    rates = found.kept.setdefault(Rates, Rates(found))
+    return None if full and (rates.decay > STIFF or rates.oscillation > STIFF) else found
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
@@ -135,7 +136,7 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
     hard = _hard(prepared) or ("" if form.within(Solver.highest_index) else f"only Radau takes the index of form {form.label}")
     if hard:
         return RadauIIA(3), form, hard
-    rates = Rates(prepared)
+    rates = prepared.kept.setdefault(Rates, Rates(prepared))
     if not form.spec().blocks:
         if rates.decay > STIFF or rates.oscillation > STIFF:
             return RadauIIA(3), form, f"stiff: {rates}"
@@ -179,7 +180,7 @@ def _largest_eigenvalues(system: System) -> np.ndarray:
         operator = LinearOperator((system.n, system.n), matvec=product, dtype=float)
         return np.asarray(eigs(operator, LARGEST, which="LM", v0=begin, tol=0.05, return_eigenvectors=False))
     except ArpackNoConvergence as stopped:
-        return np.asarray(stopped.eigenvalues) if len(stopped.eigenvalues) else np.array([complex(-np.inf, np.inf)])
+        return np.asarray(stopped.eigenvalues if len(stopped.eigenvalues) else [complex(-np.inf, np.inf)])
 
 
 def finite_eigenvalues(fy: Array, fyp: Array) -> Array:
@@ -207,7 +208,7 @@ class Rates:
     @cached_property
     def _eigenvalues(self) -> np.ndarray:
         """Eigenvalues of small disturbances at the start, 1/s; infinite where there are too many unknowns to compute them."""
-        system = system_for(self._prepared, GGL() if self._prepared.rows else ODE())
+        system = shared_system(self._prepared, GGL() if self._prepared.rows else ODE())
         if system.rate_products is not None:
             return _largest_eigenvalues(system)
         if system.n > EIGENVALUES:
@@ -215,9 +216,8 @@ class Rates:
         fy, fyp = system.dense_parts(system.t0, system.y0, system.yp0)
         finite = np.isfinite(fy).all(axis=1) & np.isfinite(fyp).all(axis=1)
         if not finite.all():
-            worst = system.equations[int(np.argmin(finite))]
-            raise OptionError(f"the derivatives of equation {worst} are not finite at the start t = {system.t0:g} s: check the "
-                              f"laws and parameters it contains")
+            raise OptionError(f"the derivatives of equation {system.equations[int(np.argmin(finite))]} are not finite at the "
+                              f"start t = {system.t0:g} s: check the laws and parameters it contains")
         return finite_eigenvalues(fy, fyp)
 
     @property
@@ -242,8 +242,8 @@ class Rates:
         if not np.isfinite(self.decay):
             return f"more than {EIGENVALUES} unknowns, too many to compute the fastest vibrations"
         T = self.time
-        what = f"decay at up to {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else (
-            f"oscillate at up to {self.oscillation / T:.3g} rad/s")
+        what = (f"decay at up to {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else
+                f"oscillate at up to {self.oscillation / T:.3g} rad/s")
         return f"small disturbances {what}, the motion changes in {T:.3g} s"
 
 
@@ -340,11 +340,9 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
     rows = [row for row in rows if row.name not in redundant]
     yield "redundant constraint equations left out", whole(of, rows)
     rigid = build(scene, {c.name: "" for c in scene.joints if c.recursive} | model.stay_kinematic)
-    rows = [row for row in constraint_rows(rigid) if row.name not in redundant]
-    trees = find_trees(rigid)
-    yield "welded bodies, and points held by a joint, move with the other body", Assembly(
-        rigid, rows, spec, moved=MovedBodies(rigid, trees, share=False))
-    yield "nodes that meet share unknowns, or are fixed to the ground", Assembly(
-        rigid, rows, spec, moved=MovedBodies(rigid, trees))
+    rows, trees = [row for row in constraint_rows(rigid) if row.name not in redundant], find_trees(rigid)
+    for reason, share in (("welded bodies, and points held by a joint, move with the other body", False),
+                          ("nodes that meet share unknowns, or are fixed to the ground", True)):
+        yield reason, Assembly(rigid, rows, spec, moved=MovedBodies(rigid, trees, share=share))
     yield "recursive joints: their coordinates are the only unknowns", Assembly(
         model, prepared.mechanics.rows, spec, moved=prepared.all_bodies.moved)

@@ -26,7 +26,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import SMALL, Disturbances
 from mbdae.run.checkpoint import kept_value
-from mbdae.run.growth_roots import GrowthFound, Look, Spectra, positions, roots_at
+from mbdae.run.growth_roots import MOST, GrowthFound, Look, Spectra, positions, roots_at
 from mbdae.system.base import Array, System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
@@ -72,23 +72,29 @@ class Growth(NamedTuple):
     behind: float
 
 
-def growing(system: System, run: Solution, closely: bool = False) -> list[Growth]:
-    """The growth of small disturbances along a run, in parts that cover it; closely: in more parts. It is stored with a run
-    that is kept on disk, and what the system remembers of the run is as before."""
+def growing(system: System, run: Solution, closely: bool = False, varying: bool = True) -> list[Growth]:
+    """The growth of small disturbances along a run, in parts that cover it; closely: in more parts; varying: also that which
+    equations that vary in time cause and no frozen one shows. It is stored with a run that is kept on disk, and what the system
+    remembers of the run is as before."""
     memory = system.memory()
     try:
-        return kept_value(lambda: _growing(system, run, closely), lambda parts: [list(part) for part in parts], _read)
+        return kept_value(lambda: _growing(system, run, closely, varying), lambda parts: [list(part) for part in parts], _read)
     finally:
         system.remember(memory)
+
+
+def _explicit(run: Solution) -> bool:
+    """Whether the method is explicit: it damps no growth, however long its steps are."""
+    return isinstance(run.solver, Solver) and not (run.solver.highest_index or run.solver.bdf_order)
 
 
 def _read(stored: list[list[float]]) -> list[Growth]:
     return [Growth(*part) for part in stored]
 
 
-def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
+def _growing(system: System, run: Solution, closely: bool, varying: bool) -> list[Growth]:
     t0, t1 = float(run.t[0]), float(run.t[-1])
-    if len(run.t) < 2 or not t1 > t0:
+    if len(run.t) < 2 or not t1 > t0 or (system.n > MOST and _explicit(run)):
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
     wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
@@ -102,7 +108,7 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     late = [0.0] * len(looks)
     if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
-    elif system.n <= SMALL and _varies(system, run):
+    elif varying and system.n <= SMALL and _varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]

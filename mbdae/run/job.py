@@ -37,7 +37,7 @@ from mbdae.errors import (
     keeping,
     warn,
 )
-from mbdae.formulations import Form, system_for
+from mbdae.formulations import Form, shared_system
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
@@ -89,7 +89,6 @@ class Job:
     continued: bool  #: whether the run starts where another run ended
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
-    _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
     def run(self, solver: Solver, strict: bool = False) -> Controlled:
         """A run of one solver to the accuracy, or with the tolerance or step that the user set. strict: with eliminated
@@ -111,10 +110,7 @@ class Job:
 
     def _system(self, solver: Solver) -> SceneSystem:
         """The equations with the index that a solver takes, assembled once."""
-        key = self.form, solver.highest_index
-        if key not in self._systems:
-            self._systems[key] = system_for(self.prepared, *key)
-        return self._systems[key]
+        return shared_system(self.prepared, self.form, solver.highest_index)
 
     def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
         accuracy = accuracy if accuracy is not None else self.accuracy
@@ -124,7 +120,7 @@ class Job:
         """The run itself where the vibrations of beams that its long steps damp away are below the accuracy. Where they are above
         it by at most the factor NEARLY, a tighter run, whose shorter steps damp less away; else one that resolves all
         vibrations."""
-        resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
+        resolving = shared_system(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
             tighter = partial(self._controlled, system, solver, self.accuracy / 10)
@@ -170,9 +166,13 @@ class Job:
         form: the one that the user asked for; with None the other solvers take the default form."""
         best: tuple[Controlled, Job] | None = None
         failure: MbdaeError | None = None
-        why, runs, cpu = "", 0, 0.0
+        why, runs, cpu, stopped = "", 0, 0.0, dict[Any, str]()
         for solver, own in alternatives(choice, form):
             job = replace(self, form=own, choice=f"{solver.label}, {own.label}: {why}" if why else str(choice))
+            call = solver, own, self.accuracy, self.asked.t_end
+            if self.asked.stop is None and call in self.prepared.kept:  # the same call stopped here before
+                why = self.prepared.kept[call]
+                continue
             try:
                 run = job.run(solver, strict=True)
             except FINAL:
@@ -182,6 +182,7 @@ class Job:
                 runs, cpu = runs + 1, cpu + (cpu_of(error) if isinstance(error, SolverError) else 0.0)
                 failure = error if failure is None or isinstance(solver, RadauIIA) else failure  # Radau IIA fails least often
                 why = said if solver.label in said else f"{solver.label} stopped: {said}"
+                stopped[call] = why
                 continue
             runs, cpu = runs + run.runs, cpu + run.cpu_s
             if best is None or run.estimate < best[0].estimate:
@@ -193,6 +194,7 @@ class Job:
         if best is None:
             assert failure is not None
             raise failure
+        self.prepared.kept.update(stopped if self.asked.stop is None else {})
         return replace(best[0], runs=runs, cpu_s=cpu), best[1]
 
     def _missed(self, run: Controlled) -> str:
@@ -280,13 +282,14 @@ def _at_round_off(run: Controlled) -> bool:
 
 def run_once(system: System, solver: Solver, asked: Asked, accuracy: float, length: float = 1.0) -> Controlled:
     """A run with the tolerance or step of the solver, without an estimate of its error. Where its steps are not constant and do
-    not follow a disturbance that grows unseen, it is repeated with shorter ones. Contacts inside its steps count from a fraction
-    of its tolerance (of the accuracy, where steps are constant) times the length (m) on."""
+    not follow a disturbance that grows unseen, it is repeated with shorter ones; where the equations have no Jacobian, not for
+    growth that only their variation in time causes, which would be sought at 4 to 40 times the cost of the run. Contacts inside
+    its steps count from a fraction of its tolerance (of the accuracy, where steps are constant) times the length (m) on."""
     with python_warnings.catch_warnings(record=True) as caught:
         python_warnings.simplefilter("always", AccuracyWarning)
         for repeats in range(FOLLOWING + 1):
             run = solver.run(system, asked)
-            growth = growing(system, run, repeats > 0)
+            growth = growing(system, run, repeats > 0, varying=not system.differences)
             bounds = () if solver.fixed or repeats == FOLLOWING else unfollowed(growth)
             if not bounds:
                 break

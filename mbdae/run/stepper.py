@@ -25,14 +25,17 @@ from mbdae.results import archive
 from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
 from mbdae.results.states import Instant
+from mbdae.run.assessment import past_their_domain
 from mbdae.run.batch import State, States, Window
-from mbdae.run.choice import choose, prepared_from, with_recursive_joints
+from mbdae.run.choice import choose, prepared_from
 from mbdae.run.contacts import refuse_unresolved
 from mbdae.run.control import CLOSER
 from mbdae.run.estimate import LOOSEST, companions, first_tolerance, measure_of, share_of, with_rtol
+from mbdae.scene.components import Connection
 from mbdae.scene.record import item_name
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
+from mbdae.scene.sensed import keep_read_coordinates, parsed
 from mbdae.study.statements import call_of, restated
 from mbdae.system.assembled.guards import Observer
 from mbdae.system.base import Array
@@ -49,13 +52,12 @@ class Stepper(NamesAttributes, NamesArguments):
 
     @single_threaded
     def __init__(self, scene: SceneData, dt: float, accuracy: float, solver: Solver | None, form: Form | None,
-                 inputs: Sequence[str] | None, batch: int | None, start: Result | None) -> None:
+                 inputs: Sequence[str] | None, reads: Sequence[str], batch: int | None, start: Result | None) -> None:
         self.dt, self.accuracy, self.batch = dt, accuracy, batch
-        self._given = scene, dt, accuracy, solver, form, inputs, batch, start
+        self._given = scene, dt, accuracy, solver, form, inputs, reads, batch, start
         now: list[float] = []
-        held, values, mine = with_inputs(scene, dt, inputs, now)
-        prepared = with_recursive_joints(held, start, None) if solver is None and form is None else None
-        self._prepared = prepared = prepared if prepared is not None else prepared_from(held, start)
+        held, values, mine = with_inputs(scene, dt, inputs, reads, now)
+        self._prepared = prepared = prepared_from(held, start, default=solver is None and form is None)
         asked = Asked(prepared.start.t + dt)
         if solver is None:
             choice = choose(prepared, held, accuracy, form)
@@ -239,6 +241,12 @@ class Stepper(NamesAttributes, NamesArguments):
     def _reader(self, path: str) -> Callable[[], Any]:
         if path in self._columns and "." not in path:  # "S.length" is the sensor, also where the natural length is driven
             return lambda: self.inputs[path]
+        (name, quantity, _), model = parsed(path), self._prepared.model
+        item = model.scene._by_name.get(name)
+        if (isinstance(item, Connection) and quantity in item.scalars and not model.planar and item.unit(quantity) == "rad"
+                and model.coordinate_node(name, quantity) is None):
+            raise OptionError(f"step[{shown(path)}]: whole turns of this angle are not counted; let the stepper count them, "
+                              f"s.stepper(..., reads=[{shown(path)}])")
         try:
             observed = Observer(self._prepared.model, self._prepared.all_bodies.moved, [symbol(path)])
             if observed(np.array([self.t]), self._states.y[:1]).shape == (1, 1):
@@ -256,13 +264,16 @@ class Stepper(NamesAttributes, NamesArguments):
         return y
 
     def result(self, i: int = 0) -> Result:
-        """The present state (number i of a batch) as a Result of one time, with all its sensors; their errors are not known."""
+        """The present state (number i of a batch) as a Result of one time, with all its sensors, whose errors are not known. Its
+        warnings say where forces no longer mean what they state, such as a rope that has left a pulley."""
         i = option("i", i, whole, "give the number of a state of the batch", least=0, most=len(self._inputs) - 1)
         y = self._present()[i : i + 1]
         yp = self._system.restarted(self.t, y[0])[1][None]
         t, still = np.array([self.t]), Instant(self.solver.label, y, yp)
         solution = Solution(t, y, yp, None, Stats(), still, self.names, True, still)
-        return Result(self._prepared, solution, RunInfo(still, self.form, Accuracy(None, None), Stats()), t)
+        info = RunInfo(still, self.form, Accuracy(None, None), Stats())
+        found = Result(self._prepared, solution, info, t)
+        return Result(self._prepared, solution, replace(info, warnings=tuple(past_their_domain(found))), t)
 
 
 def _again(given: tuple[Any, ...], state: State) -> Stepper:
@@ -283,10 +294,11 @@ def _outputs(inputs: Mapping[str, float]) -> list[str]:
     return [name.replace(".", " ") for name in inputs]
 
 
-def with_inputs(scene: SceneData, every: float, names: Sequence[str] | None,
+def with_inputs(scene: SceneData, every: float, names: Sequence[str] | None, read: Sequence[str],
                 now: list[float]) -> tuple[SceneData, dict[str, float], str]:
-    """A copy of a scene with a controller that returns the list `now` every so many seconds, the inputs by name with the values
-    that the scene states, and the name of the controller. names: the inputs; None: every signal that is a number."""
+    """A copy of a scene with a controller that returns the list `now` every so many seconds and reads the sensors `read`, the
+    inputs by name with the values that the scene states, and the name of the controller. names: the inputs; None: every signal
+    that is a number."""
     if scene.problems:
         raise SceneError(scene.problems)
     numbers = {one.name: one.value for one in scene.signals if one.kind == "signal" and isinstance(one.value, float)}
@@ -303,14 +315,16 @@ def with_inputs(scene: SceneData, every: float, names: Sequence[str] | None,
             values[name] = _opened(scene, statements, name)
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space,
             "statements": [one for one in statements if item_name(one) not in dropped]}
-    held = replay(data, type(scene), Known(scene.own)) if values else scene
+    held = replay(data, type(scene), Known(scene.own)) if values or read else scene
     if held.problems:
         raise OptionError("inputs: name numbers that may change in time, such as loads and prescribed motions: "
                           + "; ".join(map(str, held.problems)))
     taken = {item_name(one) for one in statements}
     mine = next(f"{NAME}{'_' * n}" for n in range(len(taken) + 1) if f"{NAME}{'_' * n}" not in taken)
     if values:
-        held.controller(mine, lambda _: list(now), every, sets=_outputs(values), start=list(values.values()))
+        held.controller(mine, lambda *_: list(now), every, reads=list(read), sets=_outputs(values), start=list(values.values()))
+    elif read:
+        keep_read_coordinates(held, read)
     return held, values, mine
 
 

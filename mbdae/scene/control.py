@@ -19,6 +19,7 @@ from mbdae.inputs.resolution import resolved
 from mbdae.inputs.sensed import paths
 from mbdae.inputs.tables import lookup_of, readable
 from mbdae.laws.bodies import HeldOutput, InternalState
+from mbdae.notation import counted
 from mbdae.scene import reading
 from mbdae.scene.components import AsGiven, BeamLoad, Connection, Controller, Signal
 from mbdae.scene.connections import ConnectionStatements
@@ -249,7 +250,8 @@ class ControlStatements(ConnectionStatements):
         self._keep_read_coordinates(self.controllers[-1])
         starts = [0.0] * len(sets) if start is None else start
         if starts and len(starts) != len(sets):
-            self.problems.append(f"{item}: start has {len(starts)} numbers for {len(sets)} outputs; give one for each")
+            self.problems.append(f"{item}: start = {shown(starts)} has {len(starts)} numbers for {counted(len(sets), 'output')}; "
+                                 f"give one for each")
         for output, value in zip(sets, starts or [0.0] * len(sets), strict=False):
             self._add_signal(Signal(output, "output", HeldOutput(output, rate=0.0, start=value, size=1.0)))
 

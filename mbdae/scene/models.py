@@ -8,7 +8,8 @@ New scenes with other joint models: the statements repeated with another argumen
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cache
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -254,16 +255,23 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
     if not chosen:
         raise SceneError([f"replace: no joint of scene '{scene.name}' with {FEW} coordinates or fewer can have "
                           f"model = {shown(model)}; name a joint to see what it lacks"])
-    statements: list[Statement] = []
-    own, places = dict(scene.own), _model_places()
-    for method, args, kwargs in scene.statements:
-        if method in places and item_name([method, args, kwargs]) in chosen:
-            args, kwargs = _with_model(args, kwargs, encode(model, own), places[method])
-        statements.append([method, args, kwargs])
-    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
+    own = dict(scene.own)
+    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space,
+            "statements": _with_models(scene, chosen, model, own)}
     found = replay(data, type(scene), Known(own))
     refuse_losses(scene, found)
     return found
+
+
+def _with_models(scene: SceneItems, chosen: Collection[str], model: JointModel, own: dict[str, Any]) -> list[Statement]:
+    """The statements of a scene, with another model of the chosen joints; classes that this needs are entered in `own`."""
+    statements: list[Statement] = []
+    places, plain = _model_places(), encode(model, own)
+    for method, args, kwargs in scene.statements:
+        if method in places and item_name([method, args, kwargs]) in chosen:
+            args, kwargs = _with_model(args, kwargs, plain, places[method])
+        statements.append([method, args, kwargs])
+    return statements
 
 
 def keeping(scene: SceneItems, read: list[str]) -> Any:
@@ -299,18 +307,33 @@ def may_be_recursive(c: Connection) -> bool:
 
 def with_open_tree(scene: SceneItems) -> Any | None:
     """The scene with recursive joints in place of those whose model its statements leave open, where the joints of rigid bodies
-    form a tree without friction that can stick; None where there is nothing to change, or a statement cannot be repeated."""
+    form a tree without friction that can stick; None where there is nothing to change. Its joints are its own, all else is
+    shared with the scene."""
     joints = [c for c in scene.joints if not c.loose]
-    open_ = [c.name for c in joints if c.left_open and may_be_recursive(c) and "rotation" not in map(c.unit, c.coordinates)]
+    open_ = [c.name for c in joints if c.left_open and may_be_recursive(c)]
     sticking = any(law.may_stick(law.states) for c in joints for law in c.laws)
     if not open_ or sticking or scene.problems or any(isinstance(b, Beam) for b in scene.bodies):
         return None
     if spanning_tree(scene, joints).closing:
         return None
-    try:
-        return replaced(scene, tuple(open_), Recursive())
-    except SceneError:
-        return None
+    chosen, own = set(open_), dict(scene.own)
+    found: Any = object.__new__(type(scene))
+    vars(found).update({name: copy(value) if isinstance(value, list | dict) else value for name, value in vars(scene).items()})
+    new = {"statements": _with_models(scene, chosen, Recursive(), own), "own": own, "_known": {"ground": scene.ground},
+           "_read": [0] * len(scene._read), "connections": [
+               _recursive(c, c.name in chosen) if c.is_joint else c for c in scene.connections]}
+    vars(found).update(new)
+    return found
+
+
+def _recursive(c: Connection, chosen: bool) -> Connection:
+    """A copy of a joint and of its laws, which is recursive if it is chosen."""
+    laws, kinematic = ([copy(law) for law in some] for some in (c.laws, c.as_kinematic))
+    if not chosen:
+        return replace(c, laws=laws, as_kinematic=kinematic)
+    for law in (law for law in laws if hasattr(law, "kept")):
+        vars(law)["kept"] = True
+    return replace(c, laws=laws, as_kinematic=[copy(law) for law in c.laws], model=Recursive(), left_open=False)
 
 
 def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any, place: int | None) -> tuple[list[Any], dict[str, Any]]:

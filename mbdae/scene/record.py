@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from functools import wraps
-from inspect import signature
+from functools import cache, wraps
+from inspect import Signature, signature
 from itertools import count
 from types import FunctionType
 from typing import Any, TypeVar
@@ -62,10 +62,16 @@ def statement(method: F) -> F:
     return recorded  # type: ignore[return-value]
 
 
+@cache
+def signature_of(method: str) -> Signature:
+    """The signature of a statement."""
+    return signature(STATEMENTS[method])
+
+
 def item_name(statement_: Statement) -> Any:
     """The name of the item of a recorded statement; None where it has none."""
     method, args, kwargs = statement_
-    names = list(signature(STATEMENTS[method]).parameters)[1:] if method in STATEMENTS else []
+    names = list(signature_of(method).parameters)[1:] if method in STATEMENTS else []
     given = {**dict(zip(names, args, strict=False)), **kwargs}
     law = given.get("law")
     return law.get("name") if isinstance(law, dict) else given.get("name")

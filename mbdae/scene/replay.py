@@ -19,7 +19,7 @@ from mbdae.deferred import Later
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.laws import exported
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
-from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, stored_name, without_module
+from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, signature_of, stored_name, without_module
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphere
 from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
@@ -152,8 +152,8 @@ def _decode(value: Any, scene: Any, known: Known) -> Any:
 
 
 def _body(name: Any, scene: Any) -> Any:
-    found = next((b for b in [scene.ground, *scene.bodies] if b.name == name), None)
-    if found is None:
+    found = scene._by_name.get(name) if isinstance(name, str) else None
+    if not isinstance(found, Body):
         raise SceneError([f"it names the body {shown(name)}, which no statement before it makes: correct the stored scene"])
     return found
 
@@ -303,7 +303,7 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
     if method not in STATEMENTS:
         raise SceneError([f"{shown(method)} is no statement that this version of mbdae knows; it knows {', '.join(STATEMENTS)}"])
     arguments = [_decode(a, scene, known) for a in args], {k: _decode(v, scene, known) for k, v in kwargs.items()}
-    signature = inspect.signature(STATEMENTS[method])
+    signature = signature_of(method)
     try:
         bound = signature.bind(scene, *arguments[0], **arguments[1])
     except TypeError as difference:

@@ -34,10 +34,11 @@ from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.models import replaced, with_recursive_tree
 from mbdae.scene.reading import FEEDS, Argument, reads
-from mbdae.scene.record import statement, tables_in
+from mbdae.scene.record import encode, statement, tables_in
+from mbdae.scene.replay import Known, replay
 from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
-from mbdae.symbolic.stated import own
+from mbdae.symbolic.stated import own, own_class
 from mbdae.values import shown
 
 MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
@@ -263,6 +264,25 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         point = where(self, f"{kind} '{name}'", body, at)
         load = law(name, self.ground, body, point, following=frame == "body", **components)
         return self._connect(Connection(name, kind, self.ground, body, [load]))
+
+    def said(self) -> tuple[Any, ...] | None:
+        """All that was stated: equal for scenes with the same equations. Classes of the user's own count by themselves, and their
+        laws by what they state now. None where mistakes were found, or functions or further objects of the user's own take
+        part."""
+        laws = [law for c in self.connections for law in (*c.laws, *c.as_kinematic)]
+        classes = {type(one) for law in laws for one in (law, *law.parts)}
+        if self.problems or not all(isinstance(thing, type) for thing in self.own.values()):
+            return None
+        stated = stated_laws(self) if any(map(own_class, classes)) else {}
+        text = repr((self.name, self.space, self.gravity.tolist(), self.statements, [encode(law) for law in laws], stated))
+        if "'unreadable'" in text or not all(stated.values()):
+            return None
+        return text, type(self), frozenset(classes), *self.own.items()
+
+    def copied(self) -> Any:
+        """A scene made by the same statements, which nobody else changes."""
+        return replay({"name": self.name, "gravity": self.gravity.tolist(), "space": self.space, "statements": self.statements},
+                      type(self), Known(dict(self.own)))
 
     def replace(self, *names: str, model: JointModel) -> Any:
         """A new scene with another model of the named joints; without names, of all joints of one or two coordinates that admit

@@ -20,6 +20,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, naming_arguments, warn
 from mbdae.notation import counted
+from mbdae.results.contacts import Peak
 from mbdae.results.reads import reads
 from mbdae.run.checkpoint import versions
 from mbdae.scene.scene import SceneData
@@ -97,12 +98,14 @@ class Sweep(ListsAttributes):
         return "every point failed: see `failures`" if self.failures == self.rows else "the job returned empty dicts"
 
     def table(self) -> str:
-        """All rows as text: points, values, errors."""
+        """All rows as text: points, values, errors, and how many warnings the job gave."""
+        told = self.warnings
         names = list(dict.fromkeys(name for point in self.points for name in point))
         keys = list(dict.fromkeys(key for row in self.rows for key in row.values or ()))
-        rows = [[*names, *keys]]
+        rows = [[*names, *keys, *(["warnings"] if told else [])]]
         for row in self.rows:
             values = [row.error] if row.error is not None else [_cell((row.values or {}).get(key)) for key in keys]
+            values += [_cell(len(row.warnings) or None)] if told and row.error is None else []
             rows.append([*(_cell(row.point.get(name)) for name in names), *values])
         cells = [rows[0], *(line for line, row in zip(rows[1:], self.rows, strict=True) if row.error is None)]
         widths = [max(len(line[j]) for line in (cells if j >= len(names) else rows)) for j in range(len(rows[0]))]
@@ -111,7 +114,7 @@ class Sweep(ListsAttributes):
 
     def to_json(self, path: Any = None) -> str:
         """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""
-        rows = [{"point": row.point, "values": row.values, "error": row.error} for row in self.rows]
+        rows = [{"point": row.point, "values": row.values, "error": row.error, "warnings": row.warnings} for row in self.rows]
         return as_json({"complete": self.complete, "rows": _finite(json.loads(as_line(rows)))}, path)
 
     def __repr__(self) -> str:
@@ -141,7 +144,8 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
 
     grid: name -> values (their outer product), or a list of points. executor: None for processes of this machine (`workers`
     of them, one per core by default, each with one BLAS thread), or any executor with the interface of concurrent.futures,
-    such as dask.distributed's Client(...).get_executor(). What a job returns are numbers, texts, lists and arrays.
+    such as dask.distributed's Client(...).get_executor(). What a job returns are numbers, texts, lists and arrays; of a peak
+    (`r.peak`) named "force" the row has the value as "force" and its error as "force error".
     An error at a point is stored in its row. Where a worker process ends, its point is computed once more by another one; where
     that ends too, the point has failed. resume: a file to which every row is written as soon as it is known. A later call with
     the same job and grid computes only missing points, those whose worker died, and with again=True all that failed.
@@ -254,10 +258,16 @@ def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
     if found.values is None:
         return SweepRow(point, None, found.error, found.died)
     try:
-        return SweepRow(point, json.loads(as_line(found.values)), warnings=found.warnings)
+        return SweepRow(point, json.loads(as_line(_with_errors(found.values))), warnings=found.warnings)
     except (TypeError, ValueError) as error:
         return SweepRow(point, None, f"TypeError: the job returned what cannot be kept: {error}; "
                                      f"return numbers, texts, lists and arrays")
+
+
+def _with_errors(values: dict[str, Any]) -> dict[str, Any]:
+    """Values of a job; in the place of a peak its value, and its error beside it."""
+    errors = {f"{name} error": one.error for name, one in values.items() if isinstance(one, Peak)}
+    return {name: one.value if isinstance(one, Peak) else one for name, one in values.items()} | errors
 
 
 def _finite(value: Any) -> Any:

@@ -23,7 +23,7 @@ from mbdae.symbolic.rebuild import is_condition
 from mbdae.values import SMALLEST, BadValueError, number, shown
 
 Check = Callable[[Any], Any]
-UNDEFINED = ("half turn", "points together")  #: states in which a law may say that it is not defined
+UNDEFINED = ("half turn", "points together", "some places")  #: states in which a law may say that it is not defined
 OF_STATES = ("rate", "rates", "initial")  #: methods called only where there are states
 FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
 DERIVED_NAME = re.compile(r"named\d+|(q|u|up)_c?\d+_\d+|clock_\d+_\d+|[kl]_P0")  #: names of derivations, refused in a class

@@ -161,7 +161,7 @@ class Law:
         return law
 
     def undefined_at(self) -> tuple[str, ...]:
-        """States in which the law is not defined by its nature: of "half turn", "points together" (see `mb.selftest`)."""
+        """States in which the law has no value: of "half turn", "points together", "some places" (`mb.selftest` draws none)."""
         return ()
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:

@@ -168,10 +168,11 @@ class Stated:
 
 def own(law: Any) -> bool:
     """Whether a law is not only mbdae's: its class, a part of it, or a method put into one of these."""
-    return any(map(_own_class, (type(law), *map(type, law.parts))))
+    return any(map(own_class, (type(law), *map(type, law.parts))))
 
 
-def _own_class(cls: type[Any]) -> bool:
+def own_class(cls: type[Any]) -> bool:
+    """Whether a class is not only mbdae's."""
     return any(not (getattr(f, "__module__", None) or "mbdae.").startswith(("mbdae.", "typing", "abc"))
                for base in cls.__mro__[:-1] for f in (base, *vars(base).values()) if callable(f))
 

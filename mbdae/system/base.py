@@ -232,9 +232,19 @@ class System:
         """Discard what `renewed` stored of earlier positions, so that it checks the next one."""
 
     @property
+    def one_by_one(self) -> bool:
+        """Whether a subclass overrides `renewed`, or `accept` alone: native methods then return after each step."""
+        cls = type(self)
+        return cls.renewed is not System.renewed or (cls.accept is not System.accept and not self._accepts_many)
+
+    @property
     def looks_at_steps(self) -> bool:
-        """Whether a subclass overrides `accept` or `renewed`, which look at every step: native methods then return after each."""
-        return type(self).accept is not System.accept or type(self).renewed is not System.renewed
+        """Whether a subclass overrides `accept`, `accept_many` or `renewed`, which look at every step."""
+        return self.one_by_one or self._accepts_many
+
+    @property
+    def _accepts_many(self) -> bool:
+        return type(self).accept_many is not System.accept_many
 
     def read_at(self, time: float | None) -> None:
         """From now on evaluate conditions of inputs, such as t < 1, at this time, which lies inside the present part of a run, so
@@ -292,3 +302,6 @@ class System:
     def accept(self, t: float, y: Array) -> None:
         """Called by the step loop after every accepted step at t, y (n,): the only function in which a System may store something
         that depends on the run."""
+
+    def accept_many(self, t: Array, y: Array) -> None:
+        """The same for steps that end at t (k,), y (k, n); a SolverError says by its `time` which of them is the last."""

@@ -16,7 +16,7 @@ the states between both violate the rows by s^2 / (2 c) at most.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,10 +45,21 @@ def unit_rows(mechanics: Mechanics, G: Any) -> Any:
     return sp.diags(1 / row_lengths(B)[:, 0]) @ B if issparse(B) else np.asarray(B / row_lengths(B))
 
 
-def unit_rows_at(mechanics: Mechanics, t: Array, q: Array) -> Iterator[Any]:
-    """The results of `unit_rows` at states t (nt,), q (nt, nq), computed one after the other."""
-    many = mechanics.sparse_constraint_jacobian if mechanics.large else mechanics.constraint_jacobian
-    return (unit_rows(mechanics, G) for G in many(t, q))
+def smallest_at(mechanics: Mechanics, rank: int, t: Array, q: Array) -> Array:
+    """(nt,) the smallest singular value of all rows, as by `smallest`, at states t (nt,), q (nt, nq)."""
+    if mechanics.large or not rank:
+        return np.array([smallest(unit_rows(mechanics, G), rank) for G in mechanics.sparse_constraint_jacobian(t, q)])
+    return np.asarray(np.linalg.svd(unit_rows(mechanics, mechanics.constraint_jacobian(t, q)), compute_uv=False)[:, rank - 1])
+
+
+def least_parts(mechanics: Mechanics, rank: int, t: Array, q: Array) -> Array:
+    """(nt,) the smallest part of a row that is independent of the rows before it, at states t (nt,), q (nt, nq): it falls to 0
+    where the smallest singular value does, and takes a third of the time. With redundant or many rows, that value itself."""
+    if mechanics.large or rank < mechanics.m:
+        return smallest_at(mechanics, rank, t, q)
+    B = unit_rows(mechanics, mechanics.constraint_jacobian(t, q))
+    R = np.asarray(np.linalg.qr(B.swapaxes(1, 2), mode="r"))
+    return np.asarray(np.min(np.abs(R.diagonal(axis1=1, axis2=2)), axis=1))
 
 
 def smallest(B: Any, rank: int) -> float:

@@ -16,7 +16,7 @@ from mbdae.inputs.timed import after
 from mbdae.process import building
 from mbdae.scene import control, sensed
 from mbdae.scene.scene import SceneData
-from mbdae.system.base import Array
+from mbdae.system.base import Array, Kept
 from mbdae.system.changes import cheapest
 from mbdae.system.dependent_rows import smallest, unit_rows
 from mbdae.system.model.model import Model, build
@@ -62,6 +62,7 @@ class Prepared:
     time: float  #: characteristic time, s
     all_bodies: AllBodies
     contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts, with the penetration expected before the run
+    kept: Kept = field(default_factory=Kept, init=False, repr=False, compare=False)  #: what is made once from it
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For copies and pickles, which contain the scene: the model and its kernels are made from it again."""

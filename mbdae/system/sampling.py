@@ -48,20 +48,25 @@ def motion_distance(prepared: Prepared, a: MotionRows, b: MotionRows) -> Array:
         if mask.any() and not m.model.lines:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
             worst = np.maximum(worst, apart * np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
-    for node in m.model.nodes:
-        at = slice(node.q, node.q + node.kind.sizes[0])
-        worst = np.maximum(worst, position_distance(prepared, node, q_a[:, at], q_b[:, at]))
+    if "alike" not in prepared.kept:
+        prepared.kept["alike"] = alike = dict[Any, list[Node]]()
+        for node in m.model.nodes:
+            alike.setdefault((node.kind, node.unit), []).append(node)
+    for nodes in prepared.kept["alike"].values():
+        at = np.array([node.q for node in nodes])[:, None] + np.arange(nodes[0].kind.sizes[0])
+        worst = np.maximum(worst, np.max(position_distance(prepared, nodes[0], q_a[:, at], q_b[:, at]), axis=1))
     return worst
 
 
 def position_distance(prepared: Prepared, node: Node, a: Array, b: Array) -> Array:
-    """(nt,) distance of two positions a, b (nt, size) of a node: displacement over the scene's length, or angle in rad."""
-    n, unit = node.kind.translations, prepared.length if node.unit == "m" else 1.0
-    apart = np.linalg.norm(a[:, :n] - b[:, :n], axis=1) / unit
-    if a.shape[1] == 3 and node.kind.turns:
-        apart = np.maximum(apart, np.abs(a[:, 2] - b[:, 2]))
-    elif a.shape[1] == 7:
-        apart = np.maximum(apart, _angle_between(a[:, 3:], b[:, 3:]))
+    """(...) distance of positions a, b (..., size) of nodes like the given one: displacement over the scene's length, or angle
+    in rad."""
+    n, unit, size = node.kind.translations, prepared.length if node.unit == "m" else 1.0, a.shape[-1]
+    apart = np.linalg.norm(a[..., :n] - b[..., :n], axis=-1) / unit
+    if size == 3 and node.kind.turns:
+        apart = np.maximum(apart, np.abs(a[..., 2] - b[..., 2]))
+    elif size == 7:
+        apart = np.maximum(apart, _angle_between(a[..., 3:], b[..., 3:]))
     return np.asarray(apart)
 
 
@@ -77,9 +82,9 @@ def distance(prepared: Prepared, t: Array, a: Array, b: Array) -> Array:
 
 
 def _angle_between(P: Array, Q: Array) -> Array:
-    """Angle (nt,) of the rotation between quaternions (nt, 4) of any length."""
-    p, q = P / np.linalg.norm(P, axis=1, keepdims=True), Q / np.linalg.norm(Q, axis=1, keepdims=True)
-    gap = np.minimum(np.linalg.norm(p - q, axis=1), np.linalg.norm(p + q, axis=1))
+    """Angle (...) of the rotation between quaternions (..., 4) of any length."""
+    p, q = P / np.linalg.norm(P, axis=-1, keepdims=True), Q / np.linalg.norm(Q, axis=-1, keepdims=True)
+    gap = np.minimum(np.linalg.norm(p - q, axis=-1), np.linalg.norm(p + q, axis=-1))
     return np.asarray(4 * np.arcsin(np.clip(gap / 2, 0, 1)))
 
 
@@ -144,12 +149,12 @@ class _Called:
                                              "clock")
         return found
 
-    def check_held(self, t: float, values: Sequence[float], there: Array) -> None:
+    def check_held(self, t: float, values: Sequence[float], there: list[float]) -> None:
         """Raise ControllerError where the outputs `there` in the stored state differ from those that the function returned last.
         When a run is continued from a folder, its steps are read from there and the controllers are called again only to restore
         their memories; the function may have been edited since."""
-        if self.held and not np.allclose(there, self.held, rtol=SAME, atol=SAME):
-            raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there.tolist())} "
+        if self.held and not all(abs(a - b) <= SAME * (1 + abs(b)) for a, b in zip(there, self.held, strict=True)):
+            raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there)} "
                                          f"when the steps were made: a stored run continues only with the function it began "
                                          f"with and the numbers this uses; name another folder by checkpoint= for a new "
                                          f"run")
@@ -234,11 +239,14 @@ class Sampler:
         if not self.due:
             return y
         values = self.observer(np.array([t]), y[None])[0].tolist()
-        new = y.copy()
+        new = y
         for c in self.due:
-            c.check_held(t, values[c.inputs], y[c.outputs])
-            new[c.outputs] = c.call(t, values[c.inputs])
-        return y if np.array_equal(new, y) else new
+            there = y[c.outputs].tolist()
+            c.check_held(t, values[c.inputs], there)
+            if (found := c.call(t, values[c.inputs])) != there:
+                new = y.copy() if new is y else new
+                new[c.outputs] = found
+        return new
 
 
 class Sampling:

@@ -142,10 +142,15 @@ class SceneSystem(System):
         finally:
             self.read_at(None)
 
+    @cached_property
+    def _of_rates(self) -> bool:
+        """Whether no unknown is a multiplier."""
+        return bool(np.all(self.index < 2))
+
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
         """y and y' (n,) just after an instant t at which an input jumps: accelerations, rates and multipliers are computed anew.
         Unknowns whose derivatives are multipliers keep their values."""
-        if self.rhs is not None and np.all(self.index < 2):  # no multipliers among the unknowns
+        if self.rhs is not None and self._of_rates:
             rates = np.empty(self.n)
             self.rhs(t, y, rates)
             return y.copy(), rates
@@ -199,8 +204,8 @@ class SceneSystem(System):
             self.guards.remember(memory["masses"])
 
     @property
-    def looks_at_steps(self) -> bool:
-        return self._choice is not None or type(self).accept is not System.accept
+    def one_by_one(self) -> bool:
+        return self._choice is not None or (type(self).accept is not System.accept and not self._accepts_many)
 
     def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
         """These equations, starting at t from the state y (n,) of `other`, a system of the same scene and form with other

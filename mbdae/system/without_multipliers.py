@@ -69,7 +69,6 @@ class WithoutMultipliers(SceneSystem):
     strict = False  #: whether a run stops with an error at singular positions; False: it only warns
     pattern = None  #: dy'/dy is full
     has_pattern = False
-    dense_stages = System.dense_stages
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:
@@ -130,17 +129,26 @@ class WithoutMultipliers(SceneSystem):
         return self._rates.jacobian(t, y, self._rate)
 
     def accept(self, t: float, y: Array) -> None:
+        self.accept_many(np.array([t]), y[None])
+
+    def accept_many(self, t: Array, y: Array) -> None:
         """Warn once per run, or raise SolverError if `strict`, where a singular position is near or was passed within the last
         step."""
         shares = (self._rates.kernel or self._rates).shares(t, y)
-        here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again where a step passes a singular position
+        least = np.sqrt(np.min(shares, axis=1))  # falls to 0 and rises again where a step passes a singular position
+        for time, state, here in zip(t.tolist(), y, least.tolist(), strict=True):
+            self._pass(time, state, here)
+
+    def _pass(self, t: float, y: Array, here: float) -> None:
+        """Look at one step, which ends at t, y (n,) with the smallest independent part `here`."""
         if t <= self._seen[-1][0]:  # another run has begun
             self._warned, self._seen = False, ((-inf, here),) * 3
         expected = _continued(self._seen, t)
         self._seen = *self._seen[1:], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
-        shares = self._rates.shares(t, y)  # unlike those of the kernel, these depend on the geometry alone, not on the masses
+        # unlike those of the kernel, these depend on the geometry alone, not on the masses
+        shares = self._rates.shares(np.array([t]), y[None])[0]
         weakest = int(np.argmin(shares))
         if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
@@ -172,6 +180,16 @@ class WithoutMultipliers(SceneSystem):
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         System.residual_stages(self, t, y, yp, out)
+
+    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
+        if self.full.sparse:
+            return System.dense_stages(self, t, y, yp)
+        Y, Yp = np.zeros((2, len(t), self.full.n))
+        Y[:, : self.n] = y
+        for i, time in enumerate(t.tolist()):
+            self.rhs(time, y[i], Yp[i, : self.n])
+            Y[i, self.n :] = self.multipliers
+        return -self._rates.jacobians(t, Y, Yp), np.tile(np.eye(self.n), (len(t), 1, 1))
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return -self.rate_jacobian(t, y), np.eye(self.n)

@@ -176,6 +176,30 @@ def test_numbers_of_items_are_inputs_by_name():
     assert step["J.angle"] == pytest.approx(other.simulate(0.5)["J"].angle[-1], abs=1e-7)
 
 
+def test_angles_that_a_loop_reads_count_whole_turns():
+    """In space, of a joint as rows: named by reads=, as a controller names them, and then with the controller's very bits."""
+    options = {"model": mb.Kinematic(), "rate0": 10.0}
+    solver = mb.RadauIIA(3, rtol=1e-7)
+
+    def spun(controlled):
+        s = mb.Scene("spun", space="spatial")
+        s.revolute("J", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), torque="u", **options)
+        if controlled:
+            s.controller("C", lambda t, angle: 3 - angle, every=DT, reads=["J.angle"], sets=["u"])
+        else:
+            s.signal("u", 0.0)
+        return s
+
+    step = spun(False).stepper(DT, solver=solver, reads=["J.angle"])
+    for _ in range(120):
+        step.set(u=3 - step["J.angle"])
+        step.advance()
+    run = spun(True).simulate(120 * DT, solver=solver)
+    assert step["J.angle"] == run["J"].angle[-1] > 2 * np.pi
+    with pytest.raises(OptionError, match=r"whole turns .* reads=\['J.angle'\]"):
+        spun(False).stepper(DT, solver=solver)["J.angle"]
+
+
 def test_the_error_of_a_state_is_that_of_its_steps():
     """Against a run of far smaller tolerance; the estimate is not below a third of the error."""
     step = stepped(pendulum().stepper(0.1, accuracy=1e-3, solver=mb.RadauIIA(2)), 30)

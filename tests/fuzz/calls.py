@@ -259,7 +259,8 @@ CALLS: dict[str, Call] = {
         "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
         "derivatives": False}, "mbdae.api.Job"),
     "Scene.stepper": Call(lambda: scene().stepper, lambda: {
-        "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "batch": None, "start": None},
+        "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "reads": ["hinge.angle"],
+        "batch": None, "start": None},
         "mbdae.api.Stepper"),
     "Stepper.set": Call(lambda: stepper().set, lambda: {"values": {"hinge.damper": 0.5}}),
     "Stepper.advance": Call(lambda: stepper().advance, lambda: {"dt": 0.01}, "mbdae.run.batch.States.to"),
@@ -330,6 +331,7 @@ ANY = "any text may be a name"
 #: (callable, option) -> hostile values that are legitimate there, and why
 LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Scene.stepper", "inputs"): ({"a tuple of text"}, "names"),
+    ("Scene.stepper", "reads"): ({"a tuple of text"}, "names"),
     **{(c, "atol"): ({"a list", "one entry", "a matrix"}, "one number per unknown")
        for c in ("IDA", "CVODE", "DOP853", "RadauIIA")},
     **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},

@@ -147,6 +147,7 @@ LEGITIMATE: dict[tuple[str, str], str] = (
     | {("radius", "a tuple of text"): "a unit and a meaning", ("point", "a list"): "a place", ("point", "a range"): "a place"}
     | {(argument, "text"): "the name of a sensor" for argument in ("torque", "load", "force")}
     | {(argument, kind): "names" for argument in ("reads", "sets") for kind in (*TEXTS, "a tuple of text")}
+    | {("controller.start", kind): "the value of its one output" for kind in ("one entry", "a matrix")}
     | {("memory", kind): "anything can be remembered" for kind in HOSTILE}
     | {("f", kind): "a function" for kind in ("a function", "a lambda")}
 )

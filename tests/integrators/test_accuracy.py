@@ -11,7 +11,7 @@ from mbdae.system.dae import DAE
 T = 3.0
 #: solver, form, largest error of (x, y) in units of rtol
 RUNS = [
-    (IDA(), "ggl_rates", 300),
+    (IDA(), "ggl_rates", 100),
     (RadauIIA(3), "ggl", 3),
     (RadauIIA(3), "ggl_rates", 3),
     (RadauIIA(3), "index3", 40),
@@ -45,7 +45,7 @@ def test_pendulum(solver, form, bound):
             assert stats.newton_failures == 0
             assert stats.jacobians < stats.steps
         if solver.label == "IDA":
-            assert 0 < stats.rejected < stats.steps / 4
+            assert stats.rejected < stats.steps / 20
         assert dense[:2].max() < 1.5 * at_steps[:2].max() + rtol
 
 

@@ -200,7 +200,7 @@ def test_constrained_motion_is_not_disturbed(form, solver, bounded, monkeypatch)
         errors.append(np.abs(solution.y[:, :4] - pendulum_exact(solution.t, 10.0)).max())
     assert solution.stats.contacts == 8
     assert (solution.stats.dips > 0) != bounded
-    assert errors[1] < 5 * errors[0]
+    assert errors[1] < 10 * errors[0]
 
 
 # -- at rest

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import mbdae as mb
+from mbdae.run import checkpoint, choice
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -53,3 +54,100 @@ def test_no_call_leads_back_up(options: dict[str, Any]) -> None:
     finally:
         sys.setprofile(None)
     assert not up
+
+
+# ---- what a call keeps for the next one --------------------------------------------------------------------------------------
+
+
+def swinging(length: float = 0.5, mass: float = 0.4, stiffness: float = 30.0, table: tuple[float, ...] = (0.0, 1.0),
+             closed: bool = True) -> mb.Scene:
+    s = mb.Scene("kept", gravity=(0, -9.81, 0))
+    crank = s.link("crank", (0, 0), (0, 0.2), mass=mass)
+    s.revolute("A", s.ground, crank, at=(0, 0), torque=mb.table([0.0, 1.0], table))
+    s.spring("spring", s.ground, crank, (0.3, 0.3), (0, 0.2), stiffness=stiffness)
+    if closed:
+        rod, rocker = s.link("rod", (0, 0.2), (length, 0.4), mass=0.3), s.link("rocker", (0.6, 0), (length, 0.4), mass=0.3)
+        s.revolute("B", crank, rod, at=(0, 0.2))
+        s.revolute("C", rod, rocker, at=(length, 0.4))
+        s.revolute("D", s.ground, rocker, at=(0.6, 0))
+    return s
+
+
+def end_of(s: mb.Scene, **options: Any) -> list[Any]:
+    r = s.simulate(0.1, **options)
+    return [r.q.tolist(), r["A"].force.tolist(), r.info.accuracy.motion, r.warnings, r.info.choice]
+
+
+@pytest.fixture
+def prepared(monkeypatch: pytest.MonkeyPatch) -> list[mb.Scene]:
+    """The scenes that are prepared from here on, by a process that has kept none."""
+    found: list[mb.Scene] = []
+    monkeypatch.setattr(checkpoint, "_waiting", {})
+    real = choice.prepare
+    monkeypatch.setattr(choice, "prepare", lambda scene, *given, **named: (found.append(scene), real(scene, *given, **named))[1])
+    return found
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_the_same_statement_is_prepared_once(closed: bool, prepared: list[mb.Scene]) -> None:
+    """To the last bit, for the same scene, an equal one, and another accuracy in between."""
+    s = swinging(closed=closed)
+    first = end_of(s)
+    assert [end_of(s), end_of(s, accuracy=1e-4) and end_of(s)] == [first, first]
+    assert len(prepared) == 1
+    assert [end_of(swinging(closed=closed)) for _ in range(2)] == [first, first]
+    assert len(prepared) == 1 + closed  # the scene of a loop is the user's own, so that a copy is prepared for others
+
+
+@pytest.mark.parametrize("changed", [{"length": 0.55}, {"mass": 0.5}, {"stiffness": 40.0}, {"stiffness": -0.0},
+                                     {"table": (0.0, 2.0)}, {"closed": False}])
+def test_another_number_counts(changed: dict[str, Any], prepared: list[mb.Scene]) -> None:
+    for _ in range(2):  # the second time it is prepared for all equal scenes
+        end_of(swinging())
+    kept = end_of(swinging(**changed))
+    checkpoint._waiting.clear()
+    assert end_of(swinging(**changed)) == kept
+    assert kept != end_of(swinging())
+
+
+def test_what_is_set_on_a_law_counts(prepared: list[mb.Scene]) -> None:
+    s = swinging()
+    before = end_of(s)
+    s["spring"].laws[0].stiffness = 40.0
+    assert end_of(s) == end_of(swinging(stiffness=40.0)) != before
+    assert end_of(swinging()) == before
+
+
+def test_further_statements_do_not_reach_earlier_results(prepared: list[mb.Scene]) -> None:
+    first, again = swinging(), swinging()
+    before = end_of(first)
+    r = again.simulate(0.1)
+    first.spring("other", first.ground, first["crank"], (0.3, 0), (0, 0.2), stiffness=300.0)
+    assert end_of(first) != before
+    assert [c.name for c in r.prepared.model.scene.connections] == [c.name for c in again.connections]
+    assert end_of(again) == before
+
+
+FACTOR = [2.0]
+
+
+class Pull(mb.Force):
+    params = mb.params(c=("N", "force at factor 1"))
+
+    def energy(self, k: Any, l: Any) -> Any:
+        return self.c * FACTOR[0] * (l.r - k.r) @ k.y
+
+
+def test_an_own_law_counts_by_what_it_states(prepared: list[mb.Scene], monkeypatch: pytest.MonkeyPatch) -> None:
+    def pulled() -> mb.Scene:
+        s = swinging()
+        s.add(Pull("pull", s.ground, s["crank"], at=(0, 0.2), c=1.0))
+        return s
+
+    s = pulled()
+    before = end_of(s)
+    assert end_of(s) == before
+    assert len(prepared) == 1
+    monkeypatch.setattr(sys.modules[__name__], "FACTOR", [3.0])
+    assert end_of(s) != before
+    assert len(prepared) == 2

@@ -53,4 +53,4 @@ def largest_force(mass: float) -> dict[str, Any]:
     s.revolute("B", crank, rod, at=(0.05, 0))
     s.revolute("C", rod, ram, at=(0.25, 0))
     s.prismatic("D", s.ground, ram, at=(0.25, 0), axis=(1, 0, 0))
-    return {"force": s.simulate(0.005, accuracy=1e-3).peak("B.force").value}
+    return {"force": s.simulate(0.005, accuracy=1e-3).peak("B.force")}

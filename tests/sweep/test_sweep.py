@@ -39,16 +39,20 @@ def test_rows_arrays_and_failures() -> None:
     assert seen == [(i, 6) for i in range(1, 7)]
     assert "ValueError: a = 2 is not wanted" in found.table()
     data = json.loads(found.to_json())
-    assert data["rows"][5] == {"point": {"a": 3, "b": 1.0}, "values": found.rows[5].values, "error": None}
+    assert data["rows"][5] == {"point": {"a": 3, "b": 1.0}, "values": found.rows[5].values, "error": None, "warnings": []}
     with pytest.raises(mb.OptionError, match="key = 'sum' is no value of any row; they have pair, pid, product"):
         found.array("sum")
 
 
 def test_what_a_job_is_told_in_a_worker_is_told_by_the_sweep(tmp_path: Path) -> None:
-    """A force that its run does not cover: the warning of the worker is in the row, issued and kept."""
+    """A force that its run does not cover: the warning of the worker is in the row, issued and kept, and counted in the table,
+    which has the error of the peak beside it."""
     with pytest.warns(mb.AccuracyWarning, match="sweep: 1 point of 1 warned, .*B.force has an error of"):
         found = mb.sweep(jobs.largest_force, {"mass": [0.5]}, workers=1, resume=tmp_path / "rows")
     assert list(found.warnings) == [0]
+    assert found.array("force error")[0] > 1e-3 * found.array("force")[0] > 0
+    assert [line.split()[-1] for line in found.table().splitlines()] == ["warnings", "1"]
+    assert json.loads(found.to_json())["rows"][0]["warnings"] == list(found.rows[0].warnings)
     assert mb.sweep(jobs.largest_force, {"mass": [0.5]}, workers=1, resume=tmp_path / "rows").warnings == found.warnings
 
 

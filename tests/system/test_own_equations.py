@@ -7,13 +7,16 @@ import warnings
 import numpy as np
 import pytest
 from dae_problems import circle, decay, jay, jay_exact, pendulum, pendulum_exact
-from own_equations.problems import AMPLIFIED, amplifier
+from own_equations.problems import amplifier
 
 import mbdae as mb
 from mbdae.integrators.solution import rejecting
 from mbdae.results.accuracy import Unknowns, UnknownsDistance
 
 NAMES = ["x", "y", "vx", "vy", "pull"]
+#: the amplifier at 0.05 s, V, by RadauIIA(5) at rtol 1e-12, whose values at 0.2 s have the published digits to 1e-12
+AT_50_MS = np.array([-0.005561938096, 3.00652153, 2.849957832, 3.467288463, 2.434184477,
+                     2.494964052, 5.535355378, 0.4726943459])
 
 
 def hanging(index=3, y0=(1, 0, 0, 0, 0), **options):
@@ -127,10 +130,14 @@ def test_names_are_offered():
         r["z"]
 
 
-def test_ida_leaves_short_steps():
-    """Without `relax` of sundials.c IDA takes 793 000 evaluations or more; 86 000 to 130 000 were measured with it."""
-    run = mb.IDA(rtol=1e-8).solve(amplifier(), 0.2, max_residuals=300_000)
-    assert np.max(np.abs(run.y[-1] / AMPLIFIED - 1)) < 1e-5
+@pytest.mark.parametrize(("rtol", "atol"), [(1e-8, 1e-8), (1e-8, 2e-8), (1e-7, 2.8e-7)])
+def test_ida_follows_the_amplifier_with_few_rejections(rtol, atol):
+    """Without `ida_converged` of sundials.c IDA rejects thousands of steps, or does not end; the last tolerances are some with
+    which it stays at order 1, where 200 000 evaluations do not suffice without `raise_order`. 25 to 50 rejections were measured,
+    and errors of up to twice rtol."""
+    run = mb.IDA(rtol=rtol, atol=atol).solve(amplifier(), 0.05, max_residuals=8000)
+    assert run.stats.rejected < 100
+    assert np.max(np.abs(run.y[-1] - AT_50_MS)) < 10 * rtol
 
 
 def test_columns_without_common_rows_are_changed_together():

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from ropes import tensions
 from runner import Case, Claim, Found
 from runs import counted, few_and_all, verdict_of
 from scipy.integrate import solve_ivp
@@ -14,7 +15,8 @@ from scipy.integrate import solve_ivp
 import mbdae as mb
 
 claim = Claim("ropes", "masses and hook blocks on ropes over up to two pulleys, in the plane and one turned in space, move as "
-              "the tensions along the tangents say, within three times the accuracy asked, or the run says that not", 0.0, "runs",
+              "the tensions along the tangents say, within three times the accuracy asked, or the run says that not; so do "
+              "tensions that are read of ropes that slacken, tighten and are wound on drums", 0.0, "runs",
               "tangents of circles by hand, forces along them without any derivative, DOP853 of SciPy at rtol 1e-11")
 QUICK, WHOLE = range(4), range(60)
 T_END = 0.6
@@ -117,6 +119,11 @@ def judge(seeds: Sequence[int]) -> list[Found]:
     return counted([verdict(seed) for seed in seeds])
 
 
+def judge_tensions(seeds: Sequence[int]) -> list[Found]:
+    """The same for tensions that are read."""
+    return counted([tensions.verdict(seed) for seed in seeds])
+
+
 def cases() -> list[Case]:
     """A few seeds, and all."""
-    return few_and_all(judge, QUICK, WHOLE)
+    return [*few_and_all(judge, QUICK, WHOLE), Case("tensions", "all", judge_tensions, slow=True, parts=range(120))]

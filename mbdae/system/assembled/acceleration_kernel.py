@@ -171,18 +171,25 @@ class AccelerationKernel(Workspace):
             return -1
         return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
 
-    def shares(self, t: float, y: Array) -> Array:
-        """(m,) of every constraint row: the squared part that is independent of other rows, over the squared length of the row.
-        With Cholesky factors: independent of the rows eliminated before it, in the metric of M^-1; else as in `row_shares`."""
-        dependent = self.y_rates(t, y, np.empty(self.differential))
+    def shares(self, t: Array, y: Array) -> Array:
+        """(k, m) at states t (k,), y (k, n), of every constraint row: the squared part that is independent of other rows, over
+        the squared length of the row. With Cholesky factors: independent of the rows eliminated before it, in the metric of
+        M^-1; else as in `row_shares`."""
+        out, read = np.empty(self.differential), self._G + np.arange(len(self._rows)) if self.whole else np.concatenate(
+            [self._factor, self._diagonal + np.arange(self.m)])
+        seen, dependent = np.empty((len(t), len(read))), list[tuple[int, int]]()
+        for i, time in enumerate(t.tolist()):
+            if (row := self.y_rates(time, y[i], out)) >= 0:  # the factorisation stopped at this row
+                dependent.append((i, row))
+            seen[i] = self.W[read]
         if self.whole:
-            G = np.zeros((self.m, self.nu))
-            G[self._rows, self._columns] = self.W[self._G : self._G + len(self._rows)]
+            G = np.zeros((len(t), self.m, self.nu))
+            G[:, self._rows, self._columns] = seen
             return row_shares(G)
-        share = np.empty(self.m)
-        share[self._order] = self.W[self._factor] ** 2 / self.W[self._diagonal : self._diagonal + self.m]
-        if dependent >= 0:  # the factorisation stopped at this row
-            share[dependent] = 0.0
+        share = np.empty((len(t), self.m))
+        share[:, self._order] = seen[:, : self.m] ** 2 / seen[:, self.m :]
+        for i, row in dependent:
+            share[i, row] = 0.0
         return share
 
 
@@ -212,13 +219,14 @@ def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, 
         return None
     if np.all(M.diagonal() > 0) and np.all(np.linalg.eigvalsh(M) > 0):
         found = AccelerationKernel(full, M, row_of, False)
-        if np.min(found.shares(*start)) > SPREAD:
+        if np.min(found.shares(np.array(start[:1]), start[1][None])) > SPREAD:
             return found
     return AccelerationKernel(full, M, row_of, True) if nb.nu + nb.m < WHOLE_BELOW else None
 
 
 def row_shares(G: Array) -> Array:
-    """(m,) part of every row of G (m, nu) that is independent of the other rows, squared, over the squared length of the row."""
-    unit = G / np.linalg.norm(G, axis=1, keepdims=True)
-    _, sigma, V = np.linalg.svd(unit.T, full_matrices=False)
-    return np.asarray(1 / np.sum((V / np.maximum(sigma[:, None], 1e-150)) ** 2, axis=0))
+    """(..., m) part of every row of G (..., m, nu) that is independent of the other rows, squared, over the squared length of the
+    row."""
+    unit = G / np.linalg.norm(G, axis=-1, keepdims=True)
+    _, sigma, V = np.linalg.svd(unit.swapaxes(-1, -2), full_matrices=False)
+    return np.asarray(1 / np.sum((V / np.maximum(sigma[..., None], 1e-150)) ** 2, axis=-2))

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.deferred import sp
+from mbdae.native import address
 from mbdae.native.equations import CEquations, Equations
 from mbdae.native.program import Operations, Tangent, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern, Scatter
@@ -180,7 +181,7 @@ class EquationsOfScene(Workspace):
         self.make("residual")
         t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
         found = out if out.flags.c_contiguous else np.empty((len(t), self.n))
-        self._c.scene_residuals(self.address, len(t), *(x.ctypes.data for x in (t, y, yp, found)))
+        self._c.scene_residuals(self.address, len(t), *map(address, (t, y, yp, found)))
         if found is not out:
             out[:] = found
 
@@ -197,7 +198,7 @@ class EquationsOfScene(Workspace):
         """As `jacobian` at k points, t (k,), y and yp (k, n): (k, nnz) each, NaN from the first point without values on."""
         self.make("jacobian")
         given, found = [np.ascontiguousarray(x, dtype=float) for x in (t, y, yp)], np.full((2, len(t), self.nnz), np.nan)
-        self._c.scene_jacobians(self.address, len(t), *(x.ctypes.data for x in (*given, found[0], found[1])))
+        self._c.scene_jacobians(self.address, len(t), *map(address, (*given, found[0], found[1])))
         return found[0], found[1]
 
     @cached_property

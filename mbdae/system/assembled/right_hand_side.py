@@ -127,10 +127,12 @@ class Rates:
         by_rates, fy = (sp.csc_matrix((data, places.indices, places.indptr), shape=places.shape) for data in (by_rates, fy))
         return by_rates, fy[:, : self.n]
 
-    def shares(self, t: float, y: Array) -> Array:
-        """(m,) of every constraint row: the squared part that is independent of the other rows, over the row's squared length."""
-        nb, (by_rates, _) = self.full.numbering, self.matrices(t, y, np.zeros(self.n))
-        return row_shares(as_full(by_rates[self.n :, nb.nq : nb.nq + nb.nu]))
+    def shares(self, t: Array, y: Array) -> Array:
+        """(k, m) at states t (k,), y (k, n), of every constraint row: the squared part that is independent of the other rows,
+        over the row's squared length."""
+        nb, still = self.full.numbering, np.zeros(self.n)
+        by_rates = [self.matrices(time, state, still)[0] for time, state in zip(t.tolist(), y, strict=True)]
+        return row_shares(np.array([as_full(one[self.n :, nb.nq : nb.nq + nb.nu]) for one in by_rates]))
 
     def solve(self, t: float, y: Array, out: Array) -> None:
         """out[:] = y'. Where the equations are not linear in the multipliers, those found last are the starting values; after a
@@ -171,6 +173,18 @@ class Rates:
         """dy'/dy (n, n) at y' and the multipliers of the same point, by the implicit function theorem."""
         by_rates, by_state = self.matrices(t, y, yp)
         return -factorised(by_rates, self.full, t)(as_full(by_state))[: self.n]
+
+
+    def jacobians(self, t: Array, Y: Array, Yp: Array) -> Array:
+        """dy'/dy (k, n, n) at k points, with dense equations: t (k,), Y = (y, multipliers) and Yp = (y', 0) of the full ones."""
+        fy, fyp = self.full.dense_stages(t, Y, Yp)
+        try:
+            found = np.linalg.solve(np.where(self._rate, fyp, fy), fy[:, :, : self.n])[:, : self.n]
+        except np.linalg.LinAlgError:
+            raise singular(float(t[0]), "") from None
+        if not np.isfinite(found).all():
+            raise singular(float(t[0]), "")
+        return np.asarray(-found)
 
 
 def factorised(matrix: Matrix, full: Assembly, t: float) -> Callable[[Array], Array]:

@@ -142,7 +142,7 @@ class MovedBodies:
                  ordered: bool | None = None) -> None:
         large = not model.lines and any(_size(tree) > FUSED for tree in trees)
         self.ordered, self.open = large if ordered is None else ordered, open
-        self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
+        self.nodes = dict.fromkeys(n for tree in trees for n in tree.moved_nodes)
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
         outside = [(g, i, acting_on(inst)) for g, i, inst in model.instances() if (g, i) not in inside]

@@ -79,7 +79,7 @@ class Numbering:
     read."""
 
     def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
-                 moved: Sequence[Node] = (), loaded: Sequence[Node] = (),
+                 moved: Iterable[Node] = (), loaded: Iterable[Node] = (),
                  replaced: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
                  sharing: Sharing | None = None, numbers: Mapping[str, float] | None = None) -> None:
         self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)

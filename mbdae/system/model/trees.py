@@ -40,7 +40,7 @@ class Tree:
     #: per joint: its parameters, places and axes on both bodies; in space also their quaternions
     numbers: tuple[dict[str, float], ...]
 
-    @property
+    @cached_property
     def moved_nodes(self) -> tuple[Node, ...]:
         """Nodes of the tree without unknowns: all bodies but the root, and the prescribed coordinates."""
         driven = [self.node(-c) for _, c, _ in self.driven]

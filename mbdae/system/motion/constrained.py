@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import entries_of, issparse, sp
 from mbdae.errors import internal
-from mbdae.native import Entries, largest_pivots
+from mbdae.native import Entries, address, largest_pivots
 from mbdae.native.program import Operations, Part, Scene, Tangent, core
 from mbdae.native.sparse import Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
@@ -323,8 +323,8 @@ class Evaluator(Workspace):
         if y.shape != (len(t), max(self.n, y.shape[1])) or (yp is not None and yp.shape != y.shape):
             raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
         self.choose(name, emitted)
-        out, states = np.empty((len(t), self.width)), [None if one is None else one.ctypes.data for one in (t, y, yp)]
-        core().scene_values(self.address, len(t), *states, y.shape[1], self.width, out.ctypes.data)
+        out, states = np.empty((len(t), self.width)), [None if one is None else address(one) for one in (t, y, yp)]
+        core().scene_values(self.address, len(t), *states, y.shape[1], self.width, address(out))
         return out
 
 

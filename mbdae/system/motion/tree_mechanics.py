@@ -96,8 +96,8 @@ class _Accelerations(Evaluator):
 def own_inertia(nb: Numbering, tree: Tree, mass: Inertia) -> dict[tuple[Place, Place], float]:
     """Entries of the mass matrix by laws outside of a tree, by pairs of its velocities. mass: (row, column) among the velocity
     unknowns -> entry."""
-    nodes = [(0, tree.nodes[0])] if tree.structure.root.moves else []
-    nodes += [(-c, n) for c, n in enumerate(tree.coordinates, 1) if n not in tree.moved_nodes]
+    nodes, moved = [(0, tree.nodes[0])] if tree.structure.root.moves else [], set(tree.moved_nodes)
+    nodes += [(-c, n) for c, n in enumerate(tree.coordinates, 1) if n not in moved]
     places: dict[int, Place] = {nb.node_place("u", n, i) - nb.nq: ("u", j, i) for j, n in nodes if n is not None
                                 for i in range(n.kind.sizes[1])}
     return {(places[a], places[b]): m for (a, b), m in mass.items() if a in places and b in places}
