@@ -83,7 +83,7 @@ def judge(name: str, names: Sequence[str] = ()) -> list[Found]:
             wide.append(found.error / off)
     said = f"{right} derivatives, {len(refused)} refused ({', '.join(refused) or 'none'})"
     return [Found(len(wrong), 0, "derivatives", "wrong", note=f"{said}; wrong: {', '.join(wrong) or 'none'}"),
-            Found(len(uncovered), 0.01 * right, "derivatives", "errors that do not cover", note=", ".join(uncovered)),
+            Found(len(uncovered), max(0.01 * right, 1), "derivatives", "errors that do not cover", note=", ".join(uncovered)),
             Found(float(np.median(wide)) if wide else 0.0, 50, "errors", "median of errors over what is off")]
 
 
