@@ -19,7 +19,7 @@ from mbdae.integrators.named import solver_of
 from mbdae.notation import picture, rows, titled
 from mbdae.results.result import ATTACHED, Result
 from mbdae.results.storage import load as load
-from mbdae.run.checkpoint import keeper_of, kept, lent, progress_of, statement_of
+from mbdae.run.checkpoint import give_back, keeper_of, kept, progress_of, statement_of, taken
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from
 from mbdae.run.conditions import conditions, ends_of_curves
@@ -192,12 +192,14 @@ class Scene(SceneData):
                    derivatives: bool) -> Result:
         """`simulate` after its options have been checked."""
         default = method is None and own is None
-        with lent(self, (end, default) if start is None and asked.progress is None else None,
-                  partial(prepared_from, start=start, t_end=end, default=default)) as prepared:
-            prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
-            if derivatives:
-                _derivatives("refuse_scene")(prepared, start, bool(watched.until))
-            return self._solved(prepared, end, accuracy, method, own, times, start is not None, verify, asked, watched, outputs)
+        taken_, key = taken(self, (end, default) if start is None and asked.progress is None else None,
+                            partial(prepared_from, start=start, t_end=end, default=default))
+        prepared = watched.with_turns(taken_, lambda scene: prepared_from(scene, start, end))
+        if derivatives:
+            _derivatives("refuse_scene")(prepared, start, bool(watched.until))
+        found = self._solved(prepared, end, accuracy, method, own, times, start is not None, verify, asked, watched, outputs)
+        give_back(taken_, key)
+        return found
 
     def _solved(self, prepared: Prepared, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
                 continued: bool, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:

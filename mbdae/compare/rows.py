@@ -16,7 +16,7 @@ from mbdae.compare.problem import Problem, with_models
 from mbdae.compare.run import CHOICE, MOST, REPEATED, Equations, Run, warm
 from mbdae.compare.table import Row
 from mbdae.errors import MbdaeError, SolverError
-from mbdae.formulations import Form, default_form, shared_system, system_for
+from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.process import cold, measured
@@ -71,7 +71,8 @@ class Split:
                     companions = companions_of(equations.for_solver(form, solver), solver, asked)[0].cpu_s
                 except MbdaeError:
                     companions = None
-            shared_system(prepared, form, solver.highest_index)  # made before, since it is none of the checks
+            # the equations of the run, since their assembly is none of the checks
+            prepared.kept[form.for_index(solver.highest_index).for_time(prepared.time)] = equations.for_solver(form, solver)
             times = np.linspace(float(solution.t[0]), end, OUTPUTS)
             job = Job(prepared, form, 1e-6, asked, times, continued=False)
             begin = time.process_time()

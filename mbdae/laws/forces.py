@@ -176,9 +176,8 @@ class Rope(Force):
     V = stiffness e^2 / (2 (length - wound)) where its path is longer than the rope by e > 0, else 0; with a damper the tension is
     (stiffness e + damping de/dt) / (length - wound) where both e and it are positive, else 0. On the pulleys between the ends
     (`rope_over`) it slides without friction. An end with a radius is wound on a drum about the z axis of its body, without slip;
-    wound is what the drums have taken up since the drawing: what is left is the shorter and the stiffer. The tension pulls along
-    the path, on a drum with tension times radius. What a drum takes up takes its energy along: with drums there is no V, all is
-    power.
+    wound is what the drums have taken up since the drawing: what is left is the shorter and the stiffer. On a drum it pulls with
+    tension times radius. What is wound takes its energy along: with drums there is no V, all that the rope does is power.
 
     Radii are positive where the rope, on its way from k to l, goes about z with the right hand, negative against it. The path
     goes along the common tangents of circles about points of the bodies: exact where their axes are parallel."""
@@ -249,17 +248,22 @@ class Rope(Force):
         _, taut, free, _ = self._pull(frames)
         return se.Integer(0) if self._on_drum else self.stiffness * taut**2 / (2 * free)
 
-    def thrust(self, *frames: Frame) -> tuple[Expr, Expr] | None:
+    def _tension(self, frames: tuple[Frame, ...]) -> tuple[Expr, Expr]:
+        """Path and tension."""
         path, taut, free, damped = self._pull(frames)
+        return path, self.stiffness * taut / free + damped
+
+    def thrust(self, *frames: Frame) -> tuple[Expr, Expr] | None:
         if self._on_drum:
-            return path, -(self.stiffness * taut / free + damped)
+            path, tension = self._tension(frames)
+            return path, -tension
+        path, _, _, damped = self._pull(frames)
         return None if self.damping is None else (path, -damped)
 
     def observed(self, *frames: Frame) -> dict[str, list[Expr]]:
-        path, taut, free, damped = self._pull(frames)
+        path, tension = self._tension(frames)
         on_pulleys = [getattr(self, f"radius_{n + 1}") * wrap for n, wrap in enumerate(self._path(frames)[2])]
-        seen = {"tension": [self.stiffness * taut / free + damped], "length": [path]}
-        return seen | ({"on_pulleys": on_pulleys} if on_pulleys else {})
+        return {"tension": [tension], "length": [path]} | ({"on_pulleys": on_pulleys} if on_pulleys else {})
 
     def rates(self, *frames: Frame) -> dict[str, Expr]:
         return {f"turned_{side}": rate(at) for side, at in zip("kl", self._route(frames)[2], strict=True) if at is not None}

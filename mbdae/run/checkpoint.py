@@ -149,28 +149,33 @@ MOST, NODES = 8, 500  #: number of prepared scenes that wait for their next call
 _waiting: dict[tuple[Any, ...], Prepared] = {}
 
 
-@contextmanager
-def lent(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[Any], Prepared]) -> Iterator[Prepared]:
-    """The scene as `prepare` makes it, or as it was made for an earlier call with the same statement and options: nobody else
-    uses it inside of this context. options: None where the call cannot be told from others.
+def taken(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[Any], Prepared]) -> tuple[Prepared, Any]:
+    """The scene as `prepare` makes it, or as it was made for an earlier call with the same statement and options, and a key with
+    which `give_back` keeps it for the next one: nobody else uses it until then. options: None where the call cannot be told from
+    others.
 
-    In the main thread alone: elsewhere an earlier result may be read while the next run uses what it is read from."""
-    alone = threading.current_thread() is threading.main_thread() and active() is None
-    said = scene.said() if options is not None and alone else None
+    In the main thread alone, beside none but daemons: elsewhere an earlier result may be read while the next run uses what it is
+    read from."""
+    others = any(not one.daemon for one in threading.enumerate() if one is not threading.main_thread())
+    alone = threading.current_thread() is threading.main_thread() and not others and active() is None
+    said = scene._said() if options is not None and alone else None
     if said is None or options is None:
-        yield prepare(scene)
-        return
+        return prepare(scene), None
     key = said, *options
     found = _waiting.pop(key, None)
     if found is None:
         found = prepare(scene)
         found.kept["shared"] = found.model.scene is scene
     elif found.kept["shared"] and found.model.scene is not scene:  # another scene, which may be given further statements
-        found = prepare(scene.copied())
+        found = prepare(scene._copied())
         found.kept["shared"] = False
-    yield found
-    if len(found.model.nodes) <= NODES:
-        _waiting[key] = found
+    return found, key
+
+
+def give_back(prepared: Prepared, key: Any) -> None:
+    """Keep what `taken` gave for the next call; a call that ends with an error does not."""
+    if key is not None and len(prepared.model.nodes) <= NODES:
+        _waiting[key] = prepared
         while len(_waiting) > MOST:
             _waiting.pop(next(iter(_waiting)))
 

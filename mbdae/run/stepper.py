@@ -31,11 +31,11 @@ from mbdae.run.choice import choose, prepared_from
 from mbdae.run.contacts import refuse_unresolved
 from mbdae.run.control import CLOSER
 from mbdae.run.estimate import LOOSEST, companions, first_tolerance, measure_of, share_of, with_rtol
+from mbdae.scene import sensed
 from mbdae.scene.components import Connection
 from mbdae.scene.record import item_name
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
-from mbdae.scene.sensed import keep_read_coordinates, parsed
 from mbdae.study.statements import call_of, restated
 from mbdae.system.assembled.guards import Observer
 from mbdae.system.base import Array
@@ -241,7 +241,7 @@ class Stepper(NamesAttributes, NamesArguments):
     def _reader(self, path: str) -> Callable[[], Any]:
         if path in self._columns and "." not in path:  # "S.length" is the sensor, also where the natural length is driven
             return lambda: self.inputs[path]
-        (name, quantity, _), model = parsed(path), self._prepared.model
+        (name, quantity, _), model = sensed.parsed(path), self._prepared.model
         item = model.scene._by_name.get(name)
         if (isinstance(item, Connection) and quantity in item.scalars and not model.planar and item.unit(quantity) == "rad"
                 and model.coordinate_node(name, quantity) is None):
@@ -296,9 +296,8 @@ def _outputs(inputs: Mapping[str, float]) -> list[str]:
 
 def with_inputs(scene: SceneData, every: float, names: Sequence[str] | None, read: Sequence[str],
                 now: list[float]) -> tuple[SceneData, dict[str, float], str]:
-    """A copy of a scene with a controller that returns the list `now` every so many seconds and reads the sensors `read`, the
-    inputs by name with the values that the scene states, and the name of the controller. names: the inputs; None: every signal
-    that is a number."""
+    """A copy of a scene with a controller that returns the list `now` every so many seconds and reads the sensors `read`, inputs
+    by name with the values that the scene states, and the controller's name. names: inputs; None: signals that are numbers."""
     if scene.problems:
         raise SceneError(scene.problems)
     numbers = {one.name: one.value for one in scene.signals if one.kind == "signal" and isinstance(one.value, float)}
@@ -321,10 +320,12 @@ def with_inputs(scene: SceneData, every: float, names: Sequence[str] | None, rea
                           + "; ".join(map(str, held.problems)))
     taken = {item_name(one) for one in statements}
     mine = next(f"{NAME}{'_' * n}" for n in range(len(taken) + 1) if f"{NAME}{'_' * n}" not in taken)
+    for path in read:
+        option("reads", path, lambda one: sensed.found(held, one), "name sensors as a controller does, such as 'J.angle'")
     if values:
         held.controller(mine, lambda *_: list(now), every, reads=list(read), sets=_outputs(values), start=list(values.values()))
     elif read:
-        keep_read_coordinates(held, read)
+        sensed.keep_read_coordinates(held, read)
     return held, values, mine
 
 

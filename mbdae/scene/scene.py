@@ -265,7 +265,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         load = law(name, self.ground, body, point, following=frame == "body", **components)
         return self._connect(Connection(name, kind, self.ground, body, [load]))
 
-    def said(self) -> tuple[Any, ...] | None:
+    def _said(self) -> tuple[Any, ...] | None:
         """All that was stated: equal for scenes with the same equations. Classes of the user's own count by themselves, and their
         laws by what they state now. None where mistakes were found, or functions or further objects of the user's own take
         part."""
@@ -277,9 +277,9 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         text = repr((self.name, self.space, self.gravity.tolist(), self.statements, [encode(law) for law in laws], stated))
         if "'unreadable'" in text or not all(stated.values()):
             return None
-        return text, type(self), frozenset(classes), *self.own.items()
+        return text, type(self), frozenset(classes), str([sorted(vars(law)) for law in laws]), *self.own.items()
 
-    def copied(self) -> Any:
+    def _copied(self) -> Any:
         """A scene made by the same statements, which nobody else changes."""
         return replay({"name": self.name, "gravity": self.gravity.tolist(), "space": self.space, "statements": self.statements},
                       type(self), Known(dict(self.own)))

@@ -198,6 +198,9 @@ def test_angles_that_a_loop_reads_count_whole_turns():
     assert step["J.angle"] == run["J"].angle[-1] > 2 * np.pi
     with pytest.raises(OptionError, match=r"whole turns .* reads=\['J.angle'\]"):
         spun(False).stepper(DT, solver=solver)["J.angle"]
+    for inputs in (["u"], []):
+        with pytest.raises(OptionError, match=r"reads = there is no sensor 'K\.angle'"):
+            spun(False).stepper(DT, inputs=inputs, reads=["K.angle"])
 
 
 def test_the_error_of_a_state_is_that_of_its_steps():

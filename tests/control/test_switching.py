@@ -59,7 +59,9 @@ FORCES = {
 @pytest.mark.parametrize(("force", "solver", "form", "model"), [
     (force, *how) for force in FORCES for how in (EVERY if force in ("sign", "dry") else EVERY[:1])])
 def test_motions_that_switch_without_end_are_named(force, solver, form, model):
-    with pytest.raises(ChatteringError, match=r"'P' switches without end: \d+ times") as stopped:
+    # by the law that switches, or, where each switch is as small as round-off, by the steps that stay there
+    named = r"'P' switches without end: \d+ times|steps took .* where the equations jump"
+    with pytest.raises(ChatteringError, match=named) as stopped:
         slide(FORCES[force], model).simulate(5.0, solver=solver, form=form, max_wall=60)
     assert stopped.value.time < 2.0
     assert stopped.value.solution.solution.t[-1] == pytest.approx(stopped.value.time)

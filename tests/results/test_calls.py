@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 from functools import cache
 from pathlib import Path
 from types import FrameType
@@ -136,6 +137,20 @@ class Pull(mb.Force):
 
     def energy(self, k: Any, l: Any) -> Any:
         return self.c * FACTOR[0] * (l.r - k.r) @ k.y
+
+
+def test_beside_another_thread_a_call_prepares_anew(prepared: list[mb.Scene]) -> None:
+    """It may read an earlier result while this run uses what that is read from."""
+    scene, go = swinging(), threading.Event()
+    scene.simulate(0.1)
+    other = threading.Thread(target=go.wait)
+    other.start()
+    try:
+        scene.simulate(0.1)
+    finally:
+        go.set()
+        other.join()
+    assert len(prepared) == 2
 
 
 def test_an_own_law_counts_by_what_it_states(prepared: list[mb.Scene], monkeypatch: pytest.MonkeyPatch) -> None:
