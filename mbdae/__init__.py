@@ -39,9 +39,8 @@ if TYPE_CHECKING:
     from mbdae.inputs.measured import curve, read_table, table
     from mbdae.inputs.sensed import number
     from mbdae.integrators.dop853 import DOP853
-    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.named import measure_order
-    from mbdae.integrators.one_step import OneStep
+    from mbdae.integrators.one_step import HHT, GeneralizedAlpha, OneStep
     from mbdae.integrators.radau import RadauIIA
     from mbdae.integrators.sundials import CVODE, IDA
     from mbdae.laws.contact import Hertz, Normal
@@ -68,7 +67,7 @@ _HOME = {
     "DAE": "mbdae.run.own_equations", "DOP853": "mbdae.integrators.dop853", "Distance": "mbdae.laws.joints",
     "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law",
     "Free": "mbdae.laws.joints", "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
-    "GeneralizedAlpha": "mbdae.integrators.generalized_alpha", "HHT": "mbdae.integrators.generalized_alpha",
+    "GeneralizedAlpha": "mbdae.integrators.one_step", "HHT": "mbdae.integrators.one_step",
     "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials", "Index1": "mbdae.formulations",
     "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.joint", "Kinematic": "mbdae.scene.components",
     "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.errors import internal
+from mbdae.native.explicit import Twins
 from mbdae.native.program import (
     ADD,
     CALL,
@@ -32,7 +33,6 @@ from mbdae.native.program import (
     block,
     core,
 )
-from mbdae.native.twins import Twins
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import Index, Workspace
 

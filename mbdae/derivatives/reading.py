@@ -13,7 +13,7 @@ import numpy as np
 from mbdae.derivatives.chart import DISTANCE, Chart, Equations, differenced, refused
 from mbdae.derivatives.steps import Derived
 from mbdae.errors import DerivativeError, OptionError
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.integrators.dense import interval
 from mbdae.integrators.solution import Solution
 from mbdae.results.quantities import Quantity

@@ -18,15 +18,15 @@ import numpy as np
 
 from mbdae.derivatives.chart import Chart
 from mbdae.errors import DerivativeError
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.dop853 import DENSE, NODES, STAGES
 from mbdae.integrators.matrices import searches
 from mbdae.integrators.solution import Solution
 from mbdae.native import Entries
-from mbdae.native.explicit import ALL
-from mbdae.native.sparse import SingularMatrixError
-from mbdae.native.twins import Called, Path, Stages
+from mbdae.native.equations import Called
+from mbdae.native.explicit import ALL, Path
+from mbdae.native.sparse import SingularMatrixError, Stages
 from mbdae.system.base import Array
 
 BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops

@@ -276,3 +276,28 @@ def by_counts(entries: Entries, values: NDArray[Any], share: float = 1.0) -> Ord
     found = choosing().lu_choose(n, complex_, share, address(d), address(at),
                                   *(address(array) for array in (rows, columns, count, place, lists, top)))
     return Order(entries, rows, columns) if found == n else None
+
+
+#: functions that look for an order of elimination, tried one after the other. Each gets the pattern and the values of a matrix
+#: (n, n), real or complex, and returns an order or None. The last function chooses the largest pivots. Empty: dense LU
+Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
+
+
+class Orders:
+    """The order of elimination that all matrices with one pattern share; `present` is None until one is found."""
+
+    def __init__(self, entries: Entries, searches: Searches) -> None:
+        self.entries, self.searches = entries, searches
+        self.present: Order | None = None
+
+
+def pivots(order: Order | None) -> list[Index] | None:
+    """The pivots of an order: rows and columns."""
+    return None if order is None else [order.rows, order.columns]
+
+
+def differ(some: list[Index] | None, others: list[Index] | None) -> bool:
+    """Whether the pivots of two orders differ."""
+    if some is None or others is None:
+        return some is not others
+    return not all(np.array_equal(a, b) for a, b in zip(some, others, strict=True))

@@ -1,11 +1,17 @@
 """A scene with another number in one of its statements: the recorded statements (`mbdae.scene.record`) are changed and
-repeated."""
+repeated.
+
+Of a pulse, the begin, width and strength can be varied: it then is the same expression with its time and its values scaled, so
+that its edges are known however narrow it has become, and a reference run that restarts at the edges (`extremes/cell.py`)
+cannot step over it.
+"""
 
 from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,13 +19,14 @@ import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import timed
-from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, with_values
-from mbdae.scene.record import item_name, read, stored
+from mbdae.inputs.breaks import Pulse, pulse_of
+from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, paths, with_values
+from mbdae.scene.record import encode, item_name, read, stored
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
-from mbdae.study.pulses import varying
 from mbdae.values import array, option
 
+NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
 SHORTHANDS = "mass, stiffness, speed, clearance; begin, width, strength of a pulse"
 
 
@@ -262,3 +269,70 @@ def stated_number(scene: SceneData, item: str, kind: str) -> float | None:
         if fields.get(key) is not None:
             return float(np.max(np.abs(np.asarray(fields[key], dtype=float))))
     return None
+
+
+# -- pulses: begin, width and strength of inputs of time that change during one interval alone
+
+
+@dataclass(frozen=True)
+class Varying:
+    """A pulse in the arguments of a statement, and which of its NUMBERS (`number`) is varied. keys: names of the argument, and of
+    entries inside it, in which the expressions of the pulse are."""
+
+    keys: tuple[str, ...]
+    pulse: Pulse
+    number: str
+
+    def at(self, value: float) -> Pulse:
+        """The pulse whose varied number has the given value."""
+        return replace(self.pulse, **{self.number: value})
+
+    def set(self, arguments: dict[str, Any], value: float) -> None:
+        """Replace the expressions in the arguments of the statement by those of the pulse whose varied number has the given
+        value."""
+        def exact(number: float) -> Any:  # so that times that are shifted and scaled lose no digit
+            return se.Rational(*float(number).as_integer_ratio())
+
+        old, new = self.pulse, self.at(value)
+        pace = old.width / new.width if self.number == "width" else 1.0
+        time = exact(old.begin) + exact(pace) * (timed.TIME - exact(new.begin))
+        size = exact(new.strength / old.strength)
+        for holder, key in list(_places(arguments, self.keys)):
+            e = timed.expression(with_values(read(holder[key])))
+            before = exact(float(timed.values(e, np.zeros(1))[0]))
+            holder[key] = encode(before + size * (e.subs({timed.TIME: time}) - before))
+
+
+def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: str) -> Varying | None:
+    """The pulse in the arguments of a statement, in a run of t_end (s), of which `keys` name a number to vary: ("width",) or, for
+    one of several inputs, ("value", "0", "width"). None where `keys` name another argument. name: as the user gave it, for
+    messages."""
+    *path, number = keys
+    if number not in NUMBERS or number in arguments or number in arguments.get("law", {}).get("values", {}):
+        return None
+    inputs = [timed.expression(with_values(read(holder[key]))) for holder, key in _places(arguments, path)]
+    if not inputs:
+        return None
+    found = pulse_of(inputs, t_end)
+    if found is None or not (found.width or number != "width"):
+        raise OptionError(f"vary: '{name}': only a pulse has this number, and what is stated there is none: between the start "
+                          f"and t = {t_end:g} s it has to be constant, change for some time, and be constant again")
+    return Varying(tuple(path), found, number)
+
+
+def pulses(statements: Any, t_end: float) -> list[Pulse]:
+    """The pulses of single expressions in statements, in a run of t_end (s)."""
+    alone = [timed.expression(with_values(read(holder[key]))) for holder, key in _places(statements, ())]
+    return [found for e in alone if (found := pulse_of([e], t_end)) is not None]
+
+
+def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
+    """(list or mapping, key) of every expression that depends on time alone, in the nested data `holder` below a path of names
+    and indices."""
+    for key, value in enumerate(holder) if isinstance(holder, list) else holder.items():
+        rest = path[1:] if path and str(key) == path[0] else path
+        if isinstance(value, dict) and "expression" in value:
+            if not rest and not paths(read(value)):
+                yield holder, key
+        elif isinstance(value, list | dict):
+            yield from _places(value, rest)
