@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import Equations, chart_of, refuse_run
-from mbdae.derivatives.chart import refuse_scene as refuse_scene
+from mbdae.derivatives.chart import Equations, chart_of
 from mbdae.derivatives.reading import Along, Objective
 from mbdae.derivatives.reading import at_end as at_end
 from mbdae.derivatives.reading import integral as integral
 from mbdae.derivatives.reading import largest as largest
-from mbdae.errors import OptionError, warn
+from mbdae.errors import DerivativeError, OptionError, warn
 from mbdae.formulations import form_of, system_for
 from mbdae.integrators.base import Asked
 from mbdae.integrators.dop853 import DOP853
@@ -28,14 +27,16 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.quantities import Quantity
 from mbdae.results.result import Result
-from mbdae.run.choice import choose
+from mbdae.run.choice import choose, prepared_from
 from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import option, sequence, shown, text
 
 FINER, LEVELS = 10.0, 4  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
 #: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-11 in an arm
 ROUNDED = 1e-10
+SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 TOLD = 10.0  #: the error of a derivative, over the accuracy times its largest value, above which a warning is issued
 
 
@@ -183,3 +184,47 @@ def names_of(to: Any) -> list[str]:
         raise OptionError(f"to = {shown(to)}: give one or more names of numbers, each once")
     return names
 
+
+# -- what is refused
+
+
+def refuse_scene(prepared: Prepared, continued: Any = None, ends: bool = False) -> None:
+    """Raise DerivativeError for a scene whose runs have no derivatives; for runs that begin where another ended (`continued`), or
+    that end at an event."""
+    if continued is not None:
+        raise DerivativeError("there are no derivatives of a run that begins where another one ended (start=): what that state "
+                              "depends on is not known; run the scene from its own start")
+    if ends:
+        raise DerivativeError("there are no derivatives of a run that ends at an event (until=), whose time would move with the "
+                              "numbers; run to a fixed time, and record= the event")
+    scene = prepared.model.scene
+    if prepared.contacts:
+        names = ", ".join(f"'{name}'" for name in dict.fromkeys(contact.item for contact in prepared.contacts))
+        raise DerivativeError(f"there are no derivatives of runs with contacts ({names}): steps do not move with the instants "
+                              "at which bodies touch yet, and derivatives would be wrong by per cents; take the contact or stop "
+                              "away where it does not touch, or compare runs")
+    if scene.controllers:
+        raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{scene.controllers[0].name}': what "
+                              "its function does is not known; state the control law by expressions (s.state, s.signal), or "
+                              "compare runs")
+
+
+def refuse_run(result: Result) -> None:
+    """Raise DerivativeError for a run without derivatives."""
+    prepared, run = result.prepared, result.solution
+    refuse_scene(prepared)
+    if len(run.t) < 2:
+        raise DerivativeError("a state at rest has no derivatives yet; compare states at rest of two values")
+    if len(run.systems) > 1:
+        raise DerivativeError(f"there are no derivatives of this run: the constraint rows in force change at t = "
+                              f"{run.systems[1][0]:.6g} s; leave redundant joints out, or compare runs")
+    end = float(run.t[-1])
+    ended = [event.name for event in result.events if abs(event.time - end) <= 1e-12 * max(abs(end), 1.0)]
+    if ended:
+        refuse_scene(prepared, ends=True)
+    fresh = prepared_from(prepared.model.scene, None, end).start
+    for a, b in ((prepared.start.q, fresh.q), (prepared.start.u, fresh.u), (prepared.start.s, fresh.s)):
+        if prepared.start.t != fresh.t or np.any(np.abs(a - b) > SAME * np.max(np.abs(b), initial=1.0)):
+            refuse_scene(prepared, continued=True)
+    if not run.complete:
+        raise DerivativeError("there are no derivatives of a run that was stopped before its end: let it end")

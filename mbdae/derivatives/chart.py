@@ -1,8 +1,9 @@
 """What a named number of a scene changes: the numbers in its equations, its inputs of time and its start (the chart).
 
-The scene is stated again with the number a little smaller and larger, eight times; what assembly makes of it is differentiated by
-differences of order 8. Nothing is integrated for this, and nothing is left out: whatever a number changes is among the slots
-and data of the lists of operations, the values of the clock and the start, or it changes the equations themselves and is refused.
+The scene is stated again with the number a little smaller and larger, twice where what assembly makes of it is a straight line,
+else eight times; that is differentiated by differences of order 8. Nothing is integrated for this, and nothing is left out:
+whatever a number changes is among the slots and data of the lists of operations, the values of the clock and the start, or it
+changes the equations themselves and is refused.
 """
 
 from __future__ import annotations
@@ -17,9 +18,8 @@ import symengine as se
 
 from mbdae.deferred import as_full
 from mbdae.derivatives.lists import Listed, Lists, structure_of
-from mbdae.errors import DerivativeError, MbdaeError, OptionError
+from mbdae.errors import DerivativeError, MbdaeError
 from mbdae.inputs import timed
-from mbdae.results.result import Result
 from mbdae.run.choice import prepared_from
 from mbdae.study.statements import changed
 from mbdae.symbolic.tree_motion import Open
@@ -31,7 +31,9 @@ from mbdae.system.model.moved_bodies import MovedBodies, timeline
 from mbdae.system.model.numbering import Row
 from mbdae.system.prepare import Prepared
 
-#: nodes of the differences of order 8: on both sides, or on one side only where a scene cannot have smaller (larger) numbers
+#: nodes of the differences: three where what the scene makes of a number is a straight line, as of most; else for order 8, on
+#: both sides, or on one side only where a scene cannot have smaller (larger) numbers
+LINE = (0, 1, -2)
 BOTH, ABOVE, BELOW = (1, -1, 2, -2, 3, -3, 4, -4), (0, 1, 2, 3, 4, 5, 6, 7, 8), (0, -1, -2, -3, -4, -5, -6, -7, -8)
 #: distance of the nodes, relative to the number, or to the scene's length where that is smaller than 1 and the number is 0
 DISTANCE, CLOSER, ATTEMPTS = 4e-3, 8.0, 4
@@ -39,7 +41,6 @@ DISTANCE, CLOSER, ATTEMPTS = 4e-3, 8.0, 4
 #: differentiated counts ROUNDING times its size, over the distance
 AGREED, ROUNDING = 1e-8, 3e-15
 KEPT = 64  #: charts that a scene keeps, each with the scenes of eight other values: 5 MB for ten bodies
-SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 
 
 def difference_weights(nodes: Sequence[int]) -> Array:
@@ -57,7 +58,7 @@ def differenced(function: Callable[[int], Array], nodes: Sequence[int], distance
     """The derivative at 0 of a function of values at whole nodes that are `distance` apart, and its estimated error: the
     difference to that of the order that is lower by two."""
     values = np.array([function(node) for node in nodes])
-    weights, count = difference_weights(nodes), len(nodes) - 2
+    weights, count = difference_weights(nodes), max(len(nodes) - 2, 2)
     less = np.zeros(len(weights))
     less[:count] = difference_weights(nodes[:count])
     # the middle value is subtracted where it is known, so that rounding is that of the changes
@@ -161,6 +162,8 @@ class Equations:
 
     def same_as(self, other: Equations) -> bool:
         """Whether both have equations that differ in numbers alone."""
+        if (other.rates and not other.has_rates) or (self.rates and not self.has_rates):
+            return False
         a, b = self.listed, other.listed
         if (a.n, a.of.numbering.names(), a.of.numbering.width) != (b.n, b.of.numbering.names(), b.of.numbering.width):
             return False
@@ -174,36 +177,52 @@ class Varied:
     name: str
     base: Equations
     t_end: float
-    nodes: tuple[int, ...] = BOTH
-    value: float = field(init=False)
+    nodes: tuple[int, ...] = LINE
+    value: float | None = None  # known when a scene has been made
+    share: float = DISTANCE
     _known: dict[float, Equations] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        seen: list[float] = []
-        self._stated(lambda stated: seen.append(stated) or stated)  # type: ignore[func-returns-value]
-        self.value = seen[0]
-        length = min(self.base.prepared.length, 1.0)
-        self.distance = DISTANCE * (abs(self.value) if self.value else length)
-
-    def _stated(self, value: Any) -> Any:
-        return changed(self.base.prepared.model.scene, self.name, value, self.t_end)[0]
+    @property
+    def distance(self) -> float:
+        """Distance of the nodes, in the unit of the number."""
+        return self.share * (abs(self.value or 0.0) or min(self.base.prepared.length, 1.0))
 
     def at(self, node: int) -> Equations:
         """The equations with the number `node` distances away from its value."""
+        if not node:
+            return self.base
         if node not in self._known:
-            scene = self._stated(lambda stated: stated + node * self.distance)
+            scene, _ = changed(self.base.prepared.model.scene, self.name, lambda stated: self._near(stated, node), self.t_end)
             self._known[node] = self.base.at(prepared_from(scene, None, self.t_end))
         return self._known[node]
 
-    def closer(self, times: float) -> Varied:
-        """The same number with values that are nearer to its own, by the factor `times`."""
-        other = Varied(self.name, self.base, self.t_end, self.nodes)
-        other.distance = self.distance / times
-        return other
+    def _near(self, stated: float, node: int) -> float:
+        self.value = stated
+        return stated + node * self.distance
+
+    def with_nodes(self, nodes: tuple[int, ...], closer: float = 1.0) -> Varied:
+        """The same number at other nodes, nearer to its value by the factor `closer`."""
+        return replace(self, nodes=nodes, share=self.share / closer, _known=self._known if closer == 1.0 else {})
+
+    def finer(self) -> Varied:
+        """The same number for differences of a higher order, or nearer to its value."""
+        return _reached(self.with_nodes(BOTH)) if self.nodes == LINE else self.with_nodes(self.nodes, CLOSER)
 
     def sum_of(self, function: Callable[[Equations, int], Array]) -> tuple[Array, Array]:
         """The derivative by the number of what a function makes of the equations at a node, and its estimated error."""
+        for node in self.nodes:
+            self.at(node)  # the distance is known from here on
         return differenced(lambda node: function(self.at(node), node), self.nodes, self.distance)
+
+    def with_jump(self, function: Callable[[Equations], Array]) -> tuple[Array, Array]:
+        """As `sum_of`; the error contains how far the value is from the polynomial through those beside it: some numbers of
+        exactly 0 stand for none."""
+        found, doubt = self.sum_of(lambda one, _: function(one))
+        if 0 not in self.nodes:
+            weights = [np.prod([b / (b - a) for b in self.nodes if b != a]) for a in self.nodes]
+            beside = np.tensordot(weights, np.array([function(self.at(node)) for node in self.nodes]), 1)
+            doubt = doubt + np.abs(function(self.base) - beside) / self.distance
+        return found, doubt
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +240,7 @@ class Chart:
 
     @cached_property
     def _moves(self) -> bool:
-        base, other = self.varied.base, self.varied.at(self.varied.nodes[1])
+        base, other = self.varied.base, self.varied.at(self.varied.nodes[-1])
         return base.assembly.numbering.clock.expressions != other.assembly.numbering.clock.expressions
 
     def prescribed(self, t: Array, sides: Array) -> Array:
@@ -232,14 +251,14 @@ class Chart:
         def values(one: Equations, _: int) -> Array:
             return np.column_stack([timed.values(se.sympify(e), t, sides) for e in one.assembly.numbering.clock.expressions])
 
-        return self.varied.sum_of(values)[0]
+        return self.varied.finer().sum_of(values)[0] if self.varied.nodes == LINE else self.varied.sum_of(values)[0]
 
     def refuse_moving_breaks(self, t0: float) -> None:
         """Raise DerivativeError where the number moves an instant at which an input of time jumps or has a kink."""
         if not self._moves:
             return
         lines = [timeline(one.prepared.model, t0, self.varied.t_end)
-                 for one in (self.varied.base, self.varied.at(1), self.varied.at(self.varied.nodes[1]))]
+                 for one in (self.varied.base, *(self.varied.at(node) for node in self.varied.nodes[-2:]))]
         edges = [None if line is None else np.concatenate([line.edges, line.stretches.kinks]) for line in lines]
         if any((a is None) != (edges[0] is None) or (a is not None and not np.array_equal(a, edges[0])) for a in edges):  # type: ignore[arg-type]
             refused(self.name, "it moves an instant at which an input of time jumps or has a kink, and steps do not move with "
@@ -262,80 +281,36 @@ def chart_of(name: str, base: Equations, t_end: float) -> Chart:
 
 
 def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
-    try:
-        varied = Varied(name, base, t_end)
-    except OptionError as error:
-        raise DerivativeError(str(error).replace("vary:", "derivatives:")) from error
-    for _ in range(ATTEMPTS):
-        _reach(varied)
+    varied = _reached(Varied(name, base, t_end))
+    for _ in range(1 + ATTEMPTS):
         if not all(varied.at(node).same_as(base) for node in varied.nodes):
             refused(name, "with another value the scene has other equations, not only other numbers in them")
-        size = np.abs(base.inputs), np.abs(base.start)
-        (inputs, doubt), (start, other) = varied.sum_of(lambda one, _: one.inputs), varied.sum_of(lambda one, _: one.start)
-        off = max(_off(inputs, doubt, size[0], varied.distance), _off(start, other, size[1], varied.distance))
-        if off <= 1:
-            return Chart(varied, inputs, start)
-        varied._known.clear()
-        varied.distance /= CLOSER
-    refused(name, "what the scene makes of it is not smooth at its value")
+        found = [varied.with_jump(lambda one, what=what: getattr(one, what)) for what in ("inputs", "start")]  # type: ignore[misc]
+        sizes = np.abs(base.inputs), np.abs(base.start)
+        if all(_agree(*one, size, varied.distance) for one, size in zip(found, sizes, strict=True)):
+            return Chart(varied, found[0][0], found[1][0])
+        varied = varied.finer()
+    refused(name, f"what the scene makes of it is not smooth at its value {varied.value:g}; vary it from another value")
     raise AssertionError
 
 
-def _off(found: Array, doubt: Array, size: Array, distance: float) -> float:
-    return float(np.max(doubt / (AGREED * np.abs(found) + ROUNDING / distance * (1 + size)), initial=0.0))
+def _agree(found: Array, doubt: Array, size: Array, distance: float) -> bool:
+    return bool(np.all(doubt <= AGREED * np.abs(found) + ROUNDING / distance * (1 + size)))
 
 
-def _reach(varied: Varied) -> None:
-    """Choose nodes on one side where the scene cannot be made on both; DerivativeError where it can on none."""
-    problem: Exception | None = None
-    for nodes in (BOTH, ABOVE, BELOW):
+def _reached(varied: Varied) -> Varied:
+    """The same with nodes on one side where the scene cannot be made on both; DerivativeError where it can on none."""
+    problem: MbdaeError | None = None
+    for nodes in (varied.nodes, ABOVE, BELOW):
+        one = varied.with_nodes(nodes)
         try:
             for node in nodes:
-                varied.at(node)
-            varied.nodes = nodes
-            return
+                one.at(node)
         except MbdaeError as error:
+            if one.value is None:  # there is no such number
+                raise DerivativeError(str(error).replace("vary:", "derivatives:")) from error
             problem = problem or error
+        else:
+            return one
     refused(varied.name, f"the scene cannot be made with a value near its own ({problem})")
-
-
-def refuse_scene(prepared: Prepared, continued: Any = None, ends: bool = False) -> None:
-    """Raise DerivativeError for a scene whose runs have no derivatives; for runs that begin where another ended (`continued`), or
-    that end at an event."""
-    if continued is not None:
-        raise DerivativeError("there are no derivatives of a run that begins where another one ended (start=): what that state "
-                              "depends on is not known; run the scene from its own start")
-    if ends:
-        raise DerivativeError("there are no derivatives of a run that ends at an event (until=), whose time would move with the "
-                              "numbers; run to a fixed time, and record= the event")
-    scene = prepared.model.scene
-    if prepared.contacts:
-        names = ", ".join(f"'{name}'" for name in dict.fromkeys(contact.item for contact in prepared.contacts))
-        raise DerivativeError(f"there are no derivatives of runs with contacts ({names}): steps do not move with the instants "
-                              "at which bodies touch yet, and derivatives would be wrong by per cents; take the contact or stop "
-                              "away where it does not touch, or compare runs")
-    if scene.controllers:
-        raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{scene.controllers[0].name}': what "
-                              "its function does is not known; state the control law by expressions (s.state, s.signal), or "
-                              "compare runs")
-
-
-def refuse_run(result: Result) -> None:
-    """Raise DerivativeError for a run without derivatives."""
-    prepared, run = result.prepared, result.solution
-    refuse_scene(prepared)
-    if len(run.t) < 2:
-        raise DerivativeError("a state at rest has no derivatives yet; compare states at rest of two values")
-    if len(run.systems) > 1:
-        raise DerivativeError(f"there are no derivatives of this run: the constraint rows in force change at t = "
-                              f"{run.systems[1][0]:.6g} s; leave redundant joints out, or compare runs")
-    end = float(run.t[-1])
-    ended = [event.name for event in result.events if abs(event.time - end) <= 1e-12 * max(abs(end), 1.0)]
-    if ended:
-        refuse_scene(prepared, ends=True)
-    fresh = prepared_from(prepared.model.scene, None, end).start
-    for a, b in ((prepared.start.q, fresh.q), (prepared.start.u, fresh.u), (prepared.start.s, fresh.s)):
-        if prepared.start.t != fresh.t or np.any(np.abs(a - b) > SAME * np.max(np.abs(b), initial=1.0)):
-            refuse_scene(prepared, continued=True)
-    if not run.complete:
-        raise DerivativeError("there are no derivatives of a run that was stopped before its end: let it end")
+    raise AssertionError

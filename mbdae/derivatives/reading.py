@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import DISTANCE, Chart, Equations, differenced, refused
+from mbdae.derivatives.chart import BOTH, DISTANCE, Chart, Equations, differenced, refused
 from mbdae.derivatives.steps import Derived
 from mbdae.errors import DerivativeError, OptionError
 from mbdae.integrators import radau_table
@@ -135,26 +135,38 @@ class Along:
         return self.derived.tangent()
 
     def of(self, k: int, read: Callable[[Result], Array]) -> tuple[Array, Array]:
-        """Derivative of what is read of a result by number k, and its estimated error by rounding and differences."""
-        run, count = self.run, len(self.charts)
+        """Derivative of what is read of a result by number k, and its estimated error by rounding and differences: that along
+        the change of the states in the scene as it is, and that of the same states in the changed scene."""
+        run, count, base = self.run, len(self.charts), self.charts[0].varied.base
         own = self.tangent.y.reshape(len(run.t), -1, count)[:, :, k]
+        size = np.maximum(np.abs(run.y).max(axis=0), self.derived.scale)
+        by = DISTANCE / (float(np.max(np.abs(own) / size, initial=0.0)) or 1.0)
 
-        def moved(one: Equations, by: float) -> Result:
-            return self._result(one, _Moved(run.interpolant, self.tangent, k, count, by), run.y + by * own)
+        def moved(node: int, by: float) -> Array:
+            return read(self._result(base, _Moved(run.interpolant, self.tangent, k, count, node * by), run.y + node * by * own))
 
-        return self._explicit(k, moved, read)
+        for _ in range(ATTEMPTS):
+            found, doubt = differenced(lambda node, by=by: moved(node, by), BOTH, by)  # type: ignore[misc]
+            if _agree(found, doubt):
+                break
+            by /= CLOSER
+        explicit, further = self._explicit(k, lambda one: self._result(one, run.interpolant, run.y), read)
+        return self._finite(k, found + explicit), doubt + further
 
-    def _explicit(self, k: int, moved: Callable[[Equations, float], Result],
-                  read: Callable[[Result], Array]) -> tuple[Array, Array]:
+    def _explicit(self, k: int, at: Callable[[Equations], Result], read: Callable[[Result], Array]) -> tuple[Array, Array]:
+        """Derivative of what is read of the same states, and its error."""
         varied = self.charts[k].varied
         for _ in range(ATTEMPTS):
-            found, doubt = varied.sum_of(lambda one, node, at=varied.distance: read(moved(one, node * at)))  # type: ignore[misc]
-            if not doubt.size or doubt.max() <= AGREED * np.abs(found).max() or not np.isfinite(doubt).all():
+            found, doubt = varied.sum_of(lambda one, _node: read(at(one)))
+            if _agree(found, doubt):
                 break
-            varied = varied.closer(CLOSER)
+            varied = varied.finer()
+        return self._finite(k, found), doubt
+
+    def _finite(self, k: int, found: Array) -> Array:
         if not np.isfinite(found).all():
-            refused(varied.name, "what is read has no finite derivative by it")
-        return found, doubt
+            refused(self.charts[k].name, "what is read has no finite derivative by it")
+        return found
 
     def _result(self, at: Equations, interpolant: Any, y: Array) -> Result:
         run = replace(self.run, y=y, interpolant=interpolant, outputs=None, systems=())
@@ -195,7 +207,7 @@ class Along:
                 np.add.at(ends[:, j], step + 1, given * basis[:, -1])
                 np.add.at(ends[:, j], step, given * (float(part == "value") - basis[:, -1]))
         total = self.derived.adjoint(ends, inner)
-        parts = [self._explicit(k, lambda one, _: self._result(one, run.interpolant, run.y), read)
+        parts = [self._explicit(k, lambda one: self._result(one, run.interpolant, run.y), read)
                  for k in range(len(self.charts))]
         worst = np.abs(total).max(initial=0.0) or 1.0
         return [(np.asarray(own + weights @ found), np.asarray(np.abs(weights) @ off + doubt * abs(own) / worst))
@@ -241,6 +253,11 @@ class _Shifted:
         if part == self.part:
             found[:, self.j] += self.by
         return found
+
+
+def _agree(found: Array, doubt: Array) -> bool:
+    """Whether differences of two orders agree, or cannot."""
+    return not doubt.size or bool(doubt.max() <= AGREED * np.abs(found).max()) or not np.isfinite(doubt).all()
 
 
 def refuse_jumps(of: Derived) -> None:
