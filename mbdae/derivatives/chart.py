@@ -100,9 +100,16 @@ class Equations:
 
     @cached_property
     def assembly(self) -> Assembly:
-        """Residual form, with all numbers of laws as inputs of kernels, trees as one function each."""
-        moved = self.prepared.all_bodies.moved.opened(self.prepared.model, Open.ALL, ordered=False)
-        return Assembly(self.prepared.model, list(self.rows), replace(self.spec, eliminated=False), None, moved)
+        """Residual form, with all numbers of laws as inputs of kernels."""
+        return self._assembled(lambda ordered: self.prepared.all_bodies.moved.opened(self.prepared.model, Open.ALL, ordered))
+
+    def _assembled(self, moved: Callable[[bool | None], MovedBodies]) -> Assembly:
+        """Large trees joint by joint, whose kernels are small; by kernels of whole trees where laws outside add inertia."""
+        spec = replace(self.spec, eliminated=False)
+        made = Assembly(self.prepared.model, list(self.rows), spec, None, moved(None))
+        if made.has_pattern or not made._inert:
+            return made
+        return Assembly(self.prepared.model, list(self.rows), spec, None, moved(False))
 
     @cached_property
     def listed(self) -> Listed:
@@ -115,7 +122,12 @@ class Equations:
             found = self._without_constraints() if not self.assembly.numbering.m else self._with_constraints()
             assert found is not None
             return found
-        ev = self.assembly.operations()
+        ev, n = self.assembly.operations(), self.assembly.n
+        if ev.explicit:  # F = y' - f
+            part, rows = ev.operations.part(ev.rates_part), ev.operations.slots(n) + np.arange(n)
+            part.load(rows[0], np.zeros(n))
+            part.add(np.r_[rows, rows], np.r_[n + np.arange(n), ev.rates + np.arange(n)], np.repeat((1.0, -1.0), n))
+            return Listed.with_matrices(ev, part, int(rows[0]), n, n)
         return Listed.with_matrices(ev, ev.residual_part, ev.rows, self.assembly.n, self.assembly.n)
 
     @property
@@ -129,12 +141,10 @@ class Equations:
         """y' of trees and of free bodies, whose constant mass matrix is factorised anew in the list."""
         model = self.prepared.model
         trees = [tree.opened(Open.ALL) for tree in self.prepared.all_bodies.moved.trees]
-        moved = MovedBodies(model, trees, ordered=False)
-        assembly = Assembly(model, list(self.rows), replace(self.spec, eliminated=False), None, moved)
+        assembly = self._assembled(lambda ordered: MovedBodies(model, trees, ordered=ordered))
         ev = assembly.operations()
-        if assembly._inert:
-            return Listed.with_matrices(ev, ev.rates_part, ev.rates, assembly.n, assembly.n)
-        ev.with_rates(assembly._inertia, assembly.columns)
+        if not (assembly._inert or ev.explicit):
+            ev.with_rates(assembly._inertia, assembly.columns)
         once = [] if ev._steady is None else [ev._steady[0]]
         return Listed.with_matrices(ev, ev.operations.part(*once, ev.rates_part), ev.rates, assembly.n, assembly.n)
 
@@ -286,16 +296,23 @@ def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
         if not all(varied.at(node).same_as(base) for node in varied.nodes):
             refused(name, "with another value the scene has other equations, not only other numbers in them")
         found = [varied.with_jump(lambda one, what=what: getattr(one, what)) for what in ("inputs", "start")]  # type: ignore[misc]
-        sizes = np.abs(base.inputs), np.abs(base.start)
-        if all(_agree(*one, size, varied.distance) for one, size in zip(found, sizes, strict=True)):
+        # the start is found by iteration: where it hardly depends on the number, its digits need not fit together
+        if (_agree(*found[0], np.abs(base.inputs), varied.distance)
+                and _agree(*found[1], np.abs(base.start), varied.distance,
+                           _largest(base.start) * varied.share / varied.distance)):
             return Chart(varied, found[0][0], found[1][0])
         varied = varied.finer()
-    refused(name, f"what the scene makes of it is not smooth at its value {varied.value:g}; vary it from another value")
+    refused(name, f"what the scene makes of it is not smooth at its value {varied.value or 0.0:g}; vary it from another value")
     raise AssertionError
 
 
-def _agree(found: Array, doubt: Array, size: Array, distance: float) -> bool:
-    return bool(np.all(doubt <= AGREED * np.abs(found) + ROUNDING / distance * (1 + size)))
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values), initial=0.0))
+
+
+def _agree(found: Array, doubt: Array, size: Array, distance: float, slight: float = 0.0) -> bool:
+    """Whether differences agree; slight: derivatives that are smaller need no digits."""
+    return bool(np.all(doubt <= AGREED * (np.abs(found) + slight) + ROUNDING / distance * (1 + size)))
 
 
 def _reached(varied: Varied) -> Varied:

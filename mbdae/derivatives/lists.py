@@ -24,6 +24,7 @@ from mbdae.native.program import (
     LOAD,
     LU,
     MULTIPLY,
+    PASS,
     POSITIVE,
     SET,
     SOLVE,
@@ -149,6 +150,12 @@ class Lists:
             fields, kind = step.fields, step.fields["kind"]
             to: Any = NONE
             used: Any = NONE
+            if kind == PASS:  # instance by instance: each reads what those before it have added up
+                for r, (from_, sums) in enumerate(zip(step.tables["from_"], step.tables["to"], strict=True)):
+                    written = np.r_[sums, fields["first"] + r * fields["outputs"] + np.arange(fields["outputs"])]
+                    self._unread(read, written)
+                    read[from_] = True
+                continue
             if kind in (SET, ADD, MULTIPLY):
                 w = written_out(step)
                 to, used = w.to, np.concatenate([w.by, w.from_ if kind != SET else w.by])
@@ -159,10 +166,14 @@ class Lists:
                 to = fields["outputs"] + np.arange(fields["times"] * fields["count"])
             elif kind != POSITIVE:
                 raise internal(f"the derivative of the compiled equations is not known for their operation number {kind}")
-            if read[to].any():
-                raise internal("the compiled equations write to a place that they have read before: its value is lost for their "
-                               "derivative")
+            self._unread(read, to)
             read[used] = True
+
+    @staticmethod
+    def _unread(read: Any, to: Any) -> None:
+        if read[to].any():
+            raise internal("the compiled equations write to a place that they have read before: its value is lost for their "
+                           "derivative")
 
     @property
     def fixed(self) -> Any:
@@ -171,9 +182,10 @@ class Lists:
         varying[nb.first_input : nb.first_input + len(nb.clock.expressions)] = True
         for i, step in enumerate(self.listed.part.steps):
             f, kind = step.fields, step.fields["kind"]
-            if kind in (CALL, CHOLESKY, SOLVE, LU):
-                first, count = (f["first"], f["outputs"]) if kind == CALL else (f["outputs"], f["count"])
+            if kind in (CALL, PASS, CHOLESKY, SOLVE, LU):
+                first, count = (f["first"], f["outputs"]) if kind in (CALL, PASS) else (f["outputs"], f["count"])
                 varying[first : first + f["times"] * count] = True
+                varying[step.tables.get("to", NONE)] = True
             elif kind == LOAD:
                 varying[f["first"] : f["first"] + f["count"]] = False
             elif kind != POSITIVE:
@@ -190,6 +202,9 @@ class Lists:
         if kind == CALL:
             slots = step.tables["from_"]
             part.call(fields["kernel"].tangent, np.hstack([slots, slots + by]), fields["first"] + by)
+        elif kind == PASS:
+            slots, sums = step.tables["from_"], step.tables["to"]
+            part.hand_on(fields["kernel"].tangent, np.hstack([slots, slots + by]), sums + by, fields["first"] + by)
         elif kind == LOAD:
             data = self._data.get(i, np.full(fields["count"], -1))
             part.set(fields["first"] + by + np.arange(fields["count"]), np.where(data >= 0, data, self._zero))
@@ -230,10 +245,13 @@ class Lists:
     def _back(self, i: int, step: Step) -> None:
         part, by, fields, kind = self.pullback, self.width, step.fields, step.fields["kind"]
         if kind == CALL:
-            slots, width, first = step.tables["from_"], fields["kernel"].width, fields["first"] + by
-            found = part.call(fields["kernel"].pullback, np.hstack([slots, block(first, len(slots), width)]))
-            part.load(first, np.zeros(len(slots) * width))
-            part.add((slots + by).ravel(), found.ravel())
+            self._back_call(part, fields["kernel"], step.tables["from_"], fields["first"] + by)
+        elif kind == PASS:
+            slots, sums, width = step.tables["from_"], step.tables["to"], fields["outputs"]
+            for r in reversed(range(len(slots))):
+                first = fields["first"] + by + r * width
+                part.add(first + np.arange(sums.shape[1]), sums[r] + by)
+                self._back_call(part, fields["kernel"], slots[r : r + 1], first)
         elif kind == LOAD:
             at, data = fields["first"] + by + np.arange(fields["count"]), self._data.get(i, np.full(fields["count"], -1))
             part.add(data[data >= 0], at[data >= 0])
@@ -245,6 +263,11 @@ class Lists:
                 self._solved(part, i, step, right + by, transposed=True)
                 cell, row, column = _entries(step)
                 part.multiply(cell + by, right + row + by, right + column, -1.0)
+
+    def _back_call(self, part: Operations, kernel: Any, slots: Index, first: int) -> None:
+        found = part.call(kernel.pullback, np.hstack([slots, block(first, len(slots), kernel.width)]))
+        part.load(first, np.zeros(len(slots) * kernel.width))
+        part.add((slots + self.width).ravel(), found.ravel())
 
     def _back_map(self, i: int, step: Step) -> None:
         part, by, kind, w = self.pullback, self.width, step.fields["kind"], written_out(step)
