@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.decision import quartiles, rivals
-from mbdae.compare.measures import Reference
+from mbdae.compare.measures import Reference, quartiles, rivals
 from mbdae.compare.page import Comparison
 from mbdae.compare.problem import (
     Problem,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from mbdae.compare.decision import amount
+from mbdae.compare.measures import amount
 from mbdae.compare.table import COLUMNS, ComparisonData, Row, cells, failure_lines, pairwise_cells
 from mbdae.documents.formulas import escaped
 from mbdae.notation import counted, picture

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.decision import quartiles
-from mbdae.compare.measures import Reference
+from mbdae.compare.measures import Reference, quartiles
 from mbdae.compare.problem import Problem, with_models
 from mbdae.compare.run import CHOICE, MOST, REPEATED, Equations, Run, warm
 from mbdae.compare.table import Row

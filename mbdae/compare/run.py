@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.decision import quartiles
+from mbdae.compare.measures import quartiles
 from mbdae.errors import OptionError
 from mbdae.formulations import Form, Index1, Index3, default_form, form_of, form_words, system_for
 from mbdae.integrators.base import Solver

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.decision import decision, reaches, seconds
-from mbdae.compare.measures import Reference
+from mbdae.compare.measures import Reference, decision, reaches, seconds
 from mbdae.study import Study, grid
 from mbdae.system.base import Array
 from mbdae.values import flag, number, option

@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 from mbdae.deferred import sp
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.integrators.constant import SINGULAR, StepFailedError, not_finite
 from mbdae.integrators.dense import cubic
 from mbdae.integrators.matrices import as_csc, inverse_or_one, searches
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched_arguments import cubic_of_step
-from mbdae.native import Entries
-from mbdae.native.sparse import Factors, Orders, Searches, SingularMatrixError
+from mbdae.native import Entries, Orders, Searches
+from mbdae.native.sparse import Factors, SingularMatrixError
 from mbdae.system.base import Array, System
 from mbdae.values import largest
 

@@ -10,7 +10,7 @@ from math import inf, isfinite, sqrt
 
 import numpy as np
 
-from mbdae.integrators.collocation_tables import CollocationTable
+from mbdae.integrators import CollocationTable
 from mbdae.integrators.constant import SINGULAR, StepFailedError, not_finite
 from mbdae.integrators.matrices import IterationMatrix, coupled_correction
 from mbdae.integrators.solution import Stats

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
-from mbdae.integrators.collocation_tables import CollocationTable, radau_table
+from mbdae.integrators import CollocationTable, radau_table
 from mbdae.integrators.kept_rows import leave
 from mbdae.native import address, declared
 from mbdae.native.equations import Pointer, Whole

@@ -21,9 +21,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError, SolverError
+from mbdae.integrators import CollocationTable, radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.collocation_step import CollocationStep, Demand
-from mbdae.integrators.collocation_tables import CollocationTable, radau_table
 from mbdae.integrators.constant import StepFailedError, check_rates, constant_steps
 from mbdae.integrators.dense import Collocation, hermite, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop

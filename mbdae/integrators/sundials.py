@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.errors import OptionError, SolverError
+from mbdae.integrators import radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.collocation_tables import radau_table
 from mbdae.integrators.constant import SINGULAR, check_rates, rate_jacobian
 from mbdae.integrators.constant import not_finite as not_finite_text
 from mbdae.integrators.dense import Collocation, Hermite, sampled

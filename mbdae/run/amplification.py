@@ -16,7 +16,7 @@ from functools import cache, cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.integrators.matrices import IterationMatrix
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.native.sparse import SingularMatrixError

@@ -101,6 +101,26 @@ class Program:
             tangent[name] = self._tangent(self.steps[name], tangent)
         return [self._tangent(e, tangent).get(one, _ZERO) for e in outputs]
 
+    def back(self, outputs: Sequence[Expr], weights: Sequence[Expr], inputs: Sequence[Expr]) -> list[Expr]:
+        """Weights of the inputs for weights of the outputs: the sums of weight * d output / d input, by reverse accumulation over
+        the steps."""
+        total: dict[Expr, Expr] = {}
+
+        def give(e: Expr, weight: Expr) -> None:
+            if type(e).__name__ in STEPPED:
+                return
+            for x in sorted(e.free_symbols, key=str):
+                if (slope := se.diff(e, x)) != 0:
+                    total[x] = self.let(total.get(x, _ZERO) + self.let(slope * weight))
+
+        steps = self.needed(outputs)
+        for e, weight in zip(outputs, weights, strict=True):
+            give(se.sympify(e), weight)
+        for name in reversed(steps):
+            if name in total:
+                give(self.steps[name], self.let(total[name]))
+        return [self.let(total.get(x, _ZERO)) for x in inputs]
+
     def _tangent(self, e: Expr, tangent: dict[Expr, dict[Expr, Expr]]) -> dict[Expr, Expr]:
         if type(e).__name__ in STEPPED:
             return {}

@@ -74,6 +74,11 @@ class SceneSystem(System):
         self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
 
     @property
+    def stated(self) -> FormSpec:
+        """What the form prescribes, with the multipliers that these equations may have eliminated."""
+        return self._asked[0]
+
+    @property
     def has_pattern(self) -> bool:
         return self.assembly.has_pattern
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.compare.decision import seconds
+from mbdae.compare.measures import seconds
 from mbdae.compare.table import Row, cells, with_front
 
 

@@ -14,7 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
-from mbdae.compare.decision import decision, rivals, seconds
+from mbdae.compare.measures import decision, rivals, seconds
 from mbdae.compare.table import Row
 
 

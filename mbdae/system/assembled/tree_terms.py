@@ -59,7 +59,7 @@ class TreeTerms:
         """Append the accelerations of the trees' velocities: slots from `first` on, one for each unknown, hold the forces on the
         velocities before, and the accelerations after."""
         pivots: Pivots = []
-        forces = part.slots(self.nb.nu)  # a copy, because slots that a pass has read are read again by its derivative
+        forces = part.slots(self.nb.nu)  # a copy, because slots that a kernel has read are read again by its derivative
         part.set(forces + np.arange(self.nb.nu), first + self.nb.nq + np.arange(self.nb.nu))
         for passes, tree in self._passes:
             rate, force = self._at(tree, "u", first), self._at(tree, "u", forces - self.nb.nq)
@@ -73,7 +73,8 @@ class TreeTerms:
                 alike.setdefault(tuple(own[id(tree)]), []).append(tree)
             for pairs, some in alike.items():
                 piece = plan.rates(pairs)
-                gather = [[self._read(tree, place, first, own[id(tree)]) for place in piece.inputs] for tree in some]
+                gather = [[self._read(tree, place, forces - self.nb.nq, own[id(tree)]) for place in piece.inputs]
+                          for tree in some]
                 values = piece.kernel.emit(part, np.array(gather, dtype=np.intp).reshape(len(some), -1))
                 half = values.shape[1] // 2
                 to = np.array([[self._at(tree, "u", first)(t) for t in piece.targets[:half]] for tree in some], dtype=np.intp)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import entries_of, issparse, sp
 from mbdae.errors import internal
-from mbdae.native import Entries, address, largest_pivots
+from mbdae.native import Entries, Orders, address, largest_pivots
 from mbdae.native.program import Operations, Part, Scene, Tangent, core
-from mbdae.native.sparse import Factors, Orders, SingularMatrixError
+from mbdae.native.sparse import Factors, SingularMatrixError
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 from mbdae.threads import Owner
