@@ -21,5 +21,5 @@ def test_ida_stops_with_its_reason_and_the_run_so_far():
 
 
 def test_errors_of_bdf_that_scatter_are_not_taken_for_small_ones():
-    """A linkage that nearly locks, by IDA and others: two runs of IDA were off to one side by 4e-5, and differed by half of that."""
+    """A linkage that nearly locks: two runs of IDA were off to one side by 4e-5, and differed by half of that."""
     assert places("near_singular", ["tilt = 1e-07"]).error == 0
