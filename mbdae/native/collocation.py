@@ -254,6 +254,12 @@ class CollocationRun(Stepping):
             *map(address, self._kept[2:]), rtol, time, target, limit, *map(address, arrays), stale=1, exponent=1 / (s + 1),
             accepted_error=1.0, bound=inf, landing=inf, rejected=FIRST)
         self._at, self._c, self._shape = ctypes.addressof(self.table), functions(), (s - 1, n)
+        self._begun = [(part, bytes(part)) for part in (self.table, stages.table, stages.matrix.table)]
+
+    def anew(self) -> None:
+        """Forget the steps before, as a new object."""
+        for part, at_first in self._begun:
+            ctypes.memmove(ctypes.addressof(part), at_first, len(at_first))
 
     def watch(self, contacts: Contacts | None) -> None:
         """Have `steps` check these contacts after every step and return LOOK where one needs a closer check in Python; None: no
