@@ -74,12 +74,11 @@ def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, 
     M (nu, nu) or (nt, nu, nu); slope (nt, nu, m): derivative of friction by lambda; E: see `unique_multipliers`; units (nu,):
     scale of u' in the norm that chooses a solution where the matrix is singular."""
     nu, n = f.shape[1], f.shape[1] + gamma.shape[1]
-    M = np.broadcast_to(M, (len(f), nu, nu))
-    scale, right, out = np.r_[units, np.ones(n - nu)], np.hstack([f, -gamma]), np.empty((len(f), n))
+    scale, right, out = np.append(units, np.ones(n - nu)), np.concatenate([f, -gamma], axis=1), np.empty((len(f), n))
     size = max(1, AT_ONCE // n**2)
     for part in (slice(i, i + size) for i in range(0, len(f), size)):
         K = np.zeros((len(f[part]), n, n))
-        K[:, :nu, :nu], K[:, :nu, nu:], K[:, nu:, :nu] = M[part], G[part].transpose(0, 2, 1), G[part]
+        K[:, :nu, :nu], K[:, :nu, nu:], K[:, nu:, :nu] = M if M.ndim == 2 else M[part], G[part].transpose(0, 2, 1), G[part]
         if slope is not None:
             K[:, :nu, nu:] -= slope[part]
         if E is not None:
@@ -95,12 +94,12 @@ def _solved(K: Array, right: Array, scale: Array) -> Array:
     except np.linalg.LinAlgError:
         return np.array([_solve(k, b, scale) for k, b in zip(K, right, strict=True)]).reshape(right.shape)
     x = x[:, :, 0]
-    off = np.linalg.norm(np.einsum("tij,tj->ti", K, x) - right, axis=1)  # nan where x is not finite
-    missed = ~(off <= 1e-8 * (np.linalg.norm(right, axis=1) + 1e-300))
+    left = right - np.matmul(K, x[:, :, None])[:, :, 0]  # nan where x is not finite
+    missed = ~(np.sum(left * left, axis=1) <= 1e-16 * np.sum(right * right, axis=1) + 1e-300)
     for i in np.flatnonzero(missed):
         x[i] = _solve(K[i], right[i], scale)
     if len(x) == 1 and not missed[0]:  # one state, to which equations are linearised: 2e-13 of a force, where masses differ much
-        x[0] += np.linalg.solve(K[0], right[0] - K[0] @ x[0])
+        x[0] += np.linalg.solve(K[0], left[0])
     return np.asarray(x)
 
 
