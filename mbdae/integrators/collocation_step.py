@@ -125,7 +125,7 @@ class CollocationStep:
         return self
 
     def fits(self, system: System, demand: Demand) -> bool:
-        """Whether a step made for these equations and this demand would be the same: the order of elimination too is the first."""
+        """Whether a step made for these equations and this demand would be the same, its order of elimination too."""
         return (self.newton.equations is equations_of(system) and self.matrix.orders.present is (system.kept or {}).get("order")
                 and self.demand.rtol == demand.rtol and np.array_equal(self.demand.atol, demand.atol))
 
