@@ -297,6 +297,8 @@ class Numbering:
 
     def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:
         """(m,) for every row in force: its position in the list `rows`."""
+        if rows == self.rows:
+            return np.arange(self.m)
         at = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         return np.array([at[r.group, r.instance, r.row] for r in self.rows], dtype=np.intp)
 
