@@ -12,6 +12,7 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mbdae.deferred import later
 from mbdae.errors import SceneError, with_text_when_interrupted
 from mbdae.formulations import Form, default_form, form_of, system_for
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
@@ -27,7 +28,6 @@ from mbdae.run.control import plausible
 from mbdae.run.estimate import Controlled
 from mbdae.run.events import Watched
 from mbdae.run.job import Job
-from mbdae.run.stepper import Stepper
 from mbdae.scene.contacts import READERS
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
@@ -39,6 +39,10 @@ from mbdae.values import flag, number, of_class, option, optional, sequence, tex
 
 if TYPE_CHECKING:
     from mbdae.analysis import Equilibrium, Floquet, Linearization
+    from mbdae.run.stepper import Stepper
+else:
+    (Stepper,) = later("mbdae.run.stepper", "Stepper")
+
 
 def _by(module: str, name: str) -> Callable[..., Any]:
     """A function that imports its module of this package at the first call."""

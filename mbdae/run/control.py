@@ -71,8 +71,9 @@ CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
-#: that round-off or penetrations bound is not subject to them
-FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
+#: that round-off or penetrations bound is not subject to them. The smallest without contacts is that at which `share_of` comes to
+#: its least value with most solvers: a tighter run would not be estimated better by the run before
+FINER, FINER_WITH_IMPACTS = (6e-3, 0.3), (0.1, 0.3)
 #: a run is repeated if its tolerance is above this many times the largest one that resolves the penetrations and the sticking
 #: found in it
 COARSE = 3.0
@@ -181,6 +182,10 @@ class _Search:
             if too_coarse:
                 self.tight = with_rtol(self.tight, self.ceiling)
                 continue
+            if not self.grown:
+                best = self._compared_again(self._beside_usual(best, told), told)
+                if best.estimate <= self.accuracy:
+                    return best
             earlier = max((estimate for _, estimate in told[:-1]), default=0.0)
             if contacts and len(told) > 2 and best.estimate > max(LARGE, earlier / CHAOTIC):
                 return replace(best, notes=(*best.notes, CHAOS.format(earlier, best.estimate)))
@@ -214,9 +219,21 @@ class _Search:
         rtol, coarse = self.tight.tolerance, self.made[-1][1]
         self.made, self._count = [*self.made[-self._kept :], (rtol, fine)], self._count + 1
         told.append((rtol, bounded(self.tight, told, self.estimate, coarse, fine) if self.grown else self.estimate()))
-        others = tuple(one for run in self.made[-1 - self._kept : -1] for one in self._other(run))
-        return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, others,
+        return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, self._others(),
                           told=tuple(told), limit=self.limit)
+
+    def _others(self) -> tuple[OtherRun, ...]:
+        """The companions of the last run, beside it."""
+        return tuple(one for run in self.made[-1 - self._kept : -1] for one in self._other(run))
+
+    def _beside_usual(self, best: Controlled, told: list[tuple[float, float]]) -> Controlled:
+        """The last run, which misses the accuracy beside the run before; where that had a far larger tolerance, beside a usual
+        companion instead, which costs less than a tighter run and mostly shows that none is needed."""
+        count, cpu = usual_companion(self.system, best.solver, replace(self.asked, share=CLOSER), self.made)
+        if not count:
+            return best
+        told[-1] = told[-1][0], self.estimate()
+        return replace(best, estimate=told[-1][1], told=tuple(told), others=self._others()).after(count, cpu)
 
     def _other(self, companion: RunAt) -> tuple[OtherRun, ...]:
         """A companion of the last run, beside it."""

@@ -230,7 +230,7 @@ def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tup
     rate = state_rates(mechanics, state.t, state.q, state.u, state.s)
     blocks = {
         "q": (state.q[q], mechanics.rates(state.q, state.u)[q]), "v": (state.u[u], state.acceleration[u]),
-        "s": (state.s, rate), "z": (z, np.zeros_like(z)),
+        "s": (state.s, rate), "z": (z, np.zeros(len(z))),
     }
     if "lambda" in spec.blocks:
         zero, multipliers = np.zeros(nb.m), state.multipliers[nb.rows_among(mechanics.rows)] / nb.scaling()

@@ -297,15 +297,17 @@ class Numbering:
 
     def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:
         """(m,) for every row in force: its position in the list `rows`."""
+        if rows == self.rows:
+            return np.arange(self.m)
         at = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         return np.array([at[r.group, r.instance, r.row] for r in self.rows], dtype=np.intp)
 
-    @property
+    @cached_property
     def of_positions(self) -> NDArray[np.intp]:
         """(nq,) of every position unknown its number among the positions q of all nodes, some of which are no unknowns."""
         return np.concatenate([np.arange(n.q + self._own(n, "q"), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
 
-    @property
+    @cached_property
     def of_velocities(self) -> NDArray[np.intp]:
         """(nu,) of every velocity unknown its number among the velocities u of all nodes, some of which are no unknowns."""
         return np.concatenate([np.arange(n.u + self._own(n, "u"), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)

@@ -216,7 +216,7 @@ class Mechanics(States):
             return self._sparse(t, q, u)
         if not self.m:
             return lambda f, _: (np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, np.zeros((len(t), 0)))
-        G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
+        G, gamma = self.constraints_of_rates(t, q, u)
         E = self.unique(G)
         return lambda f, slope: solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units, slope, E)
 

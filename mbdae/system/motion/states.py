@@ -156,10 +156,21 @@ class States:
 
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
         """Constraint Jacobian G (nt, m, nu)."""
-        values, rows, columns = self.entries_of_G(t, q)
-        G = np.zeros((len(t), self.m, self.nu))
+        return self._full(*self.entries_of_G(t, q))
+
+    def _full(self, values: Array, rows: Index, columns: Index) -> Array:
+        G = np.zeros((len(values), self.m, self.nu))
         G[:, rows, columns] = values
         return G
+
+    def constraints_of_rates(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
+        """G (nt, m, nu) and gamma (nt, m), by one evaluation: d2g/dt2 = G u' + gamma."""
+        def both(part: Operations) -> Any:
+            return np.concatenate([self._entries_of_G(part), self.added(part, acceleration, self.m, self._in_rows)])
+
+        found, cells = self.at_states("rates", both, t, q, u), self._cells_of_G
+        k = len(cells)
+        return self._full(found[:, :k], cells // self.nu, cells % self.nu), found[:, k:]
 
     def sparse_constraint_jacobian(self, t: Array, q: Array) -> list[sp.csr_matrix]:
         """Constraint Jacobian G (m, nu) of every state, sparse."""
@@ -168,14 +179,17 @@ class States:
 
     def entries_of_G(self, t: Array, q: Array) -> tuple[Array, Index, Index]:
         """Values (nt, k) of the entries of G with their rows and columns (k,)."""
+        values, cells = self.at_states("G", self._entries_of_G, t, q, None), self._cells_of_G
+        return values, cells // self.nu, cells % self.nu
+
+    def _entries_of_G(self, part: Operations) -> Index:
         cells = self._cells_of_G
 
         def numbers(g: int, p: Plan) -> Index:
             at = self._in_G(g, p)
             return np.where(at >= 0, np.searchsorted(cells, at), -1)
 
-        values = self.at_states("G", lambda part: self.added(part, jacobian_G, len(cells), numbers), t, q, None)
-        return values, cells // self.nu, cells % self.nu
+        return self.added(part, jacobian_G, len(cells), numbers)
 
     @cached_property
     def _cells_of_G(self) -> Index:
