@@ -65,12 +65,15 @@ def basis_error(N: Array, units: Array) -> Array:
 
 @dataclass(frozen=True)
 class Reduced:
-    """M x'' + C x' + K x + B s' + D s = 0, Es s' + As s + S2 x'' + S1 x' + S0 x = 0; displacements p = N x.
+    """M x'' + C x' + K x + B s' + D s = 0, Es s' + As s + S2 x'' + S1 x' + S0 x = 0; displacements p = N x + Y s.
 
-    K is symmetric where the loads are conservative.
+    K is symmetric where the loads are conservative. whole: basis of the displacements that constraints of positions allow. Where
+    rows of velocities restrict the motion further, N are those along which they let the scene move, and the others Y are states.
     """
 
+    whole: Array
     N: Array
+    Y: Array
     M: Array
     C: Array
     K: Array
@@ -91,9 +94,41 @@ class Reduced:
         return E, A
 
 
-def reduced(p: Pencil, N: Array) -> Reduced:
-    """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are eliminated."""
-    return _reduced(p, N, N, acting_states(p), p.kinematics)
+    def displacements(self, vectors: Any) -> Any:
+        """p (nu, k) of vectors (x, x', s) in columns."""
+        n = len(self.M)
+        return self.N @ vectors[:n] + self.Y @ vectors[2 * n :]
+
+
+def reduced(p: Pencil, N: Array, Z: Array | None = None) -> Reduced:
+    """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are eliminated. N: basis of those that
+    constraints of positions allow; Z: of those x along which rows of velocities let the scene move, None: found here."""
+    found = _reduced(p, N, N, acting_states(p), p.kinematics)
+    if not len(p.places["r"]):
+        return found
+    B1, B0 = _rates(p, p.A, N)
+    Z = free_basis(B1, np.ones(N.shape[1])) if Z is None else Z
+    Y = np.linalg.qr(B1.T)[0]
+    return _rolling(found, Z, Y, np.linalg.solve(B1 @ Y, B0))
+
+
+def _rates(p: Pencil, A: Any, N: Array) -> tuple[Array, Array]:
+    """B1, B0 of the rows of velocities B1 x' + B0 x = 0; A: that of p, or its errors."""
+    w = p.part(A, "r", "w")
+    return np.asarray(w @ N), np.asarray(p.part(A, "r", "p") @ N + w @ (p.kinematics @ N))
+
+
+def _rolling(r: Reduced, Z: Array, Y: Array, B: Array, sign: float = -1.0) -> Reduced:
+    """Equations r of x = Z a + Y b with the rows b' + B x = 0, as equations of a with the further states b."""
+    k, one = len(r.Es), np.eye(len(B))
+    drift = sign * (Y @ B)  # x'' = Z a'' + drift x', x' = Z a' + Y b'
+    C, S1 = r.C + r.M @ drift, r.S1 + r.S2 @ drift
+    Es = np.block([[r.Es, S1 @ Y], [np.zeros((len(B), k)), one]])
+    As = np.block([[r.As, r.S0 @ Y], [np.zeros((len(B), k)), B @ Y]])
+    none = np.zeros((len(B), Z.shape[1]))
+    return Reduced(r.whole, r.N @ Z, np.hstack([r.Y, r.N @ Y]), Z.T @ r.M @ Z, Z.T @ C @ Z, Z.T @ r.K @ Z,
+                   Z.T @ np.hstack([r.B, C @ Y]), Z.T @ np.hstack([r.D, r.K @ Y]), Es, As,
+                   np.vstack([r.S2 @ Z, none]), np.vstack([S1 @ Z, none]), np.vstack([r.S0 @ Z, B @ Z]))
 
 
 def _reduced(p: Pencil, N: Array, left: Array, s: Any, kinematics: Any) -> Reduced:
@@ -112,18 +147,43 @@ def _reduced(p: Pencil, N: Array, left: Array, s: Any, kinematics: Any) -> Reduc
     if len(z):
         _eliminate(out)
     (M, C, K, B, D, _), (S2, S1, S0, Es, As, _) = out["w"], out["s"]
-    return Reduced(N, M, C, K, B, D, Es, As, S2, S1, S0)
+    return Reduced(N, N, np.zeros((len(N), len(Es))), M, C, K, B, D, Es, As, S2, S1, S0)
 
 
 def errors_of(p: Pencil, r: Reduced, units: Array) -> Reduced:
     """Bounds of the errors of the matrices r of a pencil without algebraic unknowns: by those of p, and by that of the basis."""
     assert p.errors is not None
-    s, size, off, sizes = acting_states(p), np.abs(r.N), basis_error(r.N, units), replace(p, E=abs(p.E), A=abs(p.A))
+    N = r.whole
+    s, size, off, sizes = acting_states(p), np.abs(N), basis_error(N, units), replace(p, E=abs(p.E), A=abs(p.A))
     turn = abs(p.kinematics)
     own = _reduced(p.errors, size, size, s, 2 * turn)  # twice: the errors of the turn itself are in proportion to it
     right, left = _reduced(sizes, off, size, s, turn), _reduced(sizes, size, off, s, turn)
-    return replace(own, M=own.M + right.M + left.M, C=own.C + right.C + left.C, K=own.K + right.K + left.K, B=own.B + left.B,
-                   D=own.D + left.D, S2=own.S2 + right.S2, S1=own.S1 + right.S1, S0=own.S0 + right.S0)
+    e = replace(own, M=own.M + right.M + left.M, C=own.C + right.C + left.C, K=own.K + right.K + left.K, B=own.B + left.B,
+                D=own.D + left.D, S2=own.S2 + right.S2, S1=own.S1 + right.S1, S0=own.S0 + right.S0)
+    return e if not len(p.places["r"]) else _errors_of_rates(p, e)
+
+
+def _errors_of_rates(p: Pencil, e: Reduced) -> Reduced:
+    """The bounds of errors e carried on as `reduced` carries the equations to the motions that rows of velocities allow."""
+    assert p.errors is not None
+    N, full = e.whole, _reduced(p, e.whole, e.whole, acting_states(p), p.kinematics)
+    (B1, B0), (dB1, dB0) = _rates(p, p.A, N), _rates(p, p.errors.A, np.abs(N))
+    Z, Y = np.abs(free_basis(B1, np.ones(N.shape[1]))), np.linalg.qr(B1.T)[0]
+    inverse = np.linalg.inv(B1 @ Y)
+    B, Y = np.abs(inverse @ B0), np.abs(Y)
+    dB = np.abs(inverse) @ (np.abs(dB0) + np.abs(dB1) @ Y @ B) + 4 * ROUNDED * B
+    size = replace(full, **{f.name: np.abs(getattr(full, f.name)) for f in fields(Reduced)})
+    own, rounded = _rolling(e, Z, Y, B, 1.0), _rolling(size, Z, Y, B, 1.0)
+    found = {f.name: getattr(own, f.name) + 4 * ROUNDED * getattr(rounded, f.name) for f in fields(Reduced)}
+    forces, states = size.M @ (Y @ dB), size.S2 @ (Y @ dB)
+    k = len(full.Es)
+    found["C"] += Z.T @ forces @ Z
+    found["B"][:, k:] += Z.T @ forces @ Y
+    found["S1"][:k] += states @ Z
+    found["Es"][:k, k:] += states @ Y
+    # the rows b' + B x = 0
+    found["Es"][k:], found["As"][k:, :k], found["As"][k:, k:], found["S0"][k:] = 0.0, 0.0, dB @ Y, dB @ Z
+    return Reduced(**found)
 
 
 def _eliminate(out: dict[str, list[Array]]) -> None:
@@ -213,7 +273,7 @@ def _without_noise(r: Reduced, e: Reduced) -> tuple[Reduced, Reduced]:
     values, errors = {}, {}
     for f in fields(Reduced):
         a, d = getattr(r, f.name), getattr(e, f.name)
-        noise = (np.abs(a) <= d) if f.name != "N" else np.zeros(a.shape, dtype=bool)
+        noise = (np.abs(a) <= d) if f.name not in ("whole", "N", "Y") else np.zeros(a.shape, dtype=bool)
         values[f.name], errors[f.name] = np.where(noise, 0.0, a), np.where(noise, d + np.abs(a), d)
     return Reduced(**values), Reduced(**errors)
 
@@ -222,7 +282,7 @@ def _cut(r: Reduced, x: NDArray[np.intp], s: NDArray[np.intp]) -> Reduced:
     """The equations of some displacements x and internal states s."""
     rows = {"M": (x, x), "C": (x, x), "K": (x, x), "B": (x, s), "D": (x, s), "Es": (s, s), "As": (s, s), "S2": (s, x),
             "S1": (s, x), "S0": (s, x)}
-    return replace(r, N=r.N[:, x], **{name: getattr(r, name)[np.ix_(*at)] for name, at in rows.items()})
+    return replace(r, N=r.N[:, x], Y=r.Y[:, s], **{name: getattr(r, name)[np.ix_(*at)] for name, at in rows.items()})
 
 
 def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | None]:
@@ -250,7 +310,7 @@ def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | No
     settled = (values.real + errors <= 0) | (paired & found.alone & (values.real == 0)) | (errors == 0) & (values == 0)
     values = np.where(zero, 0.0, values)
     if paired and verdict is None:
-        exact = exact_zeros(values, errors, r.N @ found.vectors[:n], known)
+        exact = exact_zeros(values, errors, r.displacements(found.vectors), known)
         settled |= exact
         values.real[exact] = 0.0
     if verdict is None:

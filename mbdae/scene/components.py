@@ -56,10 +56,11 @@ class Body(AsStated, NamesArguments):
     scene: Any = field(default=None, repr=False)  #: the scene in which the body is stated
     shapes: tuple[Shape, ...] | None = None  #: shapes to draw; None: not stated, drawn from mass and attachments
     color: str | None = None  #: "#rrggbb", None: chosen by the drawing
+    gravity: Array | None = None  #: (3,) its own gravity, m/s^2; None: that of the scene
     drawn: Drawn = field(init=False)
 
     def __post_init__(self, position: Array, rotation: Array, velocity: Array, angular_velocity: Array) -> None:
-        self.inertia, self.outline = fixed(self.inertia), fixed(self.outline)
+        self.inertia, self.outline, self.gravity = map(fixed, (self.inertia, self.outline, self.gravity))
         self.drawn = Drawn(*map(fixed, (position, rotation, velocity, angular_velocity)))
 
     def _settled(self) -> bool:

@@ -92,12 +92,14 @@ class Joint(TwoBodyLaw):
 
     def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Expressions of the frames, without the joint's coordinates, that vanish; by name of the row."""
+        if self.states_rates():
+            return {}
         if self.states_motion():
             raise LawError(f"joint law {type(self).__name__} states a motion without coordinates: where l moves with k use "
                            f"mb.Weld, otherwise declare coordinates = mb.params(name=('rad', 'meaning')) and move by "
                            f"self.name")
-        raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`: "
-                       f"state one of these methods")
+        raise LawError(f"joint law {type(self).__name__} states none of `motion(self, from_k)`, `constraints(self, k, l)` and "
+                       f"`velocity_constraints(self, k, l)`: state one of these methods")
 
     def coordinate(self, *frames: Any, **_: Any) -> Any:
         """{coordinate: expression of the frames}, or the expression alone where there is one coordinate; None: the coordinates
@@ -336,6 +338,8 @@ class Coupling(TwoBodyLaw):
 
     def constraints(self) -> dict[str, Expr]:
         """Expressions of the coordinates that vanish, by name of the row."""
+        if self.states_rates():
+            return {}
         raise LawError(f"coupling {type(self).__name__} does not state `constraints(self)`: return its rows, "
                        f"{{'name': expression that vanishes}}")
 

@@ -168,6 +168,16 @@ class Law:
         """All constraint rows of the law, expressions that vanish, by name."""
         return {}
 
+    def velocity_constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
+        """Expressions that are linear in the velocities of the frames and vanish, by name of the row: they restrict how the
+        bodies move, not where they are. A term without velocities is a rate prescribed by a parameter."""
+        return {}
+
+    @classmethod
+    def states_rates(cls) -> bool:
+        """Whether the class defines `velocity_constraints`."""
+        return cls.velocity_constraints is not Law.velocity_constraints
+
     @classmethod
     def derived(cls) -> frozenset[str]:
         """Parameters and options that the law has without declaring them."""

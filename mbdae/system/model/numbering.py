@@ -44,19 +44,20 @@ def _names(node: Node) -> tuple[list[str], list[str]]:
 @dataclass(frozen=True)
 class Row:
     """A constraint row: numbers of its group and instance, its number in the law, its name "joint.row". prescribes: whether it
-    prescribes a coordinate."""
+    prescribes a coordinate; by_rates: whether it is stated by velocities, so that it restricts no positions."""
 
     group: int
     instance: int
     row: int
     name: str
     prescribes: bool = False
+    by_rates: bool = False
 
 
 def constraint_rows(model: Model) -> list[Row]:
     """All constraint rows of a model, in the order of the scene's items."""
     rows = [
-        Row(g, i, r, f"{instance.item}.{name}", name in group.derived.law.drives())
+        Row(g, i, r, f"{instance.item}.{name}", name in group.derived.law.drives(), name in group.derived.by_rates)
         for g, group in enumerate(model.groups) if group.derived.rows
         for i, instance in enumerate(group.instances)
         for r, name in enumerate(group.derived.rows)

@@ -60,6 +60,11 @@ class Mechanics(States):
             return self.sparse_constraint_jacobian(t, q[None])[0]
         return self.constraint_jacobian(t, q[None])[0]
 
+    def closing_matrix(self, t: Array, q: Array) -> Any:
+        """Derivatives (m, nu) of the constraints of positions, as `constraint_matrix`; rows of velocities are 0."""
+        G, kept = self.constraint_matrix(t, q), np.array([not row.by_rates for row in self.rows], dtype=float)
+        return G if kept.all() else sp.diags(kept) @ G if self.large else G * kept[:, None]
+
     @cached_property
     def mass(self) -> Any:
         """Mass matrix (nu, nu). It is constant because velocities are those of centres of mass, and angular velocities are in
