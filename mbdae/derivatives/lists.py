@@ -17,23 +17,9 @@ import numpy as np
 
 from mbdae.errors import internal
 from mbdae.native.explicit import Twins
-from mbdae.native.program import (
-    ADD,
-    CALL,
-    CHOLESKY,
-    LOAD,
-    LU,
-    MULTIPLY,
-    PASS,
-    POSITIVE,
-    SET,
-    SOLVE,
-    Operations,
-    Scene,
-    Step,
-    block,
-    core,
-)
+from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, PASS, POSITIVE, SET, SOLVE, Operations, Scene, Step
+from mbdae.native.program import block as block
+from mbdae.native.program import core as core
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import Index, Workspace
 
@@ -245,7 +231,12 @@ class Lists:
     def _back(self, i: int, step: Step) -> None:
         part, by, fields, kind = self.pullback, self.width, step.fields, step.fields["kind"]
         if kind == CALL:
-            self._back_call(part, step, slice(None), fields["first"] + by)
+            own = step.tables["from_"] - fields["first"]
+            if not np.any((own >= 0) & (own < fields["times"] * fields["outputs"])):
+                self._back_call(part, step, slice(None), fields["first"] + by)
+                return
+            for r in reversed(range(fields["times"])):  # instances that read results of those before them
+                self._back_call(part, step, slice(r, r + 1), fields["first"] + by + r * fields["outputs"])
         elif kind == PASS:
             sums = step.tables["to"]
             for r in reversed(range(len(sums))):
