@@ -34,7 +34,7 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import option, sequence, shown, text
 
-FINER, LEVELS = 10.0, 4  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
+FINER, LEVELS = 10.0, 6  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
 #: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-11 in an arm
 ROUNDED = 1e-10
 SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
@@ -124,7 +124,7 @@ class Refined:
     def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
         accuracy, (before, steps) = self.result.accuracy.asked, self._read(0, reads)
-        for level in range(1, LEVELS - bool(self.prepared.model.lines)):  # beams take thousands of steps a run
+        for level in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
             (now, more), found = self._read(level, reads), Derivatives()
             same = more < MORE * steps  # where sampling instants or breaks make the steps, runs differ by less than their error
             for key, (value, doubt) in now.items():
