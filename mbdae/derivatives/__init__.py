@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import Equations, chart_of
+from mbdae.derivatives.chart import Equations, chart_of, refused
 from mbdae.derivatives.reading import Along, Objective
 from mbdae.derivatives.reading import at_end as at_end
 from mbdae.derivatives.reading import integral as integral
@@ -28,15 +28,19 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.quantities import Quantity
 from mbdae.results.result import Result
 from mbdae.run.choice import choose, prepared_from
+from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import option, sequence, shown, text
 
-FINER, LEVELS = 10.0, 4  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
+FINER, LEVELS = 10.0, 6  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
 #: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-11 in an arm
 ROUNDED = 1e-10
 SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
+#: arguments of `simulate` and of solvers, which are no numbers of a scene
+OF_CALLS = ("accuracy", "t_end", "outputs", "solver", "form", "rtol", "atol", "step", "stages", "every", "max_wall")
+MORE = 1.05  #: a run that has not more steps than this times those of another one has the same ones
 TOLD = 10.0  #: the error of a derivative, over the accuracy times its largest value, above which a warning is issued
 
 
@@ -77,6 +81,8 @@ class Refined:
         if not isinstance(self.solver, DOP853 | RadauIIA):
             self._with_other_method()
         base = Equations.of(self.prepared, self.system.stated, isinstance(self.solver, DOP853))
+        for name in names:
+            refuse_number(name, self.prepared.model.scene)
         self.charts = [chart_of(name, base, float(run.t[-1])) for name in names]
         for chart in self.charts:
             chart.refuse_moving_breaks(float(run.t[0]))
@@ -117,25 +123,27 @@ class Refined:
 
     def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
-        accuracy = self.result.accuracy.asked
-        before = self._read(0, reads)
-        for level in range(1, LEVELS - bool(self.prepared.model.lines)):  # beams take thousands of steps a run
-            now, found = self._read(level, reads), Derivatives()
+        accuracy, (before, steps) = self.result.accuracy.asked, self._read(0, reads)
+        for level in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
+            (now, more), found = self._read(level, reads), Derivatives()
+            same = more < MORE * steps  # where sampling instants or breaks make the steps, runs differ by less than their error
             for key, (value, doubt) in now.items():
-                found[key] = Derivative(value, _largest(value - before[key][0]) + _largest(doubt) + ROUNDED * _largest(value))
+                off = max(_largest(value - before[key][0]), same * (accuracy or 0.0) * _largest(value))
+                found[key] = Derivative(value, off + _largest(doubt) + ROUNDED * _largest(value))
             wrong = {key: one.error / (_largest(one.value) or 1.0) for key, one in found.items()}
-            if accuracy is None or max(wrong.values()) <= accuracy:
+            if accuracy is None or (max(wrong.values()) <= accuracy and not same):
                 break
-            before = now
+            before, steps = now, more
         for (what, name), share in wrong.items():
             if accuracy is not None and share > TOLD * accuracy:
                 warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
                      f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
         return found
 
-    def _read(self, level: int, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
+    def _read(self, level: int, reads: Mapping[Any, Read]) -> tuple[dict[Any, tuple[Array, Array]], int]:
         along = self.level(level)
-        return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
+        found = {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
+        return found, len(along.run.t)
 
 
 def _largest(values: Array) -> float:
@@ -203,10 +211,23 @@ def refuse_scene(prepared: Prepared, continued: Any = None, ends: bool = False) 
         raise DerivativeError(f"there are no derivatives of runs with contacts ({names}): steps do not move with the instants "
                               "at which bodies touch yet, and derivatives would be wrong by per cents; take the contact or stop "
                               "away where it does not touch, or compare runs")
-    if scene.controllers:
-        raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{scene.controllers[0].name}': what "
-                              "its function does is not known; state the control law by expressions (s.state, s.signal), or "
-                              "compare runs")
+    for one in scene.controllers:
+        if one.memory is not None:
+            raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{one.name}', whose memory may "
+                                  "depend on the motion: state what it remembers by expressions (s.state), or compare runs")
+        if one.derivative is None:
+            raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{one.name}': what its function "
+                                  "does is not known; give derivative=, a function of the same arguments that returns the "
+                                  "derivatives of the outputs by the values, (outputs, values), or state the control law by "
+                                  "expressions (s.state, s.signal)")
+
+
+def refuse_number(name: str, scene: SceneData) -> None:
+    """Raise DerivativeError for what is no number of the equations of a scene."""
+    if name in [f"{one.name}.every" for one in scene.controllers]:
+        refused(name, "it moves the instants at which the controller is called, and steps do not move with these; compare runs")
+    if name in OF_CALLS and name not in scene.numbers:
+        refused(name, "it is no number of the scene, but of the call of simulate; compare runs")
 
 
 def refuse_run(result: Result) -> None:

@@ -40,6 +40,7 @@ DISTANCE, CLOSER, ATTEMPTS = 4e-3, 8.0, 4
 #: the difference of the differences of order 8 and 6, relative to the derivative, up to which they are taken; rounding of what is
 #: differentiated counts ROUNDING times its size, over the distance
 AGREED, ROUNDING = 1e-8, 3e-15
+ALIKE = 1e-7  #: share of a derivative of what is read up to which the orders have to agree, else nodes are taken closer
 KEPT = 64  #: charts that a scene keeps, each with the scenes of eight other values: 5 MB for ten bodies
 
 
@@ -224,6 +225,16 @@ class Varied:
             self.at(node)  # the distance is known from here on
         return differenced(lambda node: function(self.at(node), node), self.nodes, self.distance)
 
+    def explicit(self, function: Callable[[Equations], Array]) -> tuple[Array, Array]:
+        """As `sum_of`, with nodes at which orders agree, where there are such."""
+        varied = self
+        for _ in range(ATTEMPTS):
+            found, doubt = varied.sum_of(lambda one, _node: function(one))
+            if agree(found, doubt):
+                break
+            varied = varied.finer()
+        return found, doubt
+
     def with_jump(self, function: Callable[[Equations], Array]) -> tuple[Array, Array]:
         """As `sum_of`; the error contains how far the value is from the polynomial through those beside it: some numbers of
         exactly 0 stand for none."""
@@ -304,6 +315,11 @@ def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
         varied = varied.finer()
     refused(name, f"what the scene makes of it is not smooth at its value {varied.value or 0.0:g}; vary it from another value")
     raise AssertionError
+
+
+def agree(found: Array, doubt: Array) -> bool:
+    """Whether differences of two orders agree, or cannot."""
+    return not doubt.size or bool(doubt.max() <= ALIKE * np.abs(found).max()) or not np.isfinite(doubt).all()
 
 
 def _largest(values: Array) -> float:

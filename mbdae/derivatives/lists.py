@@ -17,23 +17,9 @@ import numpy as np
 
 from mbdae.errors import internal
 from mbdae.native.explicit import Twins
-from mbdae.native.program import (
-    ADD,
-    CALL,
-    CHOLESKY,
-    LOAD,
-    LU,
-    MULTIPLY,
-    PASS,
-    POSITIVE,
-    SET,
-    SOLVE,
-    Operations,
-    Scene,
-    Step,
-    block,
-    core,
-)
+from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, PASS, POSITIVE, SET, SOLVE, Operations, Scene, Step
+from mbdae.native.program import block as block
+from mbdae.native.program import core as core
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import Index, Workspace
 
@@ -245,13 +231,18 @@ class Lists:
     def _back(self, i: int, step: Step) -> None:
         part, by, fields, kind = self.pullback, self.width, step.fields, step.fields["kind"]
         if kind == CALL:
-            self._back_call(part, fields["kernel"], step.tables["from_"], fields["first"] + by)
+            own = step.tables["from_"] - fields["first"]
+            if not np.any((own >= 0) & (own < fields["times"] * fields["outputs"])):
+                self._back_call(part, step, slice(None), fields["first"] + by)
+                return
+            for r in reversed(range(fields["times"])):  # instances that read results of those before them
+                self._back_call(part, step, slice(r, r + 1), fields["first"] + by + r * fields["outputs"])
         elif kind == PASS:
-            slots, sums, width = step.tables["from_"], step.tables["to"], fields["outputs"]
-            for r in reversed(range(len(slots))):
-                first = fields["first"] + by + r * width
+            sums = step.tables["to"]
+            for r in reversed(range(len(sums))):
+                first = fields["first"] + by + r * fields["outputs"]
                 part.add(first + np.arange(sums.shape[1]), sums[r] + by)
-                self._back_call(part, fields["kernel"], slots[r : r + 1], first)
+                self._back_call(part, step, slice(r, r + 1), first)
         elif kind == LOAD:
             at, data = fields["first"] + by + np.arange(fields["count"]), self._data.get(i, np.full(fields["count"], -1))
             part.add(data[data >= 0], at[data >= 0])
@@ -264,7 +255,8 @@ class Lists:
                 cell, row, column = _entries(step)
                 part.multiply(cell + by, right + row + by, right + column, -1.0)
 
-    def _back_call(self, part: Operations, kernel: Any, slots: Index, first: int) -> None:
+    def _back_call(self, part: Operations, step: Step, some: slice, first: int) -> None:
+        slots, kernel = step.tables["from_"][some], step.fields["kernel"]
         found = part.call(kernel.pullback, np.hstack([slots, block(first, len(slots), kernel.width)]))
         part.load(first, np.zeros(len(slots) * kernel.width))
         part.add((slots + self.width).ravel(), found.ravel())

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import BOTH, DISTANCE, Chart, Equations, differenced, refused
-from mbdae.derivatives.steps import Derived
+from mbdae.derivatives.chart import ATTEMPTS, BOTH, CLOSER, DISTANCE, Chart, Equations, agree, differenced, refused
+from mbdae.derivatives.steps import Calls, Derived
 from mbdae.errors import DerivativeError, OptionError
 from mbdae.integrators import radau_table
 from mbdae.integrators.dense import interval
@@ -19,6 +19,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.quantities import Quantity
 from mbdae.results.result import Result
 from mbdae.system.base import Array
+from mbdae.system.sampling import Sampling
 from mbdae.values import number, optional, shown
 
 POINTS, POINT_WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -27,8 +28,6 @@ NEAR = 1e-3  #: two maxima that differ by less than this share may change places
 #: largest y' of the run counts as a jump
 BESIDE, JUMP = 1e-9, 1e-5
 BISECTIONS = 60
-#: share of a derivative to which the differences along the run have to agree, else they are taken closer, CLOSER times at most
-AGREED, CLOSER, ATTEMPTS = 1e-7, 8.0, 4
 SIDES = (1, -1, 2, -2, 3, -3)  #: nodes of the differences of what is read along one unknown, which is cheap and smooth
 
 
@@ -119,13 +118,42 @@ class _Moved:
         return np.asarray(self.of.derivative(t) + self.by * change)
 
 
+def sampled(run: Solution, charts: Sequence[Chart], scale: Array) -> Calls:
+    """The calls of sampled controllers in a run, with the derivatives of the outputs that they set: by the unknowns, and by the
+    numbers, which sensors may contain."""
+    base = charts[0].varied.base
+    if not base.prepared.model.scene.controllers:
+        return {}
+    nb, begin = base.assembly.numbering, float(run.t[0])
+    sampler, due = Sampling(base.prepared, nb)(begin), dict[int, list[Any]]()
+    for instant, _ in sampler.parts(begin, float(run.t[-1])):
+        due[int(np.argmin(np.abs(run.t - instant)))] = list(sampler.due)
+        for one in sampler.due:
+            one.count += 1
+    at, held = np.array([*due]), np.array([place for one in sampler.called for place in one.outputs])
+    t, y = run.t[at], run.y[at].copy()
+    y[:, held] = np.where(at[:, None] > 0, run.y[at - 1][:, held], base.start[held])  # what the functions read
+    values, by = sampler.observer(t, y), DISTANCE * np.maximum(np.abs(run.y).max(axis=0), scale)
+    slopes = [differenced(lambda node, e=e: sampler.observer(t, y + node * e), SIDES, 1.0)[0] for e in np.diag(by)]  # type: ignore[misc]
+    of_numbers = [chart.varied.explicit(lambda one: Sampling(one.prepared, nb)(begin).observer(t, y))[0] for chart in charts]
+    found: Calls = {}
+    for m, (k, ones) in enumerate(due.items()):
+        D = np.zeros((len(held), values.shape[1]))
+        for one in ones:
+            D[np.searchsorted(held, one.outputs), one.inputs] = one.derivative(float(t[m]), values[m, one.inputs])
+        kept = np.isin(held, [place for one in ones for place in one.outputs])
+        by_unknowns = np.stack([slope[m] for slope in slopes], axis=1) / by
+        found[k] = held[kept], D[kept] @ by_unknowns, D[kept] @ np.stack([one[m] for one in of_numbers], axis=1)
+    return found
+
+
 class Along:
     """A run and its derivatives by numbers of the scene."""
 
     def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], scale: Array) -> None:
         self.result = Result(result.prepared, run, None, result.t)  # type: ignore[arg-type]
         self.charts, self.run = charts, run
-        self.derived = Derived(run, charts, scale)
+        self.derived = Derived(run, charts, scale, sampled(run, charts, scale))
         refuse_jumps(self.derived)
         self._sums: dict[int, list[tuple[Array, Array]]] = {}
 
@@ -147,7 +175,7 @@ class Along:
 
         for _ in range(ATTEMPTS):
             found, doubt = differenced(lambda node, by=by: moved(node, by), BOTH, by)  # type: ignore[misc]
-            if _agree(found, doubt):
+            if agree(found, doubt):
                 break
             by /= CLOSER
         explicit, further = self._explicit(k, lambda one: self._result(one, run.interpolant, run.y), read)
@@ -155,12 +183,7 @@ class Along:
 
     def _explicit(self, k: int, at: Callable[[Equations], Result], read: Callable[[Result], Array]) -> tuple[Array, Array]:
         """Derivative of what is read of the same states, and its error."""
-        varied = self.charts[k].varied
-        for _ in range(ATTEMPTS):
-            found, doubt = varied.sum_of(lambda one, _node: read(at(one)))
-            if _agree(found, doubt):
-                break
-            varied = varied.finer()
+        found, doubt = self.charts[k].varied.explicit(lambda one: read(at(one)))
         return self._finite(k, found), doubt
 
     def _finite(self, k: int, found: Array) -> Array:
@@ -196,6 +219,7 @@ class Along:
                 continue
             basis = table.values(theta) if part == "value" else table.slopes(theta) / h[:, None]
             for j in range(run.y.shape[1]):
+                whole = j in self.derived.held  # such an unknown has one value throughout a step
                 by = DISTANCE * size[j] / (1.0 if part == "value" else run.t[-1] - run.t[0])
 
                 def moved(node: int, j: int = j, by: float = by, part: str = part) -> Array:
@@ -203,6 +227,9 @@ class Along:
 
                 found, off = differenced(moved, SIDES, by)
                 given, doubt = weights * found, doubt + float(np.abs(weights) @ off) * size[j]
+                if whole:
+                    np.add.at(ends[:, j], step, given * float(part == "value"))
+                    continue
                 np.add.at(inner[:, :, j], step, given[:, None] * basis[:, :-1])
                 np.add.at(ends[:, j], step + 1, given * basis[:, -1])
                 np.add.at(ends[:, j], step, given * (float(part == "value") - basis[:, -1]))
@@ -253,11 +280,6 @@ class _Shifted:
         if part == self.part:
             found[:, self.j] += self.by
         return found
-
-
-def _agree(found: Array, doubt: Array) -> bool:
-    """Whether differences of two orders agree, or cannot."""
-    return not doubt.size or bool(doubt.max() <= AGREED * np.abs(found).max()) or not np.isfinite(doubt).all()
 
 
 def refuse_jumps(of: Derived) -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -51,10 +52,16 @@ def inside() -> Array:
         c[0] + x * (c[1] + (1 - x) * (c[2] + x * c[3])))))))
 
 
-class Derived:
-    """A run with its derivatives by numbers. charts: of the numbers; scale (n,): typical sizes of the unknowns."""
+#: number of a step -> unknowns that sampled controllers set before it, with their derivatives by all unknowns and by the numbers
+Calls = dict[int, tuple[Any, Array, Array]]
 
-    def __init__(self, run: Solution, charts: Sequence[Chart], scale: Array) -> None:
+
+class Derived:
+    """A run with its derivatives by numbers. charts: of the numbers; scale (n,): typical sizes of the unknowns; calls: of sampled
+    controllers."""
+
+    def __init__(self, run: Solution, charts: Sequence[Chart], scale: Array, calls: Calls) -> None:
+        self.calls, self.held = calls, {int(place) for one in calls.values() for place in one[0]}
         base = charts[0].varied.base
         self.run, self.charts, self.scale, self.n = run, charts, scale, run.y.shape[1]
         self.assembly, nb = base.assembly, base.listed.of.numbering
@@ -83,27 +90,42 @@ class Derived:
     def tangent(self) -> Collocation:
         """The derivatives of the run as polynomials over its steps, (n P) unknowns, numbers within unknowns."""
         self.lists.twins.clear()
-        states, inner, m = [self.start()[None]], [], len(self.run.t) - 1
+        S, begins, ends, inner, m = self.start(), [], [], [], len(self.run.t) - 1
         with self.within(0.0):
-            for i in range(0, m, BLOCK):
-                some = slice(i, min(i + BLOCK, m))
-                after, increments = self.steps.along(some, states[-1][-1])
-                states.append(after[1:])
+            for some in self._blocks():
+                if (call := self.calls.get(some.start)) is not None:
+                    S = S.copy()
+                    S[call[0]] = call[1] @ S + call[2]
+                after, increments = self.steps.along(some, S)
+                S = after[-1]
+                begins.append(after[:-1])
+                ends.append(after[1:])
                 inner.append(increments)
-        flat = np.concatenate(states).reshape(m + 1, -1)
-        return Collocation.of(self.steps.stages, self.run.t, flat, np.concatenate(inner).reshape(m, self.steps.stages - 1, -1))
+        flat = [np.concatenate(part).reshape(sum(map(len, part)), -1) for part in ([*begins, S[None]], ends)]
+        pieces = np.concatenate(inner).reshape(m, self.steps.stages - 1, -1)
+        return Collocation(radau_table(self.steps.stages), self.run.t, flat[0], pieces, flat[1])
+
+    def _blocks(self) -> list[slice]:
+        """Steps that one call of C takes."""
+        m = len(self.run.t) - 1
+        edges = sorted({*range(0, m, BLOCK), *self.calls, m})
+        return [slice(i, j) for i, j in pairwise(edges)]
 
     def adjoint(self, ends: Array, inner: Array) -> Array:
         """(P,) derivatives of a sum of weights times states. ends (m + 1, n): weights of y at the ends of steps; inner (m, s - 1,
         n): of the increments at the inner nodes."""
         self.lists.twins.clear()
-        total, m, found = ends[-1].copy(), len(self.run.t) - 1, np.zeros(len(self.charts))
+        total, found = ends[-1].copy(), np.zeros(len(self.charts))
         with self.within(0.0):
-            for i in reversed(range(0, m, BLOCK)):
-                some = slice(i, min(i + BLOCK, m))
+            for some in reversed(self._blocks()):
                 of_clock, prescribed = self.steps.back(some, ends[some], inner[some], total)
                 if self.clocks:
                     found += np.einsum("kq,kpq->p", of_clock, prescribed)
+                if (call := self.calls.get(some.start)) is not None:
+                    weights = total[call[0]]
+                    total[call[0]] = 0.0
+                    total += weights @ call[1]
+                    found += weights @ call[2]
         W, places = self.lists.W, self.lists.places
         found += self.seeds[:, places >= 0] @ W[places[places >= 0]]
         return np.asarray(found + total @ self.start())
@@ -240,7 +262,8 @@ class _Explicit:
         run = self.of.run
         if self.called and self.called.error:
             raise self.called.error
-        off = np.abs(reached - run.y[some.start + 1 : some.stop + 1]) > REPEATED * (np.abs(run.y).max(axis=0) + self.of.scale)
+        ends: Any = run.interpolant
+        off = np.abs(reached - ends.ends[some]) > REPEATED * (np.abs(run.y).max(axis=0) + self.of.scale)
         if code or off.any():
             step = some.start + int(np.argmax(off.any(axis=1)))
             raise DerivativeError(f"the step of the run that ends at t = {run.t[step + 1]:.9g} s cannot be repeated from its "

@@ -191,8 +191,8 @@ class AsGiven:
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A function that is called every `every` s: paths of the sensors it reads, names of the outputs it sets, and its memory at
-    the start; None: it has no memory."""
+    """A function that is called every `every` s: paths of the sensors it reads, names of the outputs it sets, its memory at the
+    start, None: it has no memory; derivative: function of the same arguments, (outputs, values), None: not known."""
 
     name: str
     function: Callable[..., Any]
@@ -200,6 +200,7 @@ class Controller:
     every: float
     reads: tuple[str, ...]
     sets: tuple[str, ...]
+    derivative: Callable[..., Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,9 @@ def exact(m: float, k: float, x0: float, t: Any) -> dict[str, Any]:
 
 
 NAMES = ["body.mass", "P.spring", "P.position0"]
-NUMBERS = {"oscillator": NAMES, "four-bar": ["crank.mass", "k", "A.rate0", "amplitude", "pace"],
+NUMBERS = {"oscillator": NAMES,
+           "chain": ["b3.mass", "J4.spring", "b13.inertia.1", "J2.damper", "J8.at.0"],
+           "four-bar": ["crank.mass", "k", "A.rate0", "amplitude", "pace"],
            "slide": ["rod.mass", "A.spring", "P.rate0", "P.friction.mu", "size", "pace"]}
 
 
@@ -107,11 +109,23 @@ def with_friction() -> mb.Scene:
     return s
 
 
+def chain() -> mb.Scene:
+    """A tree that is evaluated joint by joint, because it is large."""
+    s = mb.Scene("chain", gravity=(0, 0, -9.81))
+    previous: Any = s.ground
+    for i in range(14):
+        body = s.rigid_body(f"b{i}", 1.0 + 0.1 * i, (0.02, 0.03, 0.025), at=(0.2 * i + 0.1, 0, 0))
+        s.revolute(f"J{i}", previous, body, at=(0.2 * i, 0, 0), axis=((0, 1, 0), (0, 0, 1))[i % 2], spring=5.0, damper=0.3)
+        previous = body
+    return s
+
+
 @pytest.mark.parametrize(("scene", "options"), [
-    (oscillator, {}), (lambda: four_bar({}), {}), (with_friction, {"solver": mb.RadauIIA(3)}),
+    (oscillator, {}), (chain, {"accuracy": 1e-3}), (chain, {"solver": mb.RadauIIA(3), "accuracy": 1e-3}),
+    (lambda: four_bar({}), {}), (with_friction, {"solver": mb.RadauIIA(3)}),
     (with_friction, {"solver": mb.DOP853(), "form": mb.Index1(), "accuracy": 1e-3}),
     (with_friction, {"solver": mb.RadauIIA(2), "form": mb.Index1(multipliers="eliminated"), "accuracy": 1e-3})],
-    ids=["tree", "loop", "radau", "solved for", "eliminated"])
+    ids=["tree", "large tree", "large tree by Radau", "loop", "radau", "solved for", "eliminated"])
 def test_the_adjoint_is_the_transposed_tangent(scene: Callable[[], mb.Scene], options: dict[str, Any]) -> None:
     """Weights of states and of increments inside the steps, by numbers of bodies, joints, starts and inputs of time."""
     s = scene()
@@ -146,10 +160,38 @@ def pendulum(**options: Any) -> mb.Scene:
     return s
 
 
-def controlled() -> mb.Scene:
+def controlled(**derivative: Any) -> mb.Scene:
     s = pendulum(torque="u")
-    s.controller("c", lambda t, x: -x, 0.05, reads=["A.angle"], sets=["u"])
+    s.controller("c", lambda t, x: -x, 0.05, reads=["A.angle"], sets=["u"], **derivative)
     return s
+
+
+def held(k: float = 3.0, rate: float = 0.5) -> mb.Scene:
+    """A pendulum that a sampled controller holds."""
+    s = pendulum(spring=k, rate0=rate, torque="u")
+    s.controller("c", lambda t, x, w: -8 * np.tanh(x) - w, 0.05, reads=["A.angle", "A.rate"], sets=["u"],
+                 derivative=lambda t, x, w: [[-8 / np.cosh(x) ** 2, -1.0]])
+    return s
+
+
+@pytest.mark.parametrize("options", [{}, {"solver": mb.RadauIIA(3), "form": mb.GGL()}], ids=["chosen", "ggl"])
+def test_a_sampled_controller_passes_derivatives_on(options: dict[str, Any]) -> None:
+    """Of the motion, and of the output that it holds; by the adjoint as along the tangent."""
+    r = held().simulate(0.22, outputs=4, **options)
+    names, steps = ("A.spring", "A.rate0"), (3e-3, 5e-4)
+    found = r.sensitivity("A.angle", "u", to=names)
+    of = mb.integral("A.angle**2 + u**2")
+    level = Refined(r, names).level(0)
+    times, weights = of.points(level.result)
+    for k, (name, h) in enumerate(zip(names, steps, strict=True)):
+        given = [{"k": 3.0 + i * h} if k == 0 else {"rate": 0.5 + i * h} for i in (1, -1, 2, -2)]
+        runs = [held(**one).simulate(0.22, outputs=4, solver=mb.DOP853(rtol=1e-13)) for one in given]
+        for sensor in ("A.angle", "u"):
+            a, b, c, d = (run.read(sensor) for run in runs)
+            true = (8 * (a - b) - (c - d)) / (12 * h)  # of order 4: 1e-10 here
+            assert np.abs(found[sensor, name].value - true).max() < 1e-6 * np.abs(true).max()
+        along = weights @ level.of(k, lambda one: of.read(one, times))[0]
+        assert level.sums(of)[k][0] == pytest.approx(along, rel=1e-9)
 
 
 def jumping() -> mb.Scene:
@@ -160,14 +202,18 @@ def jumping() -> mb.Scene:
     (lambda: pendulum(limits=(-0.3, 0.5), stop=mb.Stop(stiffness=1e4)), {}, "rod.mass", "contacts.*'A'"),
     (controlled, {}, "rod.mass", "sampled controller 'c'"),
     (pendulum, {"until": "A.angle < -0.2"}, "rod.mass", "ends at an event"),
-    (pendulum, {}, "accuracy", "'accuracy' names no number"),
+    (pendulum, {}, "accuracy", "but of the call of simulate"),
+    (lambda: controlled(derivative=lambda t, x: [[-1.0]]), {}, "c.every", "instants at which the controller is called"),
+    (lambda: controlled(derivative=lambda t, x: [[1.0]]), {}, "rod.mass", "differences of its function give"),
+    (lambda: controlled(derivative=lambda t, x: [1.0, 2.0]), {}, "rod.mass", "has to return 1 x 1 numbers"),
     (pendulum, {}, "A.at.2", "other equations"),
     (pendulum, {}, "A.model", "not for a number"),
     (lambda: pendulum(torque=sympy.Piecewise((0, mb.t < 0.1), (2.0, mb.t < 0.3), (0, True))), {}, "A.torque.begin",
      "moves an instant"),
     (lambda: jumping(), {}, "rod.mass", "accelerations jump"),
     (lambda: jumping(), {"solver": mb.RadauIIA(3), "form": mb.GGL()}, "rod.mass", "accelerations jump"),
-], ids=["stop", "controller", "until", "accuracy", "out of plane", "word", "break", "jump", "jump with multipliers"])
+], ids=["stop", "controller", "until", "accuracy", "every", "wrong derivative", "shape",
+         "out of plane", "word", "break", "jump", "jump with multipliers"])
 def test_refused_by_name_and_reason(scene: Callable[[], mb.Scene], options: dict[str, Any], name: str, said: str) -> None:
     r = scene().simulate(0.5, **options)
     with pytest.raises(mb.DerivativeError, match=said):

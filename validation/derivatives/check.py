@@ -2,43 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from derivatives.drawn import DRAWN, END, EXAMPLES, counted, drawn, example, numbers
+from derivatives.drawn import judge as judged
 from derivatives.scenes import SCENES, Scene
 from runner import Case, Claim, Found
 
 import mbdae as mb
-from mbdae.scene.record import item_name
-from mbdae.study.statements import call_of, changed
+from mbdae.study.statements import changed
 
 claim = Claim("derivatives", "the derivative of what is read at the end of a run, by every number of its scene, is right within "
               "ten times the accuracy, or refused by name; `.error` covers it, at the median at most 50 times", 0.0, "scenes",
               "differences of order 8 of runs by DOP853 at 1e-13 or Radau IIA(5) at 1e-12")
 ACCURACY, DISTANCE = 1e-6, 2e-2
 WEIGHTS = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-QUICK = ["pendulum"]
-
-
-def numbers(scene: Any) -> list[str]:
-    """Names of all numbers in the statements of a scene, and its named numbers."""
-    found = list(scene.numbers)
-    for statement in scene.statements:
-        item = item_name(statement)
-        if isinstance(item, str):
-            found += [f"{item}.{name}" for name in _inside(call_of(scene, scene.statements, item)[1])]
-    return found
-
-
-def _inside(data: Any) -> Iterator[str]:
-    entries = data.items() if isinstance(data, dict) else enumerate(data)
-    for key, value in entries:
-        fields = value.get("fields", value.get("by", value)) if isinstance(value, dict) else value
-        if isinstance(value, float | int) and not isinstance(value, bool):
-            yield str(key)
-        elif isinstance(fields, dict | list) and "expression" not in fields:
-            yield from (f"{key}.{name}" for name in _inside(fields))
+QUICK, FEW, WHOLE = ["pendulum"], (9, 53), range(100)
 
 
 def difference(scene: Scene, base: Any, name: str, solver: Any) -> tuple[float, float]:
@@ -87,6 +68,19 @@ def judge(name: str, names: Sequence[str] = ()) -> list[Found]:
             Found(float(np.median(wide)) if wide else 0.0, 50, "errors", "median of errors over what is off")]
 
 
+def no_silent_zero(seeds: Sequence[int]) -> list[Found]:
+    """Numbers of drawn scenes."""
+    return counted([judged(drawn(seed), END, DRAWN, seed) for seed in seeds])
+
+
+def of_example(name: str) -> list[Found]:
+    """All numbers of an example."""
+    return counted([judged(example(name), END / 4)])
+
+
 def cases() -> list[Case]:
     return [*(Case(name, "chosen", lambda name=name: judge(name, SCENES[name].to)) for name in QUICK),
-            Case("every number", "chosen", judge, slow=True, parts=list(SCENES), each=True)]
+            Case("every number", "chosen", judge, slow=True, parts=list(SCENES), each=True),
+            Case("drawn scenes", "chosen", lambda: no_silent_zero(FEW)),
+            Case("all drawn scenes", "chosen", no_silent_zero, slow=True, parts=list(WHOLE)),
+            Case("examples", "chosen", of_example, slow=True, parts=sorted(p.stem for p in EXAMPLES.glob("*.py")), each=True)]
