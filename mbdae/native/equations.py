@@ -133,7 +133,7 @@ class Stepping(Listening):
     def bound(self, edges: Any, share: float, kinks: Any = ()) -> None:
         """Limit the length of steps, see `Stretches.of`."""
         found = Stretches.of(edges, share, kinks)
-        self._limits, self.table.stretches = found.kept, found
+        (self._edges, self._kinks), self.table.stretches = found.kept, found
 
 
 def equations_of(system: Any) -> Equations:

@@ -134,7 +134,7 @@ def _top(t: Array, values: Array) -> Array:
     with np.errstate(all="ignore"):
         slope = np.diff(values, axis=0) / np.diff(t, axis=0)
         at = (t[0] + t[1]) / 2 - slope[0] * (t[2] - t[0]) / (2 * (slope[1] - slope[0]))
-    return np.where((slope[0] >= 0) & (slope[1] < 0) & np.isfinite(at), at, t[1])
+    return np.asarray(np.where((slope[0] >= 0) & (slope[1] < 0) & np.isfinite(at), at, t[1]))
 
 
 def _where_it_may_be(result: Any, quantity: Quantity, steps: Array) -> Any:
