@@ -89,7 +89,7 @@ def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, 
 
 def _solved(K: Array, right: Array, scale: Array) -> Array:
     """Solutions (nt, n) of K x = right for many states: all at once, and one by one where a K is singular, see `_solve`."""
-    if len(K) == 1:  # once more for what is left, since equations are linearised there: 2e-13 of a force, where masses differ much
+    if len(K) == 1:  # once more for what is left, as equations are linearised there: 2e-13 of a force where masses differ much
         one, left = _solve(K[0], right[0], scale)
         return np.asarray(one if left is None else one + np.linalg.solve(K[0], left))[None]
     try:

@@ -149,6 +149,7 @@ class States:
         return np.stack([self.numbering.velocities(target, g) for target in p.targets], axis=1)
 
     def in_rows(self, g: int, p: Plan) -> Index:
+        """(instances, outputs) numbers of the rows to which outputs belong."""
         return np.stack([self.numbering.row_numbers(g, target[1]) for target in p.targets], axis=1)
 
     def _in_states(self, g: int, p: Plan) -> Index:
@@ -170,9 +171,9 @@ class States:
         return values, cells // self.nu, cells % self.nu
 
     def emitted_G(self, part: Operations) -> Index:
+        """Append the entries of G; returns their slots (k,)."""
         def numbers(g: int, p: Plan) -> Index:
-            at = self._in_G(g, p)
-            return np.where(at >= 0, np.searchsorted(self.cells_of_G, at), -1)
+            return np.where((at := self._in_G(g, p)) >= 0, np.searchsorted(self.cells_of_G, at), -1)
 
         return self.added(part, jacobian_G, len(self.cells_of_G), numbers)
 
