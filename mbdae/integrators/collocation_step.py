@@ -126,7 +126,8 @@ class CollocationStep:
 
     def fits(self, system: System, demand: Demand) -> bool:
         """Whether a step made for these equations and this demand would be the same, its order of elimination too."""
-        return (self.newton.equations is equations_of(system) and self.matrix.orders.present is (system.kept or {}).get("order")
+        order = None if system.kept is None else system.kept.get("order")
+        return (self.newton.equations is equations_of(system) and self.matrix.orders.present is order
                 and self.demand.rtol == demand.rtol and np.array_equal(self.demand.atol, demand.atol))
 
     def solve(self, h: float, full: bool = True) -> None:

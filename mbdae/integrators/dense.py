@@ -242,11 +242,12 @@ def piecewise(dense: Callable[..., Any], breaks: dict[int, tuple[Array, Array]],
     """One interpolant over the m steps of a run, t (m+1,), y and yp (m+1, n), from those of its parts by `Solver.dense`. breaks:
     number of a step -> y and yp before a restart there, with which a part that ends there ends."""
     whole = dense(t, y, yp, pieces)
-    if isinstance(whole, Collocation):
+    if not breaks:
+        return whole
+    if isinstance(whole, Collocation) and whole.inner is pieces:  # nothing inside a step is made from values at its ends
         whole.ends = y[1:].copy()
         for last, (own_y, _) in breaks.items():
             whole.ends[last - 1] = own_y
-    if isinstance(whole, Collocation) or not breaks:
         return whole
     parts, first = list[Any](), 0
     for last in [*breaks, len(t) - 1]:
@@ -257,4 +258,9 @@ def piecewise(dense: Callable[..., Any], breaks: dict[int, tuple[Array, Array]],
             own_y[-1], own_yp[-1] = breaks[last]
         parts.append(dense(t[piece], own_y, own_yp, pieces[first:last]))
         first = last
-    return Joined(parts)
+    if not all(isinstance(part, Collocation) for part in parts):
+        return Joined(parts)
+    t = np.concatenate([*(part.t[:-1] for part in parts), parts[-1].t[-1:]])
+    y = np.concatenate([*(part.y[:-1] for part in parts), parts[-1].y[-1:]])
+    inner, ends = (np.concatenate([getattr(part, name) for part in parts]) for name in ("inner", "ends"))
+    return Collocation(parts[0].table, t, y, inner, ends)

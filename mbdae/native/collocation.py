@@ -294,7 +294,8 @@ class CollocationRun(Stepping):
         made = Whole()
         code = self.native(self._c.run_steps, self._at, t, end, solved, most, SLICE, rows, *self._room_at,
                            ctypes.addressof(made))
-        return AcceptedSteps(*(part[: made.value].copy() for part in self._room), code)
+        times, y, yp, inner, errors = (part[: made.value].copy() for part in self._room)
+        return AcceptedSteps(times, y, yp, inner, errors, code)
 
     def control(self) -> tuple[Any, ...]:
         """State of the step size control, with which `back` can return to this point to make the next step once more."""

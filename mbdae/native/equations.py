@@ -46,6 +46,17 @@ class Stretches(ctypes.Structure):
 
     _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number), ("kinks", Pointer), ("kink_count", Whole))
 
+    kept: tuple[Any, Any]
+
+    @classmethod
+    def of(cls, edges: Any, share: float, kinks: Any = ()) -> Stretches:
+        """Stretches that limit the length of steps to a share of the interval between two edges (k,), s, in which they lie, and
+        let steps end at the kinks (l,), s: instants at which a derivative of an input jumps. `kept` are its arrays."""
+        kept = np.array(edges, dtype=float), np.array(kinks, dtype=float)
+        made = cls(kept[0].ctypes.data, len(kept[0]), share, kept[1].ctypes.data, len(kept[1]))
+        made.kept = kept
+        return made
+
 
 class Caught:
     """error: the first exception that a callback raised, or None; signals: those whose handlers the callbacks have to call."""
@@ -122,11 +133,9 @@ class Stepping(Listening):
     table: Any
 
     def bound(self, edges: Any, share: float, kinks: Any = ()) -> None:
-        """Limit the length of steps to a share of the interval between two edges (k,), s, in which they lie, and let steps end at
-        the kinks (l,), s: instants at which a derivative of an input jumps."""
-        self._edges, self._kinks = np.array(edges, dtype=float), np.array(kinks, dtype=float)
-        self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share, self._kinks.ctypes.data,
-                                         len(self._kinks))
+        """Limit the length of steps, see `Stretches.of`."""
+        found = Stretches.of(edges, share, kinks)
+        (self._edges, self._kinks), self.table.stretches = found.kept, found
 
 
 def equations_of(system: Any) -> Equations:

@@ -89,14 +89,13 @@ def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, 
 
 def _solved(K: Array, right: Array, scale: Array) -> Array:
     """Solutions (nt, n) of K x = right for many states: all at once, and one by one where a K is singular, see `_solve`."""
-    if len(K) == 1:  # to which equations are linearised, and with which runs begin again: once more for the rest, since that is
-        x, left = _solve(K[0], right[0], scale)  # 2e-13 of a force where masses differ much
-        return np.asarray(x if left is None else x + np.linalg.solve(K[0], left))[None]
+    if len(K) == 1:  # once more for what is left, as equations are linearised there: 2e-13 of a force where masses differ much
+        one, left = _solve(K[0], right[0], scale)
+        return np.asarray(one if left is None else one + np.linalg.solve(K[0], left))[None]
     try:
-        x = np.linalg.solve(K, right[:, :, None])
+        x = np.linalg.solve(K, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
         return np.array([_solve(k, b, scale)[0] for k, b in zip(K, right, strict=True)]).reshape(right.shape)
-    x = x[:, :, 0]
     off = np.linalg.norm(np.einsum("tij,tj->ti", K, x) - right, axis=1)  # nan where x is not finite
     for i in np.flatnonzero(~(off <= CLOSE * (np.linalg.norm(right, axis=1) + 1e-300))):
         x[i] = _solve(K[i], right[i], scale)[0]
@@ -104,13 +103,12 @@ def _solved(K: Array, right: Array, scale: Array) -> Array:
 
 
 def _solve(K: Array, right: Array, scale: Array) -> tuple[Array, Array | None]:
-    """Solution of K x = right and what it leaves of `right`; where K is singular, the least-squares solution with the smallest
-    norm of x / scale, and None."""
+    """Solution of K x = right, and what it leaves; of a singular K the one with the smallest norm of x / scale, and None."""
     try:
         x = np.linalg.solve(K, right)
         left = right - K @ x
         if np.linalg.norm(left) <= CLOSE * (np.linalg.norm(right) + 1e-300):
-            return x, left
+            return np.asarray(x), left
     except np.linalg.LinAlgError:
         pass
     return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float), None
