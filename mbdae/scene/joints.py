@@ -21,6 +21,7 @@ from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import STATEMENTS, statement
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
+from mbdae.values import shown
 
 if TYPE_CHECKING:
     from mbdae.laws.journal import JournalContact
@@ -185,8 +186,8 @@ class JointStatements(ConnectionStatements):
         the axes of k, and rotations one after the other in this order. Further arguments as in `joint`."""
         arg = Argument(self, f"generic '{name}'", "free")
         names = [free] if isinstance(free, str) else list(free) if isinstance(free, list | tuple) else [None]
-        if any(n not in FREE for n in names) or len({*names}) < len(names):
-            arg.wrong(f"{free!r} is no list of free directions", f"give some of {', '.join(FREE)}, each once")
+        if any(not isinstance(n, str) or n not in FREE for n in names) or len({*names}) < len(names):
+            arg.wrong(f"{shown(free)} is no list of free directions", f"give some of {', '.join(FREE)}, each once")
             names = []
         law = generic(tuple(names)) if names else Weld
         return self._library("generic", law, name, k, l, at, axis, axis_x, further)

@@ -115,7 +115,7 @@ class Joint(TwoBodyLaw):
         return {}
 
     def pressing(self, k: Frame, l: Frame, force: Vec) -> Vec:
-        """The part of the joint's reaction force on l (N) that presses the surfaces together: normal to the rubbed axis and slides."""
+        """The part of the joint's reaction force on l (N) that presses the surfaces together, normal to axis and slides."""
         return across(force, free_axes(self, k, l, self.rubbed) if self.states_motion() else [k.z])
 
     def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
