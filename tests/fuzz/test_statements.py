@@ -144,7 +144,8 @@ LEGITIMATE: dict[tuple[str, str], str] = (
     | {(f"bushing.{argument}", "a range"): "three numbers" for argument in ("stiffness", "damping")}
     | {(option, kind): "a switch" for option in ("damping_decay", "as_given") for kind in ("a truth value", "numpy's")}
     | {("elements", "a list"): "elements of two segments, which is told of this beam of one"}
-    | {(argument, kind): "a direction" for argument in ("knife edge.normal", "knife edge.along", "rolling.normal") for kind in PLANE}
+    | {(argument, kind): "a direction" for argument in ("knife edge.normal", "knife edge.along", "rolling.normal")
+       for kind in PLANE}
     | {("start", "a range"): "start values, of which there are too many"}
     | {("rotary_inertia", "a range"): "three values, the first of which is refused as rotary_inertia[0]"}
     | {("inertia", "a range"): "three principal moments", ("elements", "one entry"): "the elements of one segment"}
