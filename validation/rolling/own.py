@@ -1,5 +1,5 @@
-"""Equations of motion of Lagrange and d'Alembert from energies and rows A(q, t) q' = 0 by SymPy, integrated by SciPy; a thin disc by
-Newton and Euler; the linear equations of the bicycle as published."""
+"""Equations of motion of Lagrange and d'Alembert from energies and rows A(q, t) q' = 0 by SymPy, integrated by SciPy; a thin disc
+by Newton and Euler; the linear equations of the bicycle as published."""
 
 from __future__ import annotations
 

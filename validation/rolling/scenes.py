@@ -76,7 +76,7 @@ def sleigh(model: Any = None) -> Problem:
     s = mb.Scene("sleigh")
     b = s.rigid_body("sleigh", m, J, at=(a, 0), velocity=(v, a * w), angular_velocity=(0, 0, w))
     s.knife_edge("blade", s.ground, b, at=(0, 0), along=(1, 0))
-    (x, y, h), (dx, dy, dh) = q, u = coordinates("x y h")
+    (_, _, h), (dx, dy, dh) = q, u = coordinates("x y h")
     T = m * (dx**2 + dy**2) / 2 + J * dh**2 / 2
     row = -sp.sin(h) * (dx + a * sp.sin(h) * dh) + sp.cos(h) * (dy - a * sp.cos(h) * dh)
     found = moved(T, q, u, [row], [a, 0, 0, v, a * w, w], times())
@@ -91,7 +91,7 @@ def snakeboard(model: Any = None) -> Problem:
     board = s.rigid_body("board", m, J, at=(0, 0))
     wheel = s.rigid_body("rotor", 0.5, rotor, at=(0, 0))
     s.revolute("hub", board, wheel, at=(0, 0), angle=0.8 * sp.sin(3 * mb.t), model=model)
-    (x, y, h), (dx, dy, dh) = q, u = coordinates("x y h")
+    (_, _, h), (dx, dy, dh) = q, u = coordinates("x y h")
     T = (m + 0.5) * (dx**2 + dy**2) / 2 + J * dh**2 / 2 + rotor * (dh + spin.diff(TIME)) ** 2 / 2
     rows = []
     for name, side in (("front", 1), ("back", -1)):
@@ -126,7 +126,7 @@ def steered_wheel(model: Any = None) -> Problem:
     s.revolute("hub", fork, disc_, at=(base, 0, r), axis=(0, 1, 0), model=model)
     s.knife_edge("blade", s.ground, cart, at=(0, 0, r), along=(1, 0, 0))
     s.rolling("tyre", s.ground, disc_, at=(base, 0, r), axis=(0, 1, 0), radius=r)
-    (x, y, h, p), (dx, dy, dh, dp) = q, u = coordinates("x y h p")
+    (_, _, h, _), (dx, dy, dh, dp) = q, u = coordinates("x y h p")
     vx, vy = dx - base * sp.sin(h) * dh, dy + base * sp.cos(h) * dh
     turn = dh + angle.diff(TIME)
     T = m * ((dx - a * sp.sin(h) * dh) ** 2 + (dy + a * sp.cos(h) * dh) ** 2) / 2 + J * dh**2 / 2
