@@ -12,8 +12,9 @@ from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, mot
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system
 from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
+from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
-from mbdae.analysis.spectrum import Reduced, Structure, errors_of, free_basis, reduced, spectrum
+from mbdae.analysis.spectrum import Structure, spectrum
 from mbdae.analysis.state import at_kinks, kinks, pencil_at, pencil_with_errors, sides, structure
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, naming_arguments, warn
@@ -243,7 +244,7 @@ def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: Rota
     off = p.constraints @ before.N
     if np.abs(off).max(initial=0.0) > STEADY * np.abs(G).max(initial=1e-300):
         return f"the force of constraint {m.rows[largest(np.max(np.abs(off), axis=1))].name} has another direction"
-    Z = np.linalg.lstsq(before.whole, before.N, rcond=None)[0]
+    Z = np.asarray(np.linalg.lstsq(before.whole, before.N, rcond=None)[0], dtype=float)
     return _differs(m, before, reduced(p, before.whole, Z), float(np.max(np.abs(frame.rate))))
 
 

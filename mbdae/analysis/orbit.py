@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 
 from mbdae.analysis.frame import attitude, position
 from mbdae.analysis.pencil import acting, derivatives
-from mbdae.analysis.spectrum import free_basis
+from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.state import kinks
 from mbdae.errors import OptionError, SteadyError
 from mbdae.integrators import CollocationTable

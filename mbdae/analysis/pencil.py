@@ -187,8 +187,8 @@ class Pencil:
 
     @cached_property
     def static(self) -> Any:
-        """The equations (w, s, z, c) for displacements that are constant in the frame (p' = 0), columns (p, s, z, c), CSR. Rows of
-        velocities have the displacements follow them: of all positions at rest they give the one that is reached so."""
+        """The equations (w, s, z, c) for displacements that are constant in the frame (p' = 0), columns (p, s, z, c), CSR. Those
+        of velocities have the displacements follow them: of all positions at rest they give the one that is reached so."""
         A = self.A[np.concatenate([self.places[k] for k in "wszc"])].tocsc()
         others = np.concatenate([self.places[k] for k in "szc"])
         displaced = A[:, self.places["p"]] + A[:, self.places["w"]] @ self.kinematics
@@ -239,8 +239,8 @@ def _places(system: Assembly, mechanics: Mechanics, A: Any) -> dict[str, Array]:
     own = abs(A[z][:, z]) if len(z) else None
     rigid = np.zeros(len(z), dtype=bool) if own is None else np.asarray(own.sum(axis=1)).ravel() == 0
     by_rates = np.array([row.by_rates for row in system.numbering.rows], dtype=bool)
-    return {"p": np.arange(nu), "w": nu + np.arange(nu), "s": at["s"], "z": z[~rigid], "c": np.r_[at["lambda"], z[rigid]],
-            "r": at["lambda"][by_rates]}
+    return {"p": np.arange(nu), "w": nu + np.arange(nu), "s": at["s"], "z": z[~rigid], "r": at["lambda"][by_rates],
+            "c": np.r_[at["lambda"], z[rigid]]}
 
 
 def acting_states(p: Pencil) -> Array:

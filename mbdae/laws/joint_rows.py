@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import symengine as se
 
+from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import params
@@ -183,6 +184,8 @@ class ClearanceRevolute(Joint):
 
 def slip(k: Frame, l: Frame, arm: Vec) -> Vec:
     """Velocity, relative to k, of the point of l at l.r + arm, m/s."""
+    if not (k.kind.oriented and l.kind.oriented):
+        raise LawError("what rolls or cuts needs axes on its bodies, and a point mass has none: use s.rigid_body for it")
     return l.v + l.w.cross(arm) - k.v - k.w.cross(l.r + arm - k.r)
 
 
@@ -190,7 +193,7 @@ class Rolling(Joint):
     """The edge of a disc l, with the axle l.z through its centre l.r, rolls without slip on a plane of k.
 
     The normal n of the plane lies in the plane of k.x and k.z, at the angle `lean` from k.x. The lowest point of the edge is at
-    d = -radius (n - s l.z) / c from the centre, s = n.l.z, c = sqrt(1 - s^2), along which nothing slips: neither in the direction
+    d = -radius (n - s l.z) / c from the centre, s = n.l.z, c = sqrt(1 - s^2), and does not slip there: neither in the direction
     l.z x n of travel (row `along`) nor across it. Multipliers: minus the force of the plane on the disc along n (`height`), along
     the direction of travel and across it, N."""
 
@@ -230,7 +233,7 @@ class RollingBall(Joint):
 
 
 class KnifeEdge(Joint):
-    """The point of l moves relative to k along l.x, as seen in the plane normal to k.z, and not across it, as a blade on ice does.
+    """The point of l moves relative to k along l.x, seen in the plane normal to k.z, and not across it, as a blade on ice does.
     The multiplier is minus the force on l across the blade, N, where the blade is normal to k.z."""
 
     def velocity_constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:

@@ -21,6 +21,7 @@ from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import STATEMENTS, statement
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
+from mbdae.values import shown
 
 if TYPE_CHECKING:
     from mbdae.laws.journal import JournalContact
@@ -185,8 +186,8 @@ class JointStatements(ConnectionStatements):
         the axes of k, and rotations one after the other in this order. Further arguments as in `joint`."""
         arg = Argument(self, f"generic '{name}'", "free")
         names = [free] if isinstance(free, str) else list(free) if isinstance(free, list | tuple) else [None]
-        if any(n not in FREE for n in names) or len({*names}) < len(names):
-            arg.wrong(f"{free!r} is no list of free directions", f"give some of {', '.join(FREE)}, each once")
+        if any(not isinstance(n, str) or n not in FREE for n in names) or len({*names}) < len(names):
+            arg.wrong(f"{shown(free)} is no list of free directions", f"give some of {', '.join(FREE)}, each once")
             names = []
         law = generic(tuple(names)) if names else Weld
         return self._library("generic", law, name, k, l, at, axis, axis_x, further)
@@ -195,20 +196,21 @@ class JointStatements(ConnectionStatements):
     @statement
     def rolling(self, name: str, k: Any, l: Any, at: Any, axis: Any = None, radius: float = 1.0,
                 normal: Any = (0, 0, 1)) -> Connection:
-        """The thin edge of a disc or wheel l, or a ball, rolls without slip on a plane of k: the plane with this `normal` (towards
-        l) that touches it as drawn. `at`: its centre as drawn, m; `axis`: its axle, None: a ball; `radius` m. The wheel cannot
+        """The thin edge of a disc or wheel l, or a ball, rolls without slip on the plane of k with this `normal` (towards l) that
+        touches it as drawn. `at`: its centre as drawn, m; `axis`: its axle, None: a ball; `radius` m. The wheel cannot
         lift off; r[name].force is the force on it. A spin that is not stated follows from the stated velocity."""
         up = reading.unit(normal)
         if axis is None:
             return self._joint("rolling", RollingBall, name, k, l, at, up, None, None, {}, {"radius": radius})
         axle = reading.unit(axis)
-        across = up - (up @ axle) * axle
-        if np.linalg.norm(across) < FLAT:
+        lateral = up - (up @ axle) * axle
+        if np.linalg.norm(lateral) < FLAT:
             Argument(self, f"rolling '{name}'", "axis").wrong(
-                f"{axle.tolist()} is along normal = {up.tolist()}: the disc lies flat on the plane", "give the axle as drawn, at an angle to it")
-            across = np.cross(axle, np.eye(3)[int(np.argmin(np.abs(axle)))])
+                f"{axle.tolist()} is along normal = {up.tolist()}: the disc lies flat on the plane",
+                "give the axle as drawn, at an angle to the normal")
+            lateral = np.cross(axle, np.eye(3)[int(np.argmin(np.abs(axle)))])
         lean = float(np.arcsin(np.clip(up @ axle, -1, 1)))
-        return self._joint("rolling", Rolling, name, k, l, at, axle, reading.unit(across), None, {},
+        return self._joint("rolling", Rolling, name, k, l, at, axle, reading.unit(lateral), None, {},
                            {"radius": radius, "lean": lean or None})
 
     @reads(**BODIES, along=reading.direction, normal=reading.direction)
@@ -216,8 +218,8 @@ class JointStatements(ConnectionStatements):
     def knife_edge(self, name: str, k: Any, l: Any, at: Any, along: Any, normal: Any = (0, 0, 1)) -> Connection:
         """The point of l at `at` (m, as drawn) moves relative to k in the direction of a blade of l, `along` as drawn, and not
         across it, as a skate on ice: in the plane of k with this `normal`, in which other joints have to keep it."""
-        up, blade = reading.unit(normal), reading.unit(along)
-        blade = across(Argument(self, f"knife_edge '{name}'", "along"), up, blade)
+        up = reading.unit(normal)
+        blade = across(Argument(self, f"knife_edge '{name}'", "along"), up, along)
         return self._joint("knife_edge", KnifeEdge, name, k, l, at, up, blade, None, {}, {})
 
     def _library(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any,

@@ -140,7 +140,8 @@ class _Derivation(LawStatement):
         self.variation.release()
         by_rates = tuple(row for row in rows if row in self.of_velocities)
         facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force), by_rates)
-        return facts, Terms(tuple(g), tuple(G), tuple(speeds), force, energy, dissipated, work, self._coordinates(), rates, starts)
+        known = energy, dissipated, work, self._coordinates(), rates, starts
+        return facts, Terms(tuple(g), tuple(G), tuple(speeds), force, *known)
 
     def _refuse_others(self) -> None:
         """Raise LawError where an answer that no equation contains, or a kinetic energy, cannot be used."""
@@ -165,8 +166,8 @@ class _Derivation(LawStatement):
 
     def _constraints(self) -> tuple[list[str], list[str], list[str], list[Expr], list[dict[str, Pair]], list[Expr]]:
         """Names of the rows that do not vanish for these frames, of those that vanish identically or are left out, of those left
-        out because a mass point has no axes; of the first, their expressions of positions, 0 where they are stated by velocities,
-        their gradients by side, and their expressions of velocities, 0 where they are stated by positions."""
+        out because a mass point has no axes; of the first, their expressions of positions (0 of rows of velocities), their
+        gradients by side, and their expressions of velocities (0 of rows of positions)."""
         v = self.variation
         rows: list[str] = []
         vanished: list[str] = []
@@ -199,16 +200,15 @@ class _Derivation(LawStatement):
 
     def _refuse_other_than_linear(self, name: str, G: Mapping[str, Pair]) -> None:
         """Raise LawError where a row of velocities does not contain them, or is not linear in them."""
+        v, law = self.variation, type(self.law).__name__
         parts = [c for pair in G.values() for vector in pair for c in vector if c != 0]
-        law = type(self.law).__name__
         if not parts:
             raise LawError(f"row '{name}' of {law} contains no velocity of a body that moves: state it in `constraints`, or use "
                            f"the velocities v, w of its frames or mb.rate(...) in it")
-        for c in parts:
-            for f in self.frames:
-                if any(self.variation.resolve(e) != 0 for pair in (self.variation.velocity_gradient(f, c),) for v in pair for e in v):
-                    raise LawError(f"row '{name}' of {law} is not linear in the velocities: state it as a sum of velocities times "
-                                   f"expressions of positions")
+        again = (vector for c in parts for f in self.frames for vector in v.velocity_gradient(f, c))
+        if any(v.resolve(e) != 0 for vector in again for e in vector):
+            raise LawError(f"row '{name}' of {law} is not linear in the velocities: state it as a sum of velocities times "
+                           f"expressions of positions")
 
     def _vanishes(self, e: Expr) -> bool:
         """Whether an expression is zero for every value of its symbols, tested at three random points."""

@@ -158,8 +158,8 @@ class Derived:
     def read_frames(self) -> tuple[Frame, ...]:
         """The frames whose symbols the terms of the law contain: a force on a joint coordinate that is an unknown depends on the
         frame of this coordinate, and not on those of the bodies."""
-        stated = [*self.g, *self.speeds, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(), *self.state_rates,
-                  *self.state_starts, *self.variation.values.values()]
+        stated = [*self.g, *self.speeds, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(),
+                  *self.state_rates, *self.state_starts, *self.variation.values.values()]
         stated += [c for pair in self.force.values() for part in pair for c in part]
         stated += [c for row in self.G for pair in row.values() for part in pair for c in part]
         symbols = symbols_of(stated)

@@ -23,8 +23,8 @@ from mbdae.symbolic.vectors import Expr, Vec
 
 _TIME = se.Symbol("t")
 #: methods of a law that derivations call with its frames; of joints also `resistance`, `rubbing` and `pressing`
-QUESTIONS = ("rows", "velocity_constraints", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach", "observed", "losses",
-             "rates", "initial", "kinetic_energy")
+QUESTIONS = ("rows", "velocity_constraints", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach",
+             "observed", "losses", "rates", "initial", "kinetic_energy")
 
 
 @dataclass(frozen=True)

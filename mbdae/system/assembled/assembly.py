@@ -20,8 +20,7 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree_motion import Open
 from mbdae.system.assembled.evaluation import EquationsOfScene, JacobianTerms
-from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern, Scatter
-from mbdae.system.assembled.tree_terms import TreeTerms, add_derivatives
+from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern, Scatter, TreeTerms, add_derivatives
 from mbdae.system.base import Array, Places
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies

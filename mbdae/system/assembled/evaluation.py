@@ -14,8 +14,7 @@ from mbdae.deferred import sp
 from mbdae.native import address
 from mbdae.native.equations import CEquations, Equations
 from mbdae.native.program import Operations, Tangent, address_of, core
-from mbdae.system.assembled.jacobian_entries import Pattern, Scatter
-from mbdae.system.assembled.tree_terms import TreeTerms
+from mbdae.system.assembled.jacobian_entries import Pattern, Scatter, TreeTerms
 from mbdae.system.base import Array
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
