@@ -41,6 +41,7 @@ SAME = 1e-9  #: largest difference of two starts, relative to the largest unknow
 #: arguments of `simulate` and of solvers, which are no numbers of a scene
 OF_CALLS = ("accuracy", "t_end", "outputs", "solver", "form", "rtol", "atol", "step", "stages", "every", "max_wall")
 MORE = 1.05  #: a run that has not more steps than this times those of another one has the same ones
+NOTHING = 1e-10  #: share of a quantity, over the number, below which its derivative counts as none and needs no digits
 TOLD = 10.0  #: the error of a derivative, over the accuracy times its largest value, above which a warning is issued
 
 
@@ -130,7 +131,7 @@ class Refined:
             for key, (value, doubt) in now.items():
                 off = max(_largest(value - before[key][0]), same * (accuracy or 0.0) * _largest(value))
                 found[key] = Derivative(value, off + _largest(doubt) + ROUNDED * _largest(value))
-            wrong = {key: one.error / (_largest(one.value) or 1.0) for key, one in found.items()}
+            wrong = {key: one.error / (max(_largest(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
             if accuracy is None or (max(wrong.values()) <= accuracy and not same):
                 break
             before, steps = now, more
@@ -139,6 +140,12 @@ class Refined:
                 warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
                      f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
         return found
+
+    def _slight(self, what: Any, name: str) -> float:
+        """A derivative that counts as none: this share of the quantity over the number."""
+        varied = next(chart.varied for chart in self.charts if chart.name == name)
+        with self.result._silently():
+            return NOTHING * _largest(np.asarray(self.result.value(what))) * varied.share / varied.distance
 
     def _read(self, level: int, reads: Mapping[Any, Read]) -> tuple[dict[Any, tuple[Array, Array]], int]:
         along = self.level(level)

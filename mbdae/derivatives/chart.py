@@ -269,10 +269,10 @@ class Chart:
         if not self._moves:
             return np.zeros((len(t), len(self.varied.base.assembly.numbering.clock.expressions)))
 
-        def values(one: Equations, _: int) -> Array:
+        def values(one: Equations) -> Array:
             return np.column_stack([timed.values(se.sympify(e), t, sides) for e in one.assembly.numbering.clock.expressions])
 
-        return self.varied.finer().sum_of(values)[0] if self.varied.nodes == LINE else self.varied.sum_of(values)[0]
+        return self.varied.explicit(values)[0]
 
     def refuse_moving_breaks(self, t0: float) -> None:
         """Raise DerivativeError where the number moves an instant at which an input of time jumps or has a kink."""

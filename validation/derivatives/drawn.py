@@ -148,8 +148,8 @@ def judge(base: Any, end: float, names: Any = None, seed: int = 0, options: Any 
         largest, nothing = float(np.abs(true).max()), NOTHING * size
         said = f"{name} ({np.abs(one.value[-1]).max():.9g} for {np.abs(true).max():.9g}, off {off:.1e}, error {one.error:.1e})"
         # beyond ten times the accuracy an error that covers is told by an AccuracyWarning
-        wrong = off > max(10 * ACCURACY * largest, one.error) + nothing
-        found["wrong" if wrong else "zero" if largest <= nothing else "right"].append(said)
+        allowed = max(10 * ACCURACY * largest, one.error) + nothing
+        found["wrong" if off > allowed else "zero" if largest <= nothing else "right"].append(said)
         if off > one.error + nothing:
             found["uncovered"].append(said)
     return found
