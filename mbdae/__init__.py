@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from mbdae.errors import (
     AccuracyWarning,
+    DerivativeError,
     EquilibriumError,
     LawError,
     MbdaeError,
@@ -31,14 +32,15 @@ if TYPE_CHECKING:
     from mbdae.compare import compare
     from mbdae.compare.run import Run
     from mbdae.contracts import selftest
+    from mbdae.derivatives import at_end, integral, largest
     from mbdae.export import Export, export
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.inputs.measured import curve, read_table, table
+    from mbdae.inputs.sensed import number
     from mbdae.integrators.dop853 import DOP853
-    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.named import measure_order
-    from mbdae.integrators.one_step import OneStep
+    from mbdae.integrators.one_step import HHT, GeneralizedAlpha, OneStep
     from mbdae.integrators.radau import RadauIIA
     from mbdae.integrators.sundials import CVODE, IDA
     from mbdae.laws.contact import Hertz, Normal
@@ -63,9 +65,9 @@ _HOME = {
     "Classical": "mbdae.scene.components", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
     "Coupling": "mbdae.symbolic.joint", "Cylinder": "mbdae.scene.shapes", "Cylindrical": "mbdae.laws.joints",
     "DAE": "mbdae.run.own_equations", "DOP853": "mbdae.integrators.dop853", "Distance": "mbdae.laws.joints",
-    "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints",
-    "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
-    "GeneralizedAlpha": "mbdae.integrators.generalized_alpha", "HHT": "mbdae.integrators.generalized_alpha",
+    "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law",
+    "Free": "mbdae.laws.joints", "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
+    "GeneralizedAlpha": "mbdae.integrators.one_step", "HHT": "mbdae.integrators.one_step",
     "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials", "Index1": "mbdae.formulations",
     "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.joint", "Kinematic": "mbdae.scene.components",
     "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",
@@ -75,21 +77,23 @@ _HOME = {
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Screw": "mbdae.laws.joints",
     "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
-    "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "curve": "mbdae.inputs.measured",
-    "export": "mbdae.export", "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
-    "params": "mbdae.symbolic.law", "read_mjcf": "mbdae.api",
+    "Weld": "mbdae.laws.joints", "at_end": "mbdae.derivatives", "audit": "mbdae.audit", "compare": "mbdae.compare",
+    "curve": "mbdae.inputs.measured", "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives",
+    "largest": "mbdae.derivatives", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
+    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "read_mjcf": "mbdae.api",
     "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
 
 __all__ = [
-    "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Box", "Classical", "Clearance", "Coulomb",
-    "Coupling", "Cylinder", "Cylindrical", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free",
-    "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError",
-    "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
-    "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
-    "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "audit", "compare", "curve", "export", "extremes",
-    "load", "measure_order", "params", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
+    "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Box", "Classical", "Clearance",
+    "Coulomb", "Coupling", "Cylinder", "Cylindrical", "DerivativeError", "Distance", "EquilibriumError", "Export",
+    "FixedOrientation", "Force", "Free", "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic",
+    "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine",
+    "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section",
+    "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
+    "at_end", "audit", "compare", "curve", "export", "extremes", "integral", "largest", "load", "measure_order", "number",
+    "params", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
 ]
 
 

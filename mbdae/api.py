@@ -12,6 +12,7 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mbdae.deferred import later
 from mbdae.errors import SceneError, naming_arguments, with_text_when_interrupted
 from mbdae.formulations import Form, default_form, form_of, system_for
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
@@ -27,7 +28,6 @@ from mbdae.run.control import plausible
 from mbdae.run.estimate import Controlled
 from mbdae.run.events import Watched
 from mbdae.run.job import Job
-from mbdae.run.stepper import Stepper
 from mbdae.scene.contacts import READERS
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
@@ -40,14 +40,23 @@ from mbdae.values import flag, number, of_class, option, optional, sequence, tex
 if TYPE_CHECKING:
     from mbdae.analysis import Equilibrium, Floquet, Linearization
     from mbdae.robots.joint_space import Tree
+    from mbdae.run.stepper import Stepper
+else:
+    (Stepper,) = later("mbdae.run.stepper", "Stepper")
+
 
 def _by(module: str, name: str) -> Callable[..., Any]:
     """A function that imports its module of this package at the first call."""
     return lambda *args, **options: getattr(import_module(f"mbdae.show.{module}"), name)(*args, **options)
 
 
+def _derivatives(name: str) -> Callable[..., Any]:
+    """A function of derivatives, which are imported at the first call."""
+    return lambda *args, **options: getattr(import_module("mbdae.derivatives"), name)(*args, **options)
+
+
 ATTACHED.update(plot=_by("plots", "plot_results"), phase=_by("plots", "plot_phase"), orbit=_by("plots", "plot_orbit"),
-                animate=_by("animation", "animate"))
+                animate=_by("animation", "animate"), gradient=_derivatives("gradient"), sensitivity=_derivatives("sensitivity"))
 READERS["color"] = _by("plots", "hexadecimal")
 
 
@@ -172,7 +181,7 @@ class Scene(SceneData):
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
                  progress: Callable[..., None] | bool | None = None, checkpoint: Any = None, every: int | None = None,
-                 until: Any = None, record: Any = None) -> Result:
+                 until: Any = None, record: Any = None, derivatives: bool = False) -> Result:
         """Integrate the equations of motion to t_end (s), or to the event `until`.
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
@@ -191,6 +200,7 @@ class Scene(SceneData):
         steps between two checkpoints (default 1000). IDA and CVODE begin anew at each. Sampled controllers are refused.
         until: a condition on sensors that ends the run where it begins to hold, "J.angle > 1.0"; record: conditions whose
         instants are kept, "J.angle == 0" or a list; both as text or symbols (`sensor`), results in `events`.
+        derivatives: refuse a run that has none at once, with the reason (DerivativeError), for `r.gradient` and `r.sensitivity`.
         An option that cannot be used raises OptionError before anything is solved, a mistake in the scene SceneError, a start
         that does not satisfy the joints StartError, a solver that cannot go on SolverError.
 
@@ -210,17 +220,21 @@ class Scene(SceneData):
         said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
                        outputs=times, verify=verify, until=[c.name for c in watched.until],
                        record=[c.name for c in watched.record])
+        wanted = option("derivatives", derivatives, flag, "give True for a run whose derivatives are wanted, or False")
         with limited(wall), kept(keeper, said):
             return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,
-                                   DEFAULT_OUTPUTS if outputs is None else outputs)
+                                   DEFAULT_OUTPUTS if outputs is None else outputs, wanted)
 
     def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
-                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:
+                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any,
+                   derivatives: bool) -> Result:
         """`simulate` after its options have been checked."""
         default = method is None and own is None
         taken_, key = taken(self, (end, default) if start is None and asked.progress is None else None,
                             partial(prepared_from, start=start, t_end=end, default=default))
         prepared = watched.with_turns(taken_, lambda scene: prepared_from(scene, start, end))
+        if derivatives:
+            _derivatives("refuse_scene")(prepared, start, bool(watched.until))
         found = self._solved(prepared, end, accuracy, method, own, times, start is not None, verify, asked, watched, outputs)
         give_back(taken_, key)
         return found

@@ -13,6 +13,7 @@
     │   ├── WallClockError  its wall-clock time was used up
     │   └── ChatteringError the motion switches back and forth without end
     ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on; with the solution so far
+    ├── DerivativeError     a derivative that there is not, with the reason
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
     ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
     └── LibraryError        the compiled part of the package cannot be opened, or its changed C files cannot be compiled
@@ -93,8 +94,7 @@ class SolverError(MbdaeError):
     """The integration stopped before its end.
 
     time: where it stopped (s); culprit: name of the unknown or equation that did not converge, if one is known;
-    solution: what was computed until then, or None.
-    """
+    solution: what was computed until then, or None."""
 
     def __init__(self, message: str, time: float, culprit: str = "", solution: Any = None) -> None:
         super().__init__(message)
@@ -127,9 +127,12 @@ class ChatteringError(SolverError):
 FINAL = (WallClockError, ChatteringError, DiskError)  #: errors of a run after which no other solver or tolerance is tried
 
 
+class DerivativeError(MbdaeError):
+    """There is no derivative by a number, or of a run, and why."""
+
+
 class StoppedError(MbdaeError):
-    """A run that is kept in a folder was ended by SIGTERM, after the step under way, with what was computed until then (attribute
-    `solution`); the same call goes on."""
+    """A run that is kept in a folder was ended by SIGTERM after a step; `solution`: until then; the same call goes on."""
 
 
 class Stopping(BaseException):
@@ -177,8 +180,7 @@ class EquilibriumError(MbdaeError):
     """No state at rest under the full loads was found.
 
     equilibrium: the last state at rest that was found, under the loads times `load_factor`; None where there is none.
-    load_factor: share of the loads it belongs to, 0 to 1.
-    """
+    load_factor: share of the loads it belongs to, 0 to 1."""
 
     def __init__(self, message: str, equilibrium: Any = None, load_factor: float = 0.0) -> None:
         super().__init__(message)
@@ -188,8 +190,7 @@ class EquilibriumError(MbdaeError):
 class SteadyError(MbdaeError):
     """The linearised equations depend on time in the frame asked for.
 
-    frozen: the linearisation with the coefficients of that instant; its eigenvalues decide nothing about stability.
-    """
+    frozen: the linearisation with the coefficients of that instant; its eigenvalues decide nothing about stability."""
 
     def __init__(self, message: str, frozen: Any = None) -> None:
         super().__init__(message)
@@ -218,8 +219,7 @@ def warn(text: str) -> None:
 
 
 def say(text: str) -> None:
-    """Tell on the error stream, by Python's `logging` (logger "mbdae"), what goes another way or takes long: no part of a result,
-    and no doubt about it."""
+    """Tell on the error stream, by `logging` (logger "mbdae"), what goes another way or takes long: no doubt about a result."""
     import logging
 
     logging.getLogger("mbdae").warning("mbdae: %s", text)

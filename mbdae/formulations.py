@@ -27,7 +27,7 @@ from mbdae.notation import counted
 from mbdae.process import building
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
-from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, scaled, state_rows, velocity
+from mbdae.symbolic.outputs import Target, beside_velocity, correction, dynamics, kinematics, lowest, scaled, state_rows, velocity
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.acceleration_kernel import POSITION, VELOCITY, stabilised
 from mbdae.system.assembled.assembly import Assembly
@@ -91,7 +91,7 @@ def ggl_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """q' = H (u + G^T mu), M u' + G^T lambda = f, G u + g_t = 0, g = 0; g: constraints, G: their Jacobian, H: from u to q'."""
     if isinstance(d.law, Element):
         return [*kinematics(d), *dynamics(d)]
-    return [*dynamics(d), *correction(d), *scaled(d, velocity(d)), *scaled(d, position(d)), *state_rows(d)]
+    return [*dynamics(d), *correction(d), *scaled(d, velocity(d)), *scaled(d, beside_velocity(d)), *state_rows(d)]
 
 
 @dataclass(frozen=True)
@@ -197,10 +197,11 @@ def _pair(value: Any) -> tuple[float, float]:
 
 
 def index3_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """q' = H u, M u' + G^T lambda = f, g = 0; g: constraints, G: their Jacobian, H: from u to q'."""
+    """q' = H u, M u' + G^T lambda = f, g = 0; g: constraints, G: their Jacobian, H: from u to q'; of rows of velocities
+    G u + g_t = 0."""
     if isinstance(d.law, Element):
         return [*kinematics(d), *dynamics(d)]
-    return [*dynamics(d), *scaled(d, position(d)), *state_rows(d)]
+    return [*dynamics(d), *scaled(d, lowest(d)), *state_rows(d)]
 
 
 @dataclass(frozen=True)

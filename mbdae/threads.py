@@ -5,6 +5,8 @@ each other: a run of 0.1 s was seen to take 13 s of CPU on two loaded cores.
 
 The present call of `Scene.simulate` in this thread: how long it may take, and the run that came furthest.
 
+How processes start: without the working directory on their path, and without signals.
+
 The limit of wall time holds in every phase: whatever may take long calls `check` now and then, or makes runs, which do. A run
 that is complete is noted by `came`, so that it is not lost where Ctrl-C comes while its error is estimated.
 """
@@ -12,6 +14,7 @@ that is complete is noted by `came`, so that it is not lost where Ctrl-C comes w
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -26,6 +29,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 from mbdae.errors import OptionError, WallClockError
 from mbdae.process import in_forked_process
 
+SAFE_PATH = "PYTHONSAFEPATH"
 EVALUATION = 0.1  #: time (s) after which a thread that waits for an evaluation by another one looks whether that makes a run
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -219,3 +223,40 @@ def furthest() -> Any:
     """The run that came furthest in the present call; None where none is complete."""
     call = _present.get()
     return None if call is None else call.solution
+
+
+# -- the start of a process
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Context in which new Python processes start without the working directory on their path, where a file random.py would
+    replace Python's module of this name."""
+    before = os.environ.get(SAFE_PATH)
+    set_variable(SAFE_PATH, "1")
+    try:
+        yield
+    finally:
+        set_variable(SAFE_PATH, before)
+
+
+def set_variable(name: str, value: str | None) -> None:
+    """Set an environment variable; remove it where the value is None."""
+    if value is None:
+        os.environ.pop(name, None)
+    else:
+        os.environ[name] = value
+
+
+@contextmanager
+def not_interrupted() -> Iterator[None]:
+    """Context that delays signals while a process starts, because Ctrl-C, or an exception of a handler in its parent, would make
+    Python print a traceback of its start-up."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -54,6 +54,16 @@ def test_exported_equations_give_the_same_motion(mass):
     assert example.by_scipy(mass) == pytest.approx(own, abs=1e-7)
 
 
+def test_bicycle_has_its_published_roots_and_rights_itself():
+    import bicycle as example
+
+    found = example.roots(5.0)
+    for root in (-0.77534188219585 + 4.46486771378823j, -0.32286642900409, -14.07838969279822):
+        assert np.min(np.abs(found - root)) < 1e-10
+    r = example.scene().simulate(example.t_end)
+    assert abs(r["steer"].angle[-1]) < 0.3 * np.max(np.abs(r["steer"].angle))
+
+
 def test_arm_under_computed_torque_forgets_its_error():
     import arm_control as example
 

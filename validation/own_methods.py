@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import DOP853, RK45
 
 import mbdae as mb
-from mbdae.integrators.collocation_tables import CollocationTable, collocation_table
+from mbdae.integrators import CollocationTable, collocation_table
 from mbdae.integrators.radau import CollocationMethod
 from mbdae.integrators.stepped import Stepped
 

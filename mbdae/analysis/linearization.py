@@ -12,8 +12,9 @@ from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, mot
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system
 from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
+from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
-from mbdae.analysis.spectrum import Reduced, Structure, errors_of, free_basis, reduced, spectrum
+from mbdae.analysis.spectrum import Structure, spectrum
 from mbdae.analysis.state import at_kinks, kinks, pencil_at, pencil_with_errors, sides, structure
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, naming_arguments, warn
@@ -66,14 +67,14 @@ class Linearization(OnMesh, Modes[Mode]):
         else:
             errors = errors_of(pencil, self.equations, prepared.mechanics.velocity_units)
             found = spectrum(self.equations, errors, count, known)
-            shapes = self.basis @ found.vectors[: len(self.M)]
+            shapes = self.equations.displacements(found.vectors)
         self.errors, self.stable = found.errors, found.stable
         self.modes = [Mode(complex(v), scaled(x), self) for v, x in zip(found.values, shapes.T, strict=True)]
 
     @cached_property
     def equations(self) -> Reduced:
         """The second-order equations of the displacements that the constraints allow, dense."""
-        return reduced(self.pencil, free_basis(self.pencil.constraints, self.prepared.mechanics.velocity_units))
+        return reduced(self.pencil, free_basis(self.pencil.closing, self.prepared.mechanics.velocity_units))
 
     @property
     def M(self) -> Array:
@@ -240,10 +241,11 @@ def _turned_row(m: Mechanics, before: Array, after: Array) -> str | None:
 def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: RotatingFrame) -> str | None:
     before = found.equations
     G = p.constraints * m.velocity_units
-    if np.abs(p.constraints @ before.N).max(initial=0.0) > STEADY * np.abs(G).max(initial=1e-300):
-        worst = largest(np.max(np.abs(p.constraints @ before.N), axis=1))
-        return f"the force of constraint {m.rows[worst].name} has another direction"
-    return _differs(m, before, reduced(p, before.N), float(np.max(np.abs(frame.rate))))
+    off = p.constraints @ before.N
+    if np.abs(off).max(initial=0.0) > STEADY * np.abs(G).max(initial=1e-300):
+        return f"the force of constraint {m.rows[largest(np.max(np.abs(off), axis=1))].name} has another direction"
+    Z = np.asarray(np.linalg.lstsq(before.whole, before.N, rcond=None)[0], dtype=float)
+    return _differs(m, before, reduced(p, before.whole, Z), float(np.max(np.abs(frame.rate))))
 
 
 def _differs(m: Mechanics, a: Reduced, b: Reduced, rate: float) -> str | None:

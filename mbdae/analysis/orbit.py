@@ -17,10 +17,10 @@ from scipy.sparse.linalg import splu
 
 from mbdae.analysis.frame import attitude, position
 from mbdae.analysis.pencil import acting, derivatives
-from mbdae.analysis.spectrum import free_basis
+from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.state import kinks
 from mbdae.errors import OptionError, SteadyError
-from mbdae.integrators.collocation_tables import CollocationTable
+from mbdae.integrators import CollocationTable
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution, systems_at

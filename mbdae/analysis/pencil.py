@@ -150,7 +150,8 @@ def _times_quaternion(P: Array) -> Array:
 class Pencil:
     """E x' + A x = 0 with the places of each kind in x and in the rows.
 
-    Kinds: p displacements, w velocities, s internal states, z algebraic unknowns, c multipliers (rows: constraints)."""
+    Kinds: p displacements, w velocities, s internal states, z algebraic unknowns, c multipliers (rows: constraints), of these r
+    those of rows of velocities."""
 
     E: Any
     A: Any
@@ -169,15 +170,30 @@ class Pencil:
 
     @cached_property
     def constraints(self) -> Array:
-        """Constraint Jacobian G (m, nu) by the displacements p."""
-        return np.asarray(self.part(self.A, "c", "p").toarray())
+        """Constraint Jacobian G (m, nu): derivatives by the displacements p, of rows of velocities by the velocities w."""
+        return np.asarray(self._restrict(self.part(self.A, "c", "p")).toarray())
+
+    def _restrict(self, rows: Any) -> Any:
+        """Rows c by displacements, those of velocities replaced by their derivatives by w: displacements follow them."""
+        if not len(self.places["r"]):
+            return rows
+        by_rates = sp.diags(np.isin(self.places["c"], self.places["r"]).astype(float))
+        return rows - by_rates @ rows + by_rates @ self.part(self.A, "c", "w")
+
+    @cached_property
+    def closing(self) -> Array:
+        """Those rows of `constraints` that restrict positions."""
+        return self.constraints[~np.isin(self.places["c"], self.places["r"])]
 
     @cached_property
     def static(self) -> Any:
-        """The equations (w, s, z, c) for displacements that are constant in the frame (p' = 0), columns (p, s, z, c), CSR."""
+        """The equations (w, s, z, c) for displacements that are constant in the frame (p' = 0), columns (p, s, z, c), CSR. Those
+        of velocities have the displacements follow them: of all positions at rest they give the one that is reached so."""
         A = self.A[np.concatenate([self.places[k] for k in "wszc"])].tocsc()
         others = np.concatenate([self.places[k] for k in "szc"])
         displaced = A[:, self.places["p"]] + A[:, self.places["w"]] @ self.kinematics
+        if len(self.places["r"]):
+            displaced = sp.vstack([displaced[: -len(self.places["c"])], self._restrict(self.part(self.A, "c", "p"))])
         return sp.hstack([displaced, A[:, others]], format="csr")
 
 
@@ -222,7 +238,9 @@ def _places(system: Assembly, mechanics: Mechanics, A: Any) -> dict[str, Array]:
     z = at["z"]
     own = abs(A[z][:, z]) if len(z) else None
     rigid = np.zeros(len(z), dtype=bool) if own is None else np.asarray(own.sum(axis=1)).ravel() == 0
-    return {"p": np.arange(nu), "w": nu + np.arange(nu), "s": at["s"], "z": z[~rigid], "c": np.r_[at["lambda"], z[rigid]]}
+    by_rates = np.array([row.by_rates for row in system.numbering.rows], dtype=bool)
+    return {"p": np.arange(nu), "w": nu + np.arange(nu), "s": at["s"], "z": z[~rigid], "r": at["lambda"][by_rates],
+            "c": np.r_[at["lambda"], z[rigid]]}
 
 
 def acting_states(p: Pencil) -> Array:

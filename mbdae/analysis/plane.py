@@ -25,7 +25,8 @@ from scipy.sparse.linalg import splu, spsolve
 from mbdae.analysis.frame import IDENTITY, attitude, body_of, frame_at, stresses_of
 from mbdae.analysis.modes import growth, softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system
-from mbdae.analysis.spectrum import Spectrum, errors_of, free_basis, reduced, spectrum
+from mbdae.analysis.reduced import errors_of, free_basis, reduced
+from mbdae.analysis.spectrum import Spectrum, spectrum
 from mbdae.analysis.state import pencil_with_errors, structure
 from mbdae.errors import EquilibriumError, MbdaeError, warn
 from mbdae.formulations import Index3

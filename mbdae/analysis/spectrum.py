@@ -1,6 +1,4 @@
-"""The displacements that constraints allow, and the equations on them: second order, dense, with bounds of their errors.
-
-The roots of the second-order equations of a scene, the bounds of their errors, and what their signs say.
+"""The roots of the second-order equations of a scene, the bounds of their errors, and what their signs say.
 
 The signs of real parts are taken from the roots where these are larger than their errors, and from the structure of the equations
 where it decides more: energy (mass positive, stiffness not negative, damping not negative: nothing grows), and the symmetry of
@@ -11,128 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
-from mbdae.analysis.pencil import ROUNDED, Pencil, acting_states
+from mbdae.analysis.reduced import Reduced
 from mbdae.analysis.roots import EPS, Roots, parts, roots, sign
 from mbdae.errors import OptionError
 from mbdae.system.base import Array
-
-#: a constraint row counts as dependent on others where its part independent of them is at most this times that of the most
-#: independent row (rows of length 1)
-DEPENDENT = 1e-9
-
-def free_basis(G: Array, units: Array) -> Array:
-    """(nu, freedoms) basis of the displacements that rows G (m, nu) allow; orthonormal after division by `units` (nu,).
-    Displacements that no rows connect are not mixed."""
-    scaled = G * units
-    norms = np.linalg.norm(scaled, axis=1, keepdims=True)
-    scaled = scaled / np.where(norms > 0, norms, 1.0)
-    columns = []
-    for at, rows in _connected(scaled):
-        if not len(rows):
-            columns.append((at, np.ones((1, 1))))
-            continue
-        Q, R, _ = scipy.linalg.qr(scaled[np.ix_(rows, at)].T, pivoting=True)
-        d = np.abs(np.diag(R))
-        columns.append((at, Q[:, int(np.sum(d > DEPENDENT * d[0])) :]))
-    N, first = np.zeros((len(units), sum(Q.shape[1] for _, Q in columns))), 0
-    for at, Q in columns:
-        N[np.ix_(at, first + np.arange(Q.shape[1]))] = units[at, None] * Q
-        first += Q.shape[1]
-    return N
-
-
-def _connected(G: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Displacements that rows G connect, with the rows, in the order of the first of them."""
-    m, nu = G.shape
-    joined = sp.bmat([[None, sp.csr_matrix(G.T)], [sp.csr_matrix(G), None]]) if m else sp.csr_matrix((nu, nu))
-    label = connected_components(joined, directed=False)[1]
-    parts = [np.flatnonzero(label == k) for k in dict.fromkeys(label[:nu])]
-    return [(at[at < nu], at[at >= nu] - nu) for at in parts]
-
-
-def basis_error(N: Array, units: Array) -> Array:
-    """Bound of the errors of a `free_basis` N, in its shape: rounding in proportion to the longest entry of each column."""
-    return np.where(N != 0, ROUNDED * units[:, None] * np.max(np.abs(N) / units[:, None], axis=0, initial=0.0), 0.0)
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """M x'' + C x' + K x + B s' + D s = 0, Es s' + As s + S2 x'' + S1 x' + S0 x = 0; displacements p = N x.
-
-    K is symmetric where the loads are conservative.
-    """
-
-    N: Array
-    M: Array
-    C: Array
-    K: Array
-    B: Array
-    D: Array
-    Es: Array
-    As: Array
-    S2: Array
-    S1: Array
-    S0: Array
-
-    def first_order(self) -> tuple[Array, Array]:
-        """E, A of E X' + A X = 0 with X = (x, x', s)."""
-        n, k = len(self.M), len(self.Es)
-        one, zero, side = np.eye(n), np.zeros((n, n)), np.zeros((n, k))
-        E = np.block([[one, zero, side], [zero, self.M, self.B], [side.T, self.S2, self.Es]])
-        A = np.block([[zero, -one, side], [self.K, self.C, self.D], [self.S0, self.S1, self.As]])
-        return E, A
-
-
-def reduced(p: Pencil, N: Array) -> Reduced:
-    """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are eliminated."""
-    return _reduced(p, N, N, acting_states(p), p.kinematics)
-
-
-def _reduced(p: Pencil, N: Array, left: Array, s: Any, kinematics: Any) -> Reduced:
-    """`reduced` with the internal states s and the matrix of `Pencil.kinematics`; left: the motions along which the forces are
-    resolved."""
-    z = p.places["z"]
-    out: dict[str, list[Array]] = {}
-    for rows, at in (("w", p.places["w"]), ("s", s), ("z", z)):
-        along = left.T if rows == "w" else np.eye(len(at))
-        E, A = p.E[at], p.A[at]
-        Ep, Ew, Ap, Aw = (m[:, p.places[k]] for m in (E, A) for k in "pw")
-        second, first = Ew @ N, Ep @ N + Ew @ (kinematics @ N) + Aw @ N
-        zeroth = Ap @ N + Aw @ (kinematics @ N)
-        others = (m.toarray() for m in (E[:, s], A[:, s], A[:, z]))
-        out[rows] = [np.asarray(along @ m) for m in (second, first, zeroth, *others)]
-    if len(z):
-        _eliminate(out)
-    (M, C, K, B, D, _), (S2, S1, S0, Es, As, _) = out["w"], out["s"]
-    return Reduced(N, M, C, K, B, D, Es, As, S2, S1, S0)
-
-
-def errors_of(p: Pencil, r: Reduced, units: Array) -> Reduced:
-    """Bounds of the errors of the matrices r of a pencil without algebraic unknowns: by those of p, and by that of the basis."""
-    assert p.errors is not None
-    s, size, off, sizes = acting_states(p), np.abs(r.N), basis_error(r.N, units), replace(p, E=abs(p.E), A=abs(p.A))
-    turn = abs(p.kinematics)
-    own = _reduced(p.errors, size, size, s, 2 * turn)  # twice: the errors of the turn itself are in proportion to it
-    right, left = _reduced(sizes, off, size, s, turn), _reduced(sizes, size, off, s, turn)
-    return replace(own, M=own.M + right.M + left.M, C=own.C + right.C + left.C, K=own.K + right.K + left.K, B=own.B + left.B,
-                   D=own.D + left.D, S2=own.S2 + right.S2, S1=own.S1 + right.S1, S0=own.S0 + right.S0)
-
-
-def _eliminate(out: dict[str, list[Array]]) -> None:
-    """Solve the rows of the algebraic unknowns z for z, and insert z into the other rows."""
-    *others, own = out["z"]
-    for rows in ("w", "s"):
-        for i, block in enumerate(others):
-            out[rows][i] = out[rows][i] - out[rows][5] @ np.linalg.solve(own, block)
-
 
 Complex = NDArray[np.complex128]
 
@@ -213,7 +98,7 @@ def _without_noise(r: Reduced, e: Reduced) -> tuple[Reduced, Reduced]:
     values, errors = {}, {}
     for f in fields(Reduced):
         a, d = getattr(r, f.name), getattr(e, f.name)
-        noise = (np.abs(a) <= d) if f.name != "N" else np.zeros(a.shape, dtype=bool)
+        noise = (np.abs(a) <= d) if f.name not in ("whole", "N", "Y") else np.zeros(a.shape, dtype=bool)
         values[f.name], errors[f.name] = np.where(noise, 0.0, a), np.where(noise, d + np.abs(a), d)
     return Reduced(**values), Reduced(**errors)
 
@@ -222,7 +107,7 @@ def _cut(r: Reduced, x: NDArray[np.intp], s: NDArray[np.intp]) -> Reduced:
     """The equations of some displacements x and internal states s."""
     rows = {"M": (x, x), "C": (x, x), "K": (x, x), "B": (x, s), "D": (x, s), "Es": (s, s), "As": (s, s), "S2": (s, x),
             "S1": (s, x), "S0": (s, x)}
-    return replace(r, N=r.N[:, x], **{name: getattr(r, name)[np.ix_(*at)] for name, at in rows.items()})
+    return replace(r, N=r.N[:, x], Y=r.Y[:, s], **{name: getattr(r, name)[np.ix_(*at)] for name, at in rows.items()})
 
 
 def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | None]:
@@ -250,7 +135,7 @@ def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | No
     settled = (values.real + errors <= 0) | (paired & found.alone & (values.real == 0)) | (errors == 0) & (values == 0)
     values = np.where(zero, 0.0, values)
     if paired and verdict is None:
-        exact = exact_zeros(values, errors, r.N @ found.vectors[:n], known)
+        exact = exact_zeros(values, errors, r.displacements(found.vectors), known)
         settled |= exact
         values.real[exact] = 0.0
     if verdict is None:

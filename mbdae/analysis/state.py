@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from mbdae.analysis.frame import RotatingFrame, dynamics, free_shifts, stresses_of
 from mbdae.analysis.pencil import ROUNDED, Basis, Pencil, basis, pencil, with_errors
+from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.roots import EPS, sign
-from mbdae.analysis.spectrum import Structure, free_basis
+from mbdae.analysis.spectrum import Structure
 from mbdae.scene.models import not_joined
 from mbdae.symbolic.outputs import loads, position
 from mbdae.system.assembled.assembly import Assembly

@@ -19,7 +19,7 @@ from mbdae.analysis.frame import motion_in_words, steady_acceleration
 from mbdae.analysis.modes import softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system, derivatives, pencil
 from mbdae.analysis.plane import DenseStiffness, SparseStiffness, Tangent, stiffness
-from mbdae.analysis.spectrum import free_basis
+from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.steady import Rest, acceleration_scale
 from mbdae.deferred import as_full
 from mbdae.errors import EquilibriumError

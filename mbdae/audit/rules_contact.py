@@ -17,7 +17,7 @@ from mbdae.audit.evaluate import STEP, Value, cross
 from mbdae.audit.laws import LawState, journal, observed, outward, part_class
 from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError
 from mbdae.audit.phrases import Env, Rule, phrase, random_number, random_positive, register
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Coulomb, Friction, LuGre
 

@@ -142,6 +142,14 @@ class Case:
         """d/dt (points, outputs) along velocities u, by complex step."""
         return np.asarray(self.evaluate(outputs, moved(self.d, self.values, 1j * STEP, u, clock)).imag / STEP)
 
+    def row_slope(self, u: dict[str, NDArray[Any]]) -> Array:
+        """G u (points, rows): rates of the rows at velocities u, without those that parameters prescribe."""
+        found, d = self.slope(position, u), self.d
+        if by := [d.rows.index(row) for row in d.by_rates]:
+            faster = {str(s): self.values[str(s)] + 1j * STEP * u[f.side][:, i] for f in d.frames for i, s in enumerate(f.u)}
+            found[:, by] = self.evaluate(velocity, self.values | faster).imag[:, by] / STEP
+        return found
+
     @cached_property
     def u(self) -> dict[str, Array]:
         """Velocities (points, nu) of every side."""

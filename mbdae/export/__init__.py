@@ -49,7 +49,7 @@ MadeFunctions = dict[str, tuple[Any, Sequence[Entry], str]]  #: name of a functi
 
 
 def _equations(d: Derived) -> OutputTable:
-    return [*of.dynamics(d), *(of.kinematics(d) if isinstance(d.law, Element) else ()), *of.position(d), *of.state_rows(d)]
+    return [*of.dynamics(d), *(of.kinematics(d) if isinstance(d.law, Element) else ()), *of.lowest(d), *of.state_rows(d)]
 
 
 #: name of a function -> its outputs and their meaning

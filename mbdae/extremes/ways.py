@@ -15,10 +15,11 @@ from typing import Any
 from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run, checked_runs, shipped_runs
 from mbdae.errors import OptionError
+from mbdae.inputs.breaks import Pulse
 from mbdae.scene.components import Classical, JointModel, Recursive
 from mbdae.scene.record import item_name
 from mbdae.scene.scene import SceneData
-from mbdae.study.statements import Pulse, call_of, changed, items_of, pulses, stated_number, varying
+from mbdae.study.statements import call_of, changed, items_of, pulses, stated_number, varying
 from mbdae.values import number, option, sequence, shown
 
 CHOICE = "chosen by mbdae"

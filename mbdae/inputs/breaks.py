@@ -2,11 +2,14 @@
 condition or a floor in it changes.
 
 They are not searched by sampling: an interval is left out only where interval arithmetic proves that nothing changes in it.
+
+Pulses, inputs that change during one interval alone, are found by sampling, so that they have to be wide enough for that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -18,7 +21,7 @@ from mbdae.inputs import tables
 from mbdae.inputs.enclosure import Enclosure, halves
 from mbdae.inputs.measured import Pieces, pieces
 from mbdae.inputs.tables import Table
-from mbdae.inputs.timed import SIDE, TIME, affine, rate, sided, split
+from mbdae.inputs.timed import SIDE, TIME, affine, rate, sided, split, values
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import Array, BadValueError
@@ -232,3 +235,57 @@ def beyond(e: Expr, t0: float, t1: float) -> str:
             return (f"the table goes from {table.t[0]:g} to {table.t[-1]:g} s, and the run reads it from {low:g} to {high:g} s: "
                     f"give a longer table, outside=\"hold\" or \"periodic\", or a run that stays within its times")
     return ""
+
+
+# -- pulses: inputs that change during one interval alone
+
+
+SAMPLES = 20001  #: number of times at which inputs are sampled to find pulses, evenly spaced over the run
+CONSTANT = 1e-12  #: change of an input that counts as none, relative to its largest change
+BISECTIONS = 60
+PARTS = 8  #: number of parts of a pulse: a reference run restarts at each, so that it does not step over a smooth pulse
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """Inputs that change only between the times `begin` and `begin + width` (s); strength: their largest difference from their
+    value before the pulse, in their own unit."""
+
+    begin: float
+    width: float
+    strength: float
+
+    @property
+    def stops(self) -> list[float]:
+        """Times at which a reference run restarts, s."""
+        return [float(t) for t in self.begin + self.width * np.arange(PARTS + 1) / PARTS]
+
+
+def pulse_of(inputs: Sequence[Any], t_end: float) -> Pulse | None:
+    """The pulse that several expressions of time make together in a run from 0 to t_end (s); None where one of them changes at
+    the start or the end of the run, or where none changes."""
+    times = np.linspace(0.0, t_end, SAMPLES)
+    seen = np.array([values(e, times) for e in inputs])
+    departure = np.abs(seen - seen[:, :1])
+    small = CONSTANT * np.max(np.ptp(seen, axis=1), initial=0.0)
+    if not np.isfinite(seen).all() or small == 0.0:
+        return None
+    early = np.flatnonzero(np.any(departure > small, axis=0))[0] - 1
+    late = np.flatnonzero(np.any(np.abs(seen - seen[:, -1:]) > small, axis=0))[-1]
+    if early < 1 or late > SAMPLES - 3:
+        return None
+    begin = _edge(inputs, seen[:, 0], small, times[early], times[early + 1])
+    end = _edge(inputs, seen[:, -1], small, times[late + 1], times[late])
+    return Pulse(begin, max(end - begin, 0.0), float(np.max(departure)))
+
+
+def _edge(inputs: Sequence[Any], rest: Any, small: float, quiet: float, changed: float) -> float:
+    """The time (s) at which inputs leave their constant values `rest`, by bisection between a time `quiet` with these values and
+    a time `changed` with other ones: for a Piecewise its edge, else where an input differs from `rest` by `small`."""
+    at = np.array([quiet])
+    small = 0.0 if all(values(e, at)[0] == value for e, value in zip(inputs, rest, strict=True)) else small
+    for _ in range(BISECTIONS):
+        middle = np.array([(quiet + changed) / 2])
+        off = any(abs(values(e, middle)[0] - value) > small for e, value in zip(inputs, rest, strict=True))
+        quiet, changed = (quiet, float(middle[0])) if off else (float(middle[0]), changed)
+    return (quiet + changed) / 2

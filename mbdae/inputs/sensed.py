@@ -1,21 +1,28 @@
 """Rewriting of inputs in functions that kernels can compile: Piecewise for one-sided functions, floor for Mod, ceiling, frac.
 
-Sensors in expressions: symbols that carry the path of a sensor, such as sensor("J.angle").
+Sensors in expressions: symbols that carry the path of a sensor, such as sensor("J.angle"). Named numbers: symbols that carry a
+name and a value, number("amplitude", 2.0); statements record them, and use their values.
 """
 
 from __future__ import annotations
 
+import copy
 import json
+import sys
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 import symengine as se
 
+from mbdae.errors import OptionError
 from mbdae.inputs import tables
 from mbdae.inputs.text import FUNCTIONS
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow, without_powers
 from mbdae.symbolic.vectors import Expr
-from mbdae.values import BadValueError, shown
+from mbdae.values import BadValueError, option, shown, text
+from mbdae.values import number as finite
 
 #: functions that inputs may contain and that are rewritten with Piecewise or floor
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
@@ -150,6 +157,81 @@ def _path(text: str) -> str:
 def paths(value: Any) -> list[str]:
     """The sensors on which a number or expression depends, in the order of their paths."""
     return sorted({path for s in getattr(value, "free_symbols", ()) if (path := path_of(s))})
+
+
+def number(name: str, value: float) -> Any:
+    """A number with a name, for expressions and arguments of statements: 3*mb.number("amplitude", 2.0)*sympy.sin(mb.t). Its name
+    stands for it in `vary` and `mb.sweep`, and in derivatives; where the same name occurs again, it is the same number."""
+    import sympy
+
+    name = option("name", name, text, "give the number a name, text such as 'amplitude'")
+    if not name.strip() or any(c in name for c in '."\\\n'):
+        raise OptionError(f"name = {shown(name)}: give a name without dots, quotation marks and backslashes")
+    value = option("value", value, finite, "give a number")
+    return sympy.Symbol(number_symbol(name, value), real=True)
+
+
+def number_symbol(name: str, value: float) -> str:
+    """Name of the symbol of a named number."""
+    return f'number("{name}", {float(value)!r})'
+
+
+def numbers_in(value: Any, known: dict[str, float] | None = None) -> dict[str, float]:
+    """The named numbers in a value, an expression, a law or lists and mappings of these: name -> value. known: those found
+    before, to which they are added; BadValueError where one has two values."""
+    found, known = dict[str, float](), {} if known is None else known
+    for part in _parts(value):
+        for symbol_ in part.free_symbols:
+            if (named := named_by(symbol_)) is not None:
+                name, size = named
+                if known.setdefault(name, size) != size:
+                    raise BadValueError(f"the number '{name}' has two values, {known[name]:g} and {size:g}")
+                found[name] = size
+    return found
+
+
+def named_by(symbol_: Any) -> tuple[str, float] | None:
+    """Name and value of the number that a symbol stands for; None where it stands for none."""
+    said = str(symbol_)
+    if not (said.startswith('number("') and said.endswith(")")):
+        return None
+    name, _, size = said[len('number("') : -1].rpartition('", ')
+    return name, float(size)
+
+
+def _parts(value: Any) -> Iterator[Any]:
+    """The expressions in a value."""
+    if _is_law(value):
+        value = [getattr(value, key) for key in (*value.params, *value.options)]
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for part in value:
+            yield from _parts(part)
+    elif isinstance(value, se.Basic) or ("sympy" in sys.modules and isinstance(value, sys.modules["sympy"].Basic)):
+        yield value
+
+
+def _is_law(value: Any) -> bool:
+    return hasattr(type(value), "compose") and hasattr(type(value), "params")
+
+
+def with_values(value: Any) -> Any:
+    """The same with the values of named numbers in their places; what contains none is returned as it is."""
+    if not numbers_in(value):
+        return value
+    if _is_law(value):
+        law = copy.copy(value)
+        for key in (*law.params, *law.options):
+            setattr(law, key, with_values(getattr(law, key)))
+        law.compose()
+        return law
+    if isinstance(value, Mapping):
+        return {key: with_values(part) for key, part in value.items()}
+    if not hasattr(value, "free_symbols"):
+        return [with_values(part) for part in value]
+    put = value.subs({s: named[1] for s in value.free_symbols if (named := named_by(s)) is not None})
+    return put if put.free_symbols else float(put)
 
 
 def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:

@@ -1,8 +1,8 @@
 """The language of inputs: expressions of time as text that keeps every digit, and the strict reader of that text.
 
 The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not
-(and, or, not, &, |, ~), Xor, pi, E, the time t, and sensors by their paths, sensor("J.angle"). It
-may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
+(and, or, not, &, |, ~), Xor, pi, E, the time t, sensors by their paths, sensor("J.angle"), and named numbers,
+number("amplitude", 2.0). It may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
 knows these words only, and refuses expressions that would take long to calculate or produce huge numbers.
 """
 
@@ -35,7 +35,7 @@ MOST_BITS = 100_000
 MOST_DIGITS = int(MOST_BITS * math.log10(2))  #: MOST_BITS in decimal digits, for messages
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
-                    r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
+                    r"|(?P<sensor>(?:sensor\(\"(?:[^\"\\]|\\.)*\"\)|number\(\"[^\"\\]*\", [-+.\deE]+\)))|(?P<name>[A-Za-z]\w*)"
                     r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>&|~]))", re.ASCII)
 _CONSTANTS: dict[str, Any] = {
     "t": TIME, "pi": se.pi, "E": se.E, "GoldenRatio": se.GoldenRatio, "EulerGamma": se.EulerGamma, "Catalan": se.Catalan,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mbdae.disk.entries import code_key, keep, recall
 from mbdae.inputs import Timed, tables
-from mbdae.inputs.sensed import is_plain, refuse_symbols, rewritten
+from mbdae.inputs.sensed import is_plain, named_by, refuse_symbols, rewritten
 from mbdae.inputs.text import TIME as TIME
 from mbdae.inputs.text import canonical
 from mbdae.symbolic.rebuild import is_condition, nodes, rebuilt
@@ -28,9 +28,9 @@ from mbdae.values import BadValueError, number, shown
 SIDE = se.Symbol("t_of_conditions")
 
 
-def expression(value: Any, sensors: bool = False) -> Expr:
+def expression(value: Any, sensors: bool = False, named: bool = False) -> Expr:
     """A number or expression of time as a symengine expression whose numbers are doubles; raises BadValueError with the reason.
-    sensors: whether it may depend on sensors too."""
+    sensors: whether it may depend on sensors too; named: whether named numbers (mb.number) stay in it."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if type(value) is Timed:
@@ -54,7 +54,7 @@ def expression(value: Any, sensors: bool = False) -> Expr:
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t") from error
     if not isinstance(e, se.Basic) or isinstance(e, se.DenseMatrix) or is_condition(e):
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t")
-    refuse_symbols(value, e.free_symbols - {TIME}, sensors)
+    refuse_symbols(value, {s for s in e.free_symbols if s != TIME and not (named and named_by(s))}, sensors)
     if not e.free_symbols:
         return _plain_number(e)
     plain = _with_usual_tables(_with_plain_numbers(e))

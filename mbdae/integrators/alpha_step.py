@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 from mbdae.deferred import sp
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.integrators.constant import SINGULAR, StepFailedError, not_finite
 from mbdae.integrators.dense import cubic
 from mbdae.integrators.matrices import as_csc, inverse_or_one, searches
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched_arguments import cubic_of_step
-from mbdae.native import Entries
-from mbdae.native.sparse import Factors, Orders, Searches, SingularMatrixError
+from mbdae.native import Entries, Orders, Searches
+from mbdae.native.sparse import Factors, SingularMatrixError
 from mbdae.system.base import Array, System
 from mbdae.values import largest
 
@@ -91,7 +91,7 @@ class AlphaStep:
         units = getattr(system.displaced, "units", None)
         self._unit = scale[self.q] if units is None else units(scale[self.q])
         self._speed, self._columns = scale[self.u], scale[self.nq :].copy()
-        self._G = np.zeros((m, nu))
+        self._G, self._alone = np.zeros((m, nu)), np.zeros(m)
         self._velocity_rows: Any = None
         self._Y, self._Yp, self._F = np.zeros((3, system.n))
         self._x = np.zeros(system.n - self.nq)
@@ -128,6 +128,7 @@ class AlphaStep:
         psi = self._psi0 + self._by_psi * rate
         if self.stabilised:
             psi += h * (x[self.xe] @ self._G)
+            Y[self.mu] = self._alone * x[self.xe]
         moved = self.system.displaced
         Y[self.q] = self.y[self.q] + psi if moved is None else moved(self.y[self.q], psi)
         Y[self.u] = self._u0 + self._by_u * rate
@@ -161,6 +162,8 @@ class AlphaStep:
             self._velocity_rows = self.algebraic.start + np.flatnonzero(filled)[-self.size[5] :]
         G = self._fy[self._velocity_rows][:, self.u]
         self._G = G if isinstance(G, np.ndarray) else G.toarray()
+        # mu of rows that restrict velocities alone, which their own equations set to 0
+        self._alone = (self._fy[self.mu.start :, self.mu].diagonal() != 0).astype(float)
 
     def _factor(self, h: float) -> None:
         """Scale and factorise dF/dx, x the unknowns of a step, for a step of h (s)."""
@@ -197,7 +200,7 @@ class AlphaStep:
             blocks.append(fyp[n:, self.s] + by_s * fy[n:, self.s])
         blocks.append(fy[n:, self.algebraic])
         if self.stabilised:
-            blocks.append(h * (D @ G.T))
+            blocks.append(h * (D @ G.T) + fy[n:, self.mu])
         return blocks
 
     def _pattern(self) -> tuple[Entries, Searches]:

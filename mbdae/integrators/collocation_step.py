@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
+from typing import Self
 
 import numpy as np
 
-from mbdae.integrators.collocation_tables import CollocationTable
+from mbdae.integrators import CollocationTable
 from mbdae.integrators.constant import SINGULAR, StepFailedError, not_finite
 from mbdae.integrators.matrices import IterationMatrix, coupled_correction
 from mbdae.integrators.solution import Stats
@@ -103,18 +104,31 @@ class CollocationStep:
     """
 
     def __init__(self, system: System, table: CollocationTable, stats: Stats, demand: Demand, estimate: bool) -> None:
-        self.system, self.table, self.stats, self.demand = system, table, stats, demand
+        self.table, self.stats, self.demand = table, stats, demand
         real = np.array([1 / table.gamma0]) if estimate and not len(table.real) else table.real
         self.matrix = IterationMatrix(system, real, table.pairs)
         self.newton = StageNewton(system, table, self.matrix, stats)
-        self.t = float(system.t0)
         order = np.asarray(system.index, dtype=float) - 1.0
         self.run = CollocationRun(self.newton, None if table.stiffly_accurate else rates_of(system), demand.atol, order,
                                   demand.rtol, system.time, demand.target, demand.limit)
         self.y, self.yp = self.run.y, self.run.yp
+        self.anew(system)
+
+    def anew(self, system: System) -> Self:
+        """The same step at the start of these equations, without anything of an earlier part of a run."""
+        self.system = self.newton.system = self.matrix.system = system
+        self.t = float(system.t0)
+        self.run.anew()
         self.y[:], self.yp[:] = system.y0, system.yp0
         # with contacts the Jacobian is evaluated at the start of a step: at the predicted state other contacts may be closed
         self.run.table.here = system.guards is not None
+        return self
+
+    def fits(self, system: System, demand: Demand) -> bool:
+        """Whether a step made for these equations and this demand would be the same, its order of elimination too."""
+        order = None if system.kept is None else system.kept.get("order")
+        return (self.newton.equations is equations_of(system) and self.matrix.orders.present is order
+                and self.demand.rtol == demand.rtol and np.array_equal(self.demand.atol, demand.atol))
 
     def solve(self, h: float, full: bool = True) -> None:
         """Solve the stage equations of a step of h (s): with the present factors, else with a new Jacobian, else, if `full`, by

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
-from mbdae.integrators.collocation_tables import CollocationTable, radau_table
+from mbdae.integrators import CollocationTable, radau_table
 from mbdae.integrators.kept_rows import leave
 from mbdae.native import address, declared
 from mbdae.native.equations import Pointer, Whole
@@ -241,6 +241,14 @@ def piecewise(dense: Callable[..., Any], breaks: dict[int, tuple[Array, Array]],
               pieces: Any) -> Any:
     """One interpolant over the m steps of a run, t (m+1,), y and yp (m+1, n), from those of its parts by `Solver.dense`. breaks:
     number of a step -> y and yp before a restart there, with which a part that ends there ends."""
+    whole = dense(t, y, yp, pieces)
+    if not breaks:
+        return whole
+    if isinstance(whole, Collocation) and whole.inner is pieces:  # nothing inside a step is made from values at its ends
+        whole.ends = y[1:].copy()
+        for last, (own_y, _) in breaks.items():
+            whole.ends[last - 1] = own_y
+        return whole
     parts, first = list[Any](), 0
     for last in [*breaks, len(t) - 1]:
         piece = slice(first, last + 1)
@@ -250,8 +258,6 @@ def piecewise(dense: Callable[..., Any], breaks: dict[int, tuple[Array, Array]],
             own_y[-1], own_yp[-1] = breaks[last]
         parts.append(dense(t[piece], own_y, own_yp, pieces[first:last]))
         first = last
-    if len(parts) == 1:
-        return parts[0]
     if not all(isinstance(part, Collocation) for part in parts):
         return Joined(parts)
     t = np.concatenate([*(part.t[:-1] for part in parts), parts[-1].t[-1:]])

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from mbdae.integrators import radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.collocation_tables import radau_table
 from mbdae.integrators.constant import check_rates, not_finite
 from mbdae.integrators.dense import Collocation, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop

@@ -145,7 +145,7 @@ class StepLoop:
         return self.t < self.t_end and not self._may_stop() and not self._begins_anew()
 
     def _store(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> None:
-        stats, widths = self.stats, np.diff(t, prepend=self.t)
+        stats, widths = self.stats, t - np.concatenate([self._t[-1:], t[:-1]])
         counted = widths if stats.steps == 0 and len(t) == 1 else widths[t < self.t_end]
         if len(counted):
             stats.h_min = min(stats.h_min, float(counted.min())) if stats.steps else float(counted.min())

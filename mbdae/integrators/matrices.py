@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import bmat, connected_components, csc_matrix, csr_matrix, dijkstra, identity, maximum_flow, splu
-from mbdae.native import Entries, Index, Order, by_counts, is_small, largest_pivots, pivoted
-from mbdae.native.sparse import Matrix, Searches, SingularMatrixError
+from mbdae.native import Entries, Index, Order, Searches, by_counts, is_small, largest_pivots, pivoted
+from mbdae.native.sparse import Matrix, SingularMatrixError
 from mbdae.system.base import Array, Kept, System
 
 MULTIPLIERS = ("lambda", "mu")

@@ -21,9 +21,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError, SolverError
+from mbdae.integrators import CollocationTable, radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.collocation_step import CollocationStep, Demand
-from mbdae.integrators.collocation_tables import CollocationTable, radau_table
 from mbdae.integrators.constant import StepFailedError, check_rates, constant_steps
 from mbdae.integrators.dense import Collocation, hermite, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop
@@ -51,7 +51,10 @@ class Adaptive:
         atol = absolute_tolerance(system, rtol, atol)
         target = max(10 * np.finfo(float).eps / rtol, min(1e-3, 0.3 * rtol**0.5))
         demand = Demand(rtol, atol, target, 7 + 2 * (stages - 2))
-        self.step = CollocationStep(system, table, loop.stats, demand, estimate=True)
+        before = loop.method  # of the part of the run before this one
+        fits = isinstance(before, CollocationStep) and before.fits(system, demand)
+        self.step = before.anew(system) if fits else CollocationStep(system, table, loop.stats, demand, estimate=True)
+        loop.method = self.step
         self.system, self.loop, self.rtol, self.control = system, loop, rtol, self.step.run.table
         self.solved = False  # whether the stages of the next step are solved already
         self.warned, self.failures, self.resist = False, 0, SOON if system.n <= FEW_UNKNOWNS else RESIST

@@ -11,15 +11,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.errors import OptionError, SolverError
+from mbdae.integrators import radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.collocation_tables import radau_table
 from mbdae.integrators.constant import SINGULAR, check_rates, rate_jacobian
 from mbdae.integrators.constant import not_finite as not_finite_text
 from mbdae.integrators.dense import Collocation, Hermite, sampled
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.matrices import as_csc
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.watch import SundialsWatch, stop_time
+from mbdae.integrators.watch import SundialsWatch
 from mbdae.native import sundials as native
 from mbdae.native.equations import equations_of, rates_of
 from mbdae.native.sundials_library import MOST_ROWS, Settings, Steps
@@ -65,6 +65,8 @@ class SundialsRun(ABC):
         """Step to the end."""
         try:
             with self.create() as self.last:
+                if self.system.longest_step is not None:
+                    self.last.bound(*self.system.longest_step)
                 self._steps()
         finally:
             self.__dict__.pop("last", None)
@@ -74,10 +76,10 @@ class SundialsRun(ABC):
         """Step to the end: many steps per call where nothing is checked between steps, else one per call. Steps do not end at
         output times."""
         loop, watch, last = self.loop, self.watch, self.last
-        together = watch is None and loop.system.longest_step is None and not loop.system.looks_at_steps
+        together = watch is None and not loop.system.looks_at_steps
         rows, going = MOST_ROWS if together else 1, True
         while going:
-            made = last.advance((loop.t, *loop.state), loop.last_step, stop_time(loop, watch), loop.t_end,
+            made = last.advance((loop.t, *loop.state), loop.last_step, loop.t_end if watch is None else watch.stop(), loop.t_end,
                                 min(rows, loop.room), loop.evaluations_left)
             self._count()
             if len(made.t):

@@ -320,10 +320,3 @@ class SundialsWatch(StepWatch):
             return False
         self._until = min(times)
         return True
-
-
-def stop_time(loop: StepLoop, watch: SundialsWatch | None) -> float:
-    """Time (s) that the next step must not pass, by the end of the part of the run, the watch and the inputs of time."""
-    stop = loop.t_end if watch is None else watch.stop()
-    longest = loop.system.longest_step
-    return stop if longest is None else min(stop, loop.t + max(longest(loop.t), ROUND * abs(loop.t)))

@@ -22,7 +22,7 @@ from mbdae.errors import LawError, internal
 from mbdae.native.program import Operations, block
 from mbdae.process import spends
 from mbdae.symbolic.program import Program, python_function
-from mbdae.symbolic.rebuild import complex_atan2
+from mbdae.symbolic.rebuild import complex_atan2, substituted
 from mbdae.symbolic.vectors import Expr
 from mbdae.threads import check
 
@@ -143,6 +143,22 @@ class Kernel:
             return program.closed(program.along(outputs, changes))
 
         return Kernel([*self.symbols, *changes.values()], expressions, self.level, self.width, part_key(self.key, "tangent"))
+
+    @cached_property
+    def pullback(self) -> Kernel:
+        """The kernel of the transposed derivative: it returns weights of the inputs for weights of the outputs, which it reads
+        after the inputs."""
+        weights = [se.Symbol(f"weight_{i}") for i in range(self.width)]
+
+        def expressions() -> list[Expr]:
+            program, table = Program(), dict[Expr, Expr]()
+            shared, outputs = se.cse(self.expressions)  # each of the shared parts gets one weight
+            for name, e in shared:
+                table[name] = program.let(substituted(e, table))
+            found = program.back([program.let(substituted(e, table)) for e in outputs], weights, self.symbols)
+            return program.closed(found)
+
+        return Kernel([*self.symbols, *weights], expressions, self.level, len(self.symbols), part_key(self.key, "pullback"))
 
     def straight(self) -> tuple[Program, list[Expr]]:
         """The kernel as a straight-line program (assignments one after the other, without branches), and its outputs."""

@@ -6,7 +6,7 @@ All elements share one table of shape functions; the parameters of an element ar
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mbdae.disk.entries import code_key, keep, part_key, recall
 from mbdae.errors import LawError, internal
-from mbdae.kernels import Kernel
+from mbdae.kernels import Kernel, numpy_function
 from mbdae.kernels.line_nodes import Array, ElementKernel, Nodes
 from mbdae.kernels.line_program import LineProgram
 from mbdae.laws.beam import ShapeTable
@@ -120,7 +120,9 @@ class LineKernel(ElementKernel):
         X = self._gather(x)[2].copy()
         compliances = [i for i, s in enumerate(self.point.symbols) if str(s).startswith("compliance_")]
         X[:, compliances] = np.where(X[:, compliances] == 0, np.inf, X[:, compliances])
-        return Kernel(self.point.symbols, expressions).once(X).reshape(len(x), self.points, -1)
+        with np.errstate(all="ignore"):
+            found = _by_numpy(tuple(self.point.symbols), tuple(expressions))(X)
+        return found.reshape(len(x), self.points, -1)
 
     def _gather(self, x: Array) -> tuple[Array, Array, Array]:
         """Nodal q (N, count, nq) and u (N, count, nu), and the inputs (N * points, inputs) of the law."""
@@ -216,6 +218,12 @@ def _point(derived: LineDerived, parameters: tuple[str, ...]) -> Kernel:
     """The kernel of a law at one integration point; made once per process."""
     symbols = [*derived.variables, *map(se.Symbol, parameters)]
     return Kernel(symbols, derived.outputs, key=code_key(symbols, derived.outputs, None))
+
+
+@made_once("derive", 64)
+def _by_numpy(symbols: tuple[Expr, ...], expressions: tuple[Expr, ...]) -> Callable[[Array], Array]:
+    """Further expressions at many points, where compiling does not pay."""
+    return numpy_function(symbols, expressions)
 
 
 @made_once("derive", 64)

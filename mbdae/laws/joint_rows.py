@@ -1,18 +1,21 @@
 """Constraint rows that several joints share, and joints that hold rows without axes of their own: distance, orientation, points
-on lines and planes, the free joint, and what remains of a revolute joint with clearance.
+on lines and planes, the free joint, what remains of a revolute joint with clearance; rolling without slip and knife edges.
 """
 
 from __future__ import annotations
 
 import symengine as se
 
+from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import params
 from mbdae.symbolic.motion import Motion
-from mbdae.symbolic.vectors import Expr
+from mbdae.symbolic.variation import let
+from mbdae.symbolic.vectors import Expr, Vec
 
-__all__ = ["ClearanceRevolute", "Distance", "FixedOrientation", "Free", "PointOnLine", "PointOnPlane"]
+__all__ = ["ClearanceRevolute", "Distance", "FixedOrientation", "Free", "KnifeEdge", "PointOnLine", "PointOnPlane", "Rolling",
+           "RollingBall"]
 
 
 def same_point(k: Frame, l: Frame) -> dict[str, Expr]:
@@ -177,3 +180,61 @@ class ClearanceRevolute(Joint):
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return {"axes in the same sense": k.z @ l.z}
+
+
+def slip(k: Frame, l: Frame, arm: Vec) -> Vec:
+    """Velocity, relative to k, of the point of l at l.r + arm, m/s."""
+    if not (k.kind.oriented and l.kind.oriented):
+        raise LawError("what rolls or cuts needs axes on its bodies, and a point mass has none: use s.rigid_body for it")
+    return l.v + l.w.cross(arm) - k.v - k.w.cross(l.r + arm - k.r)
+
+
+class Rolling(Joint):
+    """The edge of a disc l, with the axle l.z through its centre l.r, rolls without slip on a plane of k.
+
+    The normal n of the plane lies in the plane of k.x and k.z, at the angle `lean` from k.x. The lowest point of the edge is at
+    d = -radius (n - s l.z) / c from the centre, s = n.l.z, c = sqrt(1 - s^2), and does not slip there: neither in the direction
+    l.z x n of travel (row `along`) nor across it. Multipliers: minus the force of the plane on the disc along n (`height`), along
+    the direction of travel and across it, N."""
+
+    params = params(radius=("m", "radius of the disc"), lean=("rad", "angle of the axle to the plane as drawn"))
+    optional = ("lean",)
+
+    def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        n, cosine, _ = self._contact(k, l)
+        drawn = 1 if self.lean is None else se.cos(self.lean)
+        return {"height": n @ (l.r - k.r) - self.radius * (cosine - drawn)}
+
+    def velocity_constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        n, cosine, arm = self._contact(k, l)
+        ahead, v = l.z.cross(n) * (1 / cosine), slip(k, l, arm)
+        return {"along": ahead @ v, "across": n.cross(ahead) @ v}
+
+    def _contact(self, k: Frame, l: Frame) -> tuple[Vec, Expr, Vec]:
+        """Normal of the plane, cosine of the axle's angle to it, and the way from the centre to the lowest point."""
+        n = k.x if self.lean is None else k.x * se.cos(self.lean) + k.z * se.sin(self.lean)
+        sine = let(n @ l.z)
+        cosine = let(se.sqrt(1 - sine**2))
+        return n, cosine, (l.z * sine - n) * (self.radius / cosine)
+
+
+class RollingBall(Joint):
+    """A ball l with the centre l.r rolls without slip on a plane of k normal to k.z; it may spin about that normal. Multipliers:
+    minus the force of the plane on the ball along k.z (`height`), k.x and k.y, N."""
+
+    params = params(radius=("m", "radius of the ball"))
+
+    def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return {"height": k.z @ (l.r - k.r)}
+
+    def velocity_constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        v = slip(k, l, k.z * -self.radius)
+        return {"along_x": k.x @ v, "along_y": k.y @ v}
+
+
+class KnifeEdge(Joint):
+    """The point of l moves relative to k along l.x, seen in the plane normal to k.z, and not across it, as a blade on ice does.
+    The multiplier is minus the force on l across the blade, N, where the blade is normal to k.z."""
+
+    def velocity_constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return {"across": k.z.cross(l.x) @ slip(k, l, Vec(0, 0, 0))}

@@ -5,6 +5,8 @@ and the weld. Each class is the whole statement of its joint.
 from __future__ import annotations
 
 import math
+from functools import cache
+from typing import Any
 
 import symengine as se
 
@@ -14,8 +16,11 @@ from mbdae.laws.joint_rows import (
     Distance,
     FixedOrientation,
     Free,
+    KnifeEdge,
     PointOnLine,
     PointOnPlane,
+    Rolling,
+    RollingBall,
     on_axis,
     same_attitude,
     same_axis,
@@ -31,8 +36,8 @@ from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import BadValueError, number
 
-__all__ = ["ClearanceRevolute", "Cylindrical", "Distance", "FixedOrientation", "Free", "Planar", "PointOnLine",
-           "PointOnPlane", "Prismatic", "Revolute", "Screw", "Spherical", "Universal", "Weld"]
+__all__ = ["ClearanceRevolute", "Cylindrical", "Distance", "FixedOrientation", "Free", "KnifeEdge", "Planar", "PointOnLine",
+           "PointOnPlane", "Prismatic", "Revolute", "Rolling", "RollingBall", "Screw", "Spherical", "Universal", "Weld"]
 
 
 class Revolute(Joint):
@@ -243,3 +248,34 @@ class Weld(Joint):
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return upright(k, l)
+
+
+#: directions that a generic joint may leave free, with their units and meanings
+FREE = {**{a: ("m", f"displacement of l along k.{a}") for a in "xyz"},
+        **{f"angle_{a}": ("rad", f"rotation of l about its {a} axis") for a in "xyz"}}
+
+
+class Generic(Joint):
+    """l moves relative to k along and about those of the joint's axes that are its coordinates: displacements along the axes of
+    k, then rotations in their order, each about an axis that those before it have turned."""
+
+    def motion(self, from_k: Motion) -> Motion:
+        for name in sorted(self.coordinates, key=lambda c: c in FREE and FREE[c][0] == "rad"):
+            move = from_k.about if name.startswith("angle_") else from_k.along
+            from_k = move(name[-1], getattr(self, name))
+        return from_k
+
+
+@cache
+def generic(free: tuple[str, ...]) -> type[Joint]:
+    """The class of generic joints with these free directions (names of `FREE`)."""
+    stated = {"coordinates": params(**{c: FREE[c] for c in free}), "__module__": __name__, "__doc__": Generic.__doc__}
+    return type("Generic__" + "__".join(free), (Generic,), stated)
+
+
+def __getattr__(name: str) -> Any:
+    """Classes of generic joints by their names, as pickles and stored laws ask for them."""
+    head, *free = name.split("__")
+    if head != "Generic" or not free or not set(free) <= FREE.keys():
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    return generic(tuple(free))

@@ -20,7 +20,8 @@ compiled once when mbdae is installed (`native/`). Python makes tables and reads
 `radau.c`: Newton's iteration on the stages of a collocation step, its starting values and its error; steps of a run and their
     control
 `contacts.c`, `contacts.h`: contacts between steps: how long the next one may be, and whether the last one needs a closer look
-`explicit.c`: steps of the explicit method of order 8, and batches of its runs
+`explicit.c`: steps of the explicit method of order 8, batches of its runs, and derivatives along its steps
+`adjoint.c`: linear equations of the stages of a collocation step, and derivatives along such steps
 
 One array, a list of operations. The workspace of a numbering (y, y', motion of loaded nodes, prescribed values, constants) goes
 on behind its last slot with the inputs and values of kernels, the rows of F, the entries of the Jacobian, the band of a mass
@@ -77,7 +78,7 @@ from mbdae.native import build
 from mbdae.native.equations import Number, Pointer, Whole
 
 #: version number of the interface between C and Python. It has to equal `mbdae_interface` of version.c, or the library is refused
-INTERFACE = 14
+INTERFACE = 15
 
 
 @cache
@@ -275,3 +276,28 @@ def by_counts(entries: Entries, values: NDArray[Any], share: float = 1.0) -> Ord
     found = choosing().lu_choose(n, complex_, share, address(d), address(at),
                                   *(address(array) for array in (rows, columns, count, place, lists, top)))
     return Order(entries, rows, columns) if found == n else None
+
+
+#: functions that look for an order of elimination, tried one after the other. Each gets the pattern and the values of a matrix
+#: (n, n), real or complex, and returns an order or None. The last function chooses the largest pivots. Empty: dense LU
+Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
+
+
+class Orders:
+    """The order of elimination that all matrices with one pattern share; `present` is None until one is found."""
+
+    def __init__(self, entries: Entries, searches: Searches) -> None:
+        self.entries, self.searches = entries, searches
+        self.present: Order | None = None
+
+
+def pivots(order: Order | None) -> list[Index] | None:
+    """The pivots of an order: rows and columns."""
+    return None if order is None else [order.rows, order.columns]
+
+
+def differ(some: list[Index] | None, others: list[Index] | None) -> bool:
+    """Whether the pivots of two orders differ."""
+    if some is None or others is None:
+        return some is not others
+    return not all(np.array_equal(a, b) for a, b in zip(some, others, strict=True))

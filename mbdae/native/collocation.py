@@ -254,6 +254,13 @@ class CollocationRun(Stepping):
             *map(address, self._kept[2:]), rtol, time, target, limit, *map(address, arrays), stale=1, exponent=1 / (s + 1),
             accepted_error=1.0, bound=inf, landing=inf, rejected=FIRST)
         self._at, self._c, self._shape = ctypes.addressof(self.table), functions(), (s - 1, n)
+        self._room: tuple[NDArray[Any], ...] = (np.empty(0),)  # for accepted steps
+        self._begun = [(part, bytes(part)) for part in (self.table, stages.table, stages.matrix.table)]
+
+    def anew(self) -> None:
+        """Forget the steps before, as a new object."""
+        for part, at_first in self._begun:
+            ctypes.memmove(ctypes.addressof(part), at_first, len(at_first))
 
     def watch(self, contacts: Contacts | None) -> None:
         """Have `steps` check these contacts after every step and return LOOK where one needs a closer check in Python; None: no
@@ -280,13 +287,15 @@ class CollocationRun(Stepping):
     def steps(self, t: float, end: float, solved: bool, most: float, rows: int) -> AcceptedSteps:
         """Steps from t towards end: at most `rows`, until more than `most` residuals were evaluated or SLICE seconds have passed.
         solved: whether the stages of the first step are solved already."""
-        n = self._shape[1]
-        times, y, yp, errors = np.empty(rows), np.empty((rows, n)), np.empty((rows, n)), np.empty(rows)
-        inner, made = np.empty((rows, *self._shape)), Whole()
-        code = self.native(self._c.run_steps, self._at, t, end, solved, most, SLICE, rows,
-                        *map(address, (times, y, yp, inner, errors)), ctypes.addressof(made))
-        m = made.value
-        return AcceptedSteps(times[:m], y[:m], yp[:m], inner[:m], errors[:m], code)
+        if rows > len(self._room[0]):
+            s, n = self._shape
+            self._room = tuple(np.empty((rows, *shape)) for shape in ((), (n,), (n,), (s, n), ()))
+            self._room_at = [address(part) for part in self._room]
+        made = Whole()
+        code = self.native(self._c.run_steps, self._at, t, end, solved, most, SLICE, rows, *self._room_at,
+                           ctypes.addressof(made))
+        times, y, yp, inner, errors = (part[: made.value].copy() for part in self._room)
+        return AcceptedSteps(times, y, yp, inner, errors, code)
 
     def control(self) -> tuple[Any, ...]:
         """State of the step size control, with which `back` can return to this point to make the next step once more."""

@@ -40,6 +40,21 @@ typedef struct {
   int (*rate_jacobian)(void *self, double t, const double *y, const double *yp, double *out);
 } Equations;
 
+/* y' = f(t, y) of n unknowns with its derivatives at stage `at` of a method, which `value` evaluates first: `along` fills out (n,
+   columns) with the changes of f for changes dy (n, columns) of y and for those of the numbers by which one differentiates; `back`
+   fills out (n) with the weights of y for weights (n) of f, and adds up those of the numbers. */
+typedef struct {
+  void *self;
+  I n, columns;
+  int (*value)(void *self, I at, double t, const double *y, double *out);
+  int (*along)(void *self, I at, const double *dy, double *out);
+  int (*back)(void *self, I at, const double *weight, double *out);
+} Twin;
+
+/* Derivatives of a list of operations (Twins of evaluation.c) at k states, rows of y (k, n) and y' each, numbered from `first` on: by
+   the numbers alone (count, columns), where no weights (k, count) of the results are given, else (n) the weights of y. */
+API int twins_states(void *self, I first, I k, const double *t, const double *y, const double *yp, const double *weights, double *out);
+
 /* How long a step may be because of inputs of time: `share` of the stretch between two edges in which it begins and, where it
    reaches into the next one, the same share of that. No edges: no bound. No step goes beyond a kink. */
 typedef struct { const double *edges; I count; double share; const double *kinks; I kink_count; } Stretches;

@@ -21,6 +21,8 @@ RESIDUAL = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Poi
 JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer, Pointer)
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer)
 RATE_JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
+VALUE = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Whole, Number, Pointer, Pointer)
+ALONG = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Whole, Pointer, Pointer)
 SINGULAR, RAISED = 2, -1
 #: wall time (s) after which a call of a step loop in C returns at the end of a step, so that Python handles signals, progress and
 #: limits of the run
@@ -43,6 +45,17 @@ class Stretches(ctypes.Structure):
     """The C struct `Stretches` of core.h, with the same members in the same order."""
 
     _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number), ("kinks", Pointer), ("kink_count", Whole))
+
+    kept: tuple[Any, Any]
+
+    @classmethod
+    def of(cls, edges: Any, share: float, kinks: Any = ()) -> Stretches:
+        """Stretches that limit the length of steps to a share of the interval between two edges (k,), s, in which they lie, and
+        let steps end at the kinks (l,), s: instants at which a derivative of an input jumps. `kept` are its arrays."""
+        kept = np.array(edges, dtype=float), np.array(kinks, dtype=float)
+        made = cls(kept[0].ctypes.data, len(kept[0]), share, kept[1].ctypes.data, len(kept[1]))
+        made.kept = kept
+        return made
 
 
 class Caught:
@@ -120,11 +133,9 @@ class Stepping(Listening):
     table: Any
 
     def bound(self, edges: Any, share: float, kinks: Any = ()) -> None:
-        """Limit the length of steps to a share of the interval between two edges (k,), s, in which they lie, and let steps end at
-        the kinks (l,), s: instants at which a derivative of an input jumps."""
-        self._edges, self._kinks = np.array(edges, dtype=float), np.array(kinks, dtype=float)
-        self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share, self._kinks.ctypes.data,
-                                         len(self._kinks))
+        """Limit the length of steps, see `Stretches.of`."""
+        found = Stretches.of(edges, share, kinks)
+        (self._edges, self._kinks), self.table.stretches = found.kept, found
 
 
 def equations_of(system: Any) -> Equations:
@@ -243,3 +254,42 @@ class _RateJacobian(_Call):
 def seen(address: int, size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
     """The array (size,) of double precision numbers at an address, a view without a copy."""
     return np.ctypeslib.as_array((Number * size).from_address(address))
+
+
+class TwinTable(ctypes.Structure):
+    """The C struct `Twin` of core.h, with the same members in the same order."""
+
+    _fields_ = (("self", Pointer), ("n", Whole), ("columns", Whole), ("value", Pointer), ("along", Pointer), ("back", Pointer))
+
+
+class Called:
+    """Derivatives of y' = f(t, y) in Python, `columns` at a time: an object with the functions value(at, t, y) -> y', along(at,
+    dy) -> (n, P) and back(at, weight) -> (n,). error: the exception that one of them raised."""
+
+    def __init__(self, of: Any, n: int, columns: int) -> None:
+        self.error: BaseException | None = None
+
+        def view(address: int, *shape: int) -> Any:
+            return np.ctypeslib.as_array((ctypes.c_double * int(np.prod(shape))).from_address(address)).reshape(shape)
+
+        def guarded(function: Callable[..., None]) -> Callable[..., int]:
+            def call(_: Any, *args: Any) -> int:
+                try:
+                    function(*args)
+                except BaseException as error:  # cannot pass through C
+                    self.error = error
+                    return RAISED
+                return 0
+            return call
+
+        def value(at: int, t: float, y: int, out: int) -> None:
+            view(out, n)[:] = of.value(at, t, view(y, n))
+
+        def along(at: int, dy: int, out: int) -> None:
+            view(out, n, columns)[:] = of.along(at, view(dy, n, columns))
+
+        def back(at: int, weight: int, out: int) -> None:
+            view(out, n)[:] = of.back(at, view(weight, n))
+
+        self._kept = VALUE(guarded(value)), ALONG(guarded(along)), ALONG(guarded(back))
+        self.twin = TwinTable(None, n, columns, *(ctypes.cast(call, Pointer).value for call in self._kept))

@@ -227,3 +227,119 @@ API void interpolated(I k, I n, I s, const I *steps, const double *w, I from, co
       for (I c = 0; c < n; c++) out[c] += w[j] * z[c];
   }
 }
+
+/* Derivatives of a list `value` with `count` results from slot `first` on, by its tangent `along` and its pullback `back`. The
+   differential, or weight, of slot k is in slot k + width. Derivatives are by y, and by numbers, one a column: column c has the
+   differentials seed[k] in the slots slot[k], column[c] <= k < column[c + 1], and prescribed (states, columns, clocks) in the slots
+   of the clock. by_rows: changes along columns come from the pullbacks of all results, of those that are `fixed` once for all: J
+   (count, n), G (count, columns). kept (room, width): slots of the last states, to which a pullback may go back, or NULL; of_clock
+   (states, clocks): takes the weights of the clock, which the pullback does not add up. */
+typedef struct {
+  Scene *scene;
+  Part value, along, back;
+  I first, count, width, clock, clocks, columns, by_rows, known, room;
+  const I *column, *slot;
+  const double *seed, *prescribed;
+  const char *fixed;
+  double *J, *G, *kept, *of_clock;
+} Twins;
+
+/* Takes the weights of y and of the clock out of their slots. */
+static void take_weights(Twins *x, double *of_y, double *of_clock) {
+  const Scene *s = x->scene;
+  double *d = s->W + x->width;
+  copy(of_y, d, s->n);
+  memset(d, 0, sizeof(double) * (size_t)s->n);
+  memset(d + s->dotted, 0, sizeof(double) * (size_t)s->n);
+  if (of_clock) copy(of_clock, d + x->clock, x->clocks);
+  memset(d + x->clock, 0, sizeof(double) * (size_t)x->clocks);
+}
+
+API int twins_value(void *self, I at, double t, const double *y, double *out) {
+  Twins *x = self;
+  Scene *s = x->scene;
+  int code = scene_part(s, &x->value, t, y, NULL);
+  copy(out, s->W + x->first, x->count);
+  if (x->kept) memcpy(x->kept + at % x->room * x->width, s->W, sizeof(double) * (size_t)x->width);
+  return code ? code : !all_finite(out, x->count);
+}
+
+API int twins_back(void *self, I at, const double *weight, double *out) {
+  Twins *x = self;
+  Scene *s = x->scene;
+  if (x->kept) {
+    memcpy(s->W, x->kept + at % x->room * x->width, sizeof(double) * (size_t)x->width);
+    s->t = NAN; /* the clock is another one */
+  }
+  copy(s->W + x->width + x->first, weight, x->count);
+  int code = run(x->back, s->W, s->x, &s->bad);
+  take_weights(x, out, x->of_clock ? x->of_clock + at * x->clocks : NULL);
+  return code;
+}
+
+static int along_by_rows(Twins *x, const double *prescribed, const double *dy, double *out) {
+  Scene *s = x->scene;
+  const I n = s->n, P = x->columns;
+  double *W = s->W, *d = W + x->width;
+  int code = DONE;
+  for (I i = 0; i < x->count && !code; i++) {
+    double *G = x->G + i * P;
+    const double *J = x->J + i * n;
+    if (!(x->known && x->fixed[i])) {
+      d[x->first + i] = 1;
+      code = run(x->back, W, s->x, &s->bad);
+      for (I c = 0; c < P; c++) {
+        double sum = 0;
+        for (I k = x->column[c]; k < x->column[c + 1]; k++) sum += x->seed[k] * W[x->slot[k]];
+        for (I q = 0; q < x->clocks; q++) sum += prescribed[c * x->clocks + q] * d[x->clock + q];
+        G[c] = sum;
+      }
+      for (I k = 0; k < x->column[P]; k++) W[x->slot[k]] = 0;
+      take_weights(x, x->J + i * n, NULL);
+    }
+    copy(out + i * P, G, P);
+    for (I j = 0; dy && j < n; j++)
+      for (I c = 0; J[j] != 0 && c < P; c++) out[i * P + c] += J[j] * dy[j * P + c];
+  }
+  x->known = 1;
+  return code;
+}
+
+/* dy: NULL where y does not change */
+API int twins_along(void *self, I at, const double *dy, double *out) {
+  Twins *x = self;
+  Scene *s = x->scene;
+  const I n = s->n, P = x->columns;
+  const double *prescribed = x->clocks ? x->prescribed + at * P * x->clocks : NULL;
+  double *W = s->W, *d = W + x->width;
+  if (x->by_rows) return along_by_rows(x, prescribed, dy, out);
+  int code = DONE;
+  for (I c = 0; c < P && !code; c++) {
+    for (I j = 0; dy && j < n; j++) d[j] = dy[j * P + c];
+    for (I k = x->column[c]; k < x->column[c + 1]; k++) W[x->slot[k]] = x->seed[k];
+    for (I q = 0; q < x->clocks; q++) d[x->clock + q] = prescribed[c * x->clocks + q];
+    code = run(x->along, W, s->x, &s->bad);
+    for (I i = 0; i < x->count; i++) out[i * P + c] = d[x->first + i];
+    for (I k = x->column[c]; k < x->column[c + 1]; k++) W[x->slot[k]] = 0;
+  }
+  memset(d, 0, sizeof(double) * (size_t)n);
+  memset(d + x->clock, 0, sizeof(double) * (size_t)x->clocks);
+  return code;
+}
+
+API int twins_states(void *self, I first, I k, const double *t, const double *y, const double *yp, const double *weights,
+                     double *out) {
+  Twins *x = self;
+  const I n = x->scene->n, width = weights ? n : x->count * x->columns;
+  int code = DONE;
+  for (I i = 0; i < k && !code; i++) {
+    code = scene_part(x->scene, &x->value, t[i], y + i * n, yp + i * n);
+    if (code) return code;
+    code = weights ? twins_back(x, first + i, weights + i * x->count, out + i * width)
+                   : twins_along(x, first + i, NULL, out + i * width);
+  }
+  return code;
+}
+
+/* A list alone, without filling in a state. */
+API int twins_run(Twins *x, const Part *part) { return run(*part, x->scene->W, x->scene->x, &x->scene->bad); }

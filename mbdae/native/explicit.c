@@ -223,3 +223,86 @@ API int explicit_batch(Explicit *x, Batch *b, double seconds) {
   }
   return DONE;
 }
+
+/* The derivatives of a run along its steps, which are constants of the derivative. A (ALL, ALL), c (ALL,): the stages; the step ends
+   at stage STAGES; B (inner, ALL): increments at the inner nodes over h. side: takes the time at which conditions of inputs are
+   read, inside the step. K, x: room for (ALL, n), (n); dK, dx: the same for every column, or for weights. */
+typedef struct {
+  const Twin *f;
+  I inner;
+  const double *A, *c, *B;
+  double *side, *K, *x, *dK, *dx;
+} Path;
+
+/* to = from + h sum_k a[k] rates[k] */
+WIDE static void combine(I n, const double *restrict from, double h, const double *restrict a, I count, const double *restrict rates,
+                         double *restrict to) {
+  memcpy(to, from, sizeof(double) * (size_t)n);
+  for (I k = 0; k < count; k++)
+    for (I j = 0; a[k] != 0 && j < n; j++) to[j] += h * a[k] * rates[k * n + j];
+}
+
+/* The stages of step m of m + 1 or more times t and states y (n); their number `at` counts from the first step. */
+static int stage_of(const Path *p, I m, I s, const double *t, const double *y) {
+  const double h = t[m + 1] - t[m];
+  *p->side = t[m] + h / 2;
+  combine(p->f->n, y + m * p->f->n, h, p->A + s * ALL, s, p->K, p->x);
+  return p->f->value(p->f->self, m * ALL + s, t[m] + p->c[s] * h, p->x, p->K + s * p->f->n);
+}
+
+/* S (steps + 1, n, columns): derivatives of y, the first row given; inner (steps, inner, n, columns): increments at the inner
+   nodes; reached (steps, n): where the repeated steps end. */
+API int explicit_along(const Path *p, I steps, const double *t, const double *y, double *reached, double *S, double *inner) {
+  const I n = p->f->n, size = n * p->f->columns;
+  for (I m = 0; m < steps; m++) {
+    const double h = t[m + 1] - t[m];
+    for (I s = 0; s < ALL; s++) {
+      int code = stage_of(p, m, s, t, y);
+      if (code) return code;
+      combine(size, S + m * size, h, p->A + s * ALL, s, p->dK, p->dx);
+      if (s == STAGES) {
+        memcpy(reached + m * n, p->x, sizeof(double) * (size_t)n);
+        memcpy(S + (m + 1) * size, p->dx, sizeof(double) * (size_t)size);
+      }
+      code = p->f->along(p->f->self, m * ALL + s, p->dx, p->dK + s * size);
+      if (code) return code;
+    }
+    memset(p->dx, 0, sizeof(double) * (size_t)size);
+    for (I j = 0; j < p->inner; j++)
+      combine(size, p->dx, h, p->B + j * ALL, ALL, p->dK, inner + (m * p->inner + j) * size);
+  }
+  return DONE;
+}
+
+/* total (n): weights of y at the end, then at the beginning; ends (steps, n): those of y at the beginning of every step, added on
+   the way; inner (steps, inner, n): those of the increments at the inner nodes. */
+API int explicit_back(const Path *p, I steps, const double *t, const double *y, double *reached, const double *ends,
+                      const double *inner, double *total) {
+  const I n = p->f->n;
+  for (I m = steps; m-- > 0;) {
+    const double h = t[m + 1] - t[m], *own = inner + m * p->inner * n;
+    I stages = STAGES;
+    for (I k = 0; k < p->inner * n; k++)
+      if (own[k] != 0) stages = ALL;
+    for (I s = 0; s < stages; s++) {
+      int code = stage_of(p, m, s, t, y);
+      if (code) return code;
+    }
+    combine(n, y + m * n, h, p->A + STAGES * ALL, STAGES, p->K, reached + m * n);
+    for (I s = 0; s < ALL; s++)
+      for (I j = 0; j < n; j++) {
+        double sum = p->A[STAGES * ALL + s] * total[j];
+        for (I i = 0; i < p->inner; i++) sum += p->B[i * ALL + s] * own[i * n + j];
+        p->dK[s * n + j] = h * sum;
+      }
+    for (I s = stages; s-- > 0;) {
+      int code = p->f->back(p->f->self, m * ALL + s, p->dK + s * n, p->x);
+      if (code) return code;
+      for (I j = 0; j < n; j++) total[j] += p->x[j];
+      for (I k = 0; k < s; k++)
+        for (I j = 0; p->A[s * ALL + k] != 0 && j < n; j++) p->dK[k * n + j] += h * p->A[s * ALL + k] * p->x[j];
+    }
+    for (I j = 0; j < n; j++) total[j] += ends[m * n + j];
+  }
+  return DONE;
+}

@@ -1,4 +1,7 @@
-"""An explicit Runge-Kutta method with local error estimates and dense output: the Python side of explicit.c."""
+"""An explicit Runge-Kutta method with local error estimates and dense output: the Python side of explicit.c.
+
+Derivatives of lists of operations, and along the steps of the method: that of the ends of evaluation.c and explicit.c.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,8 @@ from numpy.typing import NDArray
 
 from mbdae.errors import internal
 from mbdae.native import address, declared
-from mbdae.native.equations import SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
+from mbdae.native.equations import SLICE, Equations, Number, Pointer, Stepping, Stretches, TwinTable, Whole
+from mbdae.native.program import Part, Scene
 
 Array = NDArray[np.float64]
 Whole64 = NDArray[np.int64]
@@ -183,3 +187,129 @@ class Explicit(Stepping):
             raise internal(f"the starts of a batch have {batch.n} unknowns, its equations {self.n}")
         self.table.longest = np.inf
         self.native(_functions().explicit_batch, self._at, ctypes.addressof(batch.table), SLICE)
+
+
+
+
+
+class TwinsTable(ctypes.Structure):
+    """The C struct `Twins` of evaluation.c, with the same members in the same order."""
+
+    _fields_ = (("scene", Pointer), *((name, Part) for name in ("value", "along", "back")),
+                *((name, Whole) for name in ("first", "count", "width", "clock", "clocks", "columns", "by_rows", "known",
+                                             "room")),
+                *((name, Pointer) for name in ("column", "slot", "seed", "prescribed", "fixed", "J", "G", "kept", "of_clock")))
+
+
+class PathTable(ctypes.Structure):
+    """The C struct `Path` of explicit.c, with the same members in the same order."""
+
+    _fields_ = (("f", Pointer), ("inner", Whole),
+                *((name, Pointer) for name in ("A", "c", "B", "side", "K", "x", "dK", "dx")))
+
+
+_paths = declared(
+    ("twins_value", ctypes.c_int, (Pointer, Whole, Number, Pointer, Pointer)),
+    ("twins_along", ctypes.c_int, (Pointer, Whole, Pointer, Pointer)),
+    ("twins_back", ctypes.c_int, (Pointer, Whole, Pointer, Pointer)),
+    ("twins_states", ctypes.c_int, (Pointer, Whole, Whole, *[Pointer] * 5)), ("twins_run", ctypes.c_int, (Pointer, Pointer)),
+    ("explicit_along", ctypes.c_int, (Pointer, Whole, *[Pointer] * 5)),
+    ("explicit_back", ctypes.c_int, (Pointer, Whole, *[Pointer] * 6)),
+)
+
+
+class Twins:
+    """A list of operations with its tangent and pullback on the array W of a scene, see `Twins` in evaluation.c."""
+
+    def __init__(self, scene: Scene, parts: dict[str, Part], W: Array, first: int, count: int, width: int, clock: int,
+                 clocks: int) -> None:
+        """parts: value, along, back; the others as in evaluation.c."""
+        self._W, self._kept, self._parts = W, dict[str, Any](scene=scene), parts
+        self.table = TwinsTable(ctypes.addressof(scene), *(parts[name] for name in ("value", "along", "back")), first, count,
+                                width, clock, clocks, 0, 0, 0, 1)
+        self.address, self.n = ctypes.addressof(self.table), int(scene.n)
+        self.count, self.clocks, self.width = count, clocks, width
+
+    def _give(self, **arrays: Any) -> None:
+        for name, array in arrays.items():
+            self._kept[name] = array
+            setattr(self.table, name, None if array is None else array.ctypes.data)
+
+    def clear(self) -> None:
+        """Set the differentials of all slots, and the weights of all inputs, to 0."""
+        self._W[self.width :] = 0.0
+
+    def by(self, seeds: list[tuple[Whole64, Array]], fixed: Any) -> None:
+        """Choose the numbers by which one differentiates: of each the slots of differentials and their values. fixed (count,):
+        results whose derivatives are constants."""
+        P = len(seeds)
+        slots = np.concatenate([np.zeros(0, np.int64), *(slot for slot, _ in seeds)]).astype(np.int64)
+        if slots.size and not (slots.min() >= self.width and slots.max() < len(self._W)):
+            raise internal("a derivative by a number was asked for in places that are no differentials")
+        self._give(column=np.cumsum([0, *(len(slot) for slot, _ in seeds)]).astype(np.int64), slot=slots,
+                   seed=np.concatenate([np.zeros(0), *(value for _, value in seeds)]), fixed=np.array(fixed, dtype=np.int8),
+                   J=np.zeros((self.count, self.n)), G=np.zeros((self.count, P)))
+        self.table.columns, self.table.known, self.table.by_rows = P, 0, int(self.count - np.count_nonzero(fixed) < P)
+
+    def at(self, prescribed: Array | None = None, of_clock: Array | None = None, room: int = 0) -> None:
+        """Set, for the states that follow, the derivatives of the values of the clock by the numbers (states, P, clocks), or
+        where the weights of these values go (states, clocks); room: number of states to which pullbacks may go back."""
+        kept = self._kept.get("kept")
+        self._give(prescribed=prescribed, of_clock=of_clock,
+                   kept=None if not room else kept if kept is not None else np.zeros((room, self.width)))
+        self.table.room = max(room, 1)
+
+    def run(self, name: str) -> None:
+        """Run the tangent or pullback alone."""
+        _paths().twins_run(self.address, ctypes.byref(self._parts[name]))
+
+    def states(self, t: Array, y: Array, yp: Array, weights: Array | None = None) -> Array:
+        """At k states, t (k,), y and yp (k, n): the changes (k, count, P) by the numbers; with weights (k, count) of the results
+        the weights (k, n) of y, while those of the inputs are added up."""
+        t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
+        given = None if weights is None else np.ascontiguousarray(weights, dtype=float)
+        out = np.empty((len(t), self.count, self.table.columns) if given is None else (len(t), self.n))
+        if _paths().twins_states(self.address, 0, len(t), t.ctypes.data, y.ctypes.data, yp.ctypes.data,
+                                     None if given is None else given.ctypes.data, out.ctypes.data):
+            raise FloatingPointError
+        return out
+
+    @property
+    def twin(self) -> TwinTable:
+        """The table by which steps of a method call these derivatives."""
+        found = _paths()
+        return TwinTable(self.address, self.n, self.table.columns, *(ctypes.cast(getattr(found, f"twins_{name}"), Pointer).value
+                                                                     for name in ("value", "along", "back")))
+
+
+class Path:
+    """Derivatives along steps of an explicit method. twin: the derivatives of y'; A (ALL, ALL), B (inner, ALL): stages, and
+    increments at the inner nodes; side: array whose first number is the time at which conditions of inputs are read."""
+
+    def __init__(self, twin: TwinTable, A: Array, B: Array, side: Array) -> None:
+        n, width = int(twin.n), max(int(twin.columns), 1)
+        arrays = (np.ascontiguousarray(A), A.sum(axis=1), np.ascontiguousarray(B), side, np.zeros((ALL, n)), np.zeros(n),
+                  np.zeros((ALL, n * width)), np.zeros(n * width))
+        self.n, self.columns, self.inner, self._kept = n, int(twin.columns), len(B), (twin, arrays)
+        self.table = PathTable(ctypes.addressof(twin), len(B), *(array.ctypes.data for array in arrays))
+
+    def along(self, t: Array, y: Array, S: Array) -> tuple[int, Array, Array, Array]:
+        """A code, ends (m, n) of the repeated steps, derivatives (m + 1, n, P) of y and increments (m, inner, n, P); S (n, P):
+        those at the beginning; t (m + 1,), y (m + 1, n): of the run."""
+        m, out = len(t) - 1, np.empty((len(t), self.n, self.columns))
+        out[0] = S
+        inner, reached = np.empty((m, self.inner, self.n, self.columns)), np.zeros((m, self.n))
+        t, y = np.ascontiguousarray(t), np.ascontiguousarray(y)
+        code = _paths().explicit_along(ctypes.addressof(self.table), m, t.ctypes.data, y.ctypes.data, reached.ctypes.data,
+                                           out.ctypes.data, inner.ctypes.data)
+        return int(code), reached, out, inner
+
+    def back(self, t: Array, y: Array, ends: Array, inner: Array, total: Array) -> tuple[int, Array]:
+        """A code and the ends of the repeated steps; total (n,), weights of y at the end, becomes those at the beginning. ends
+        (m, n): weights of y at the beginnings of the steps; inner (m, inner, n): of the increments."""
+        m, reached = len(t) - 1, np.zeros((len(t) - 1, self.n))
+        given = [np.ascontiguousarray(x) for x in (t, y, ends, inner)]
+        t, y, ends, inner = given
+        code = _paths().explicit_back(ctypes.addressof(self.table), m, t.ctypes.data, y.ctypes.data, reached.ctypes.data,
+                                          ends.ctypes.data, inner.ctypes.data, total.ctypes.data)
+        return int(code), reached

@@ -129,6 +129,28 @@ WIDE static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
   }
 }
 
+/* The same for `columns` right-hand sides beside each other, b and w (n, columns). */
+WIDE static void NAME(solve_columns)(const Order *p, const T *lu, I columns, T *restrict b, T *restrict w) {
+  const int32_t *col = p->col;
+  for (I i = 0; i < p->n; i++) {
+    T *restrict v = w + i * columns;
+    memcpy(v, b + p->rows[i] * columns, sizeof(T) * (size_t)columns);
+    for (I k = p->low[i]; k < p->low[i + 1]; k++) {
+      const T l = lu[k], *restrict u = w + col[k] * columns;
+      for (I c = 0; c < columns; c++) NAME(less)(&v[c], l, u[c]);
+    }
+  }
+  for (I i = p->n; i-- > 0;) {
+    const I d = p->up[i + 1];
+    T *restrict v = w + i * columns, *restrict to = b + p->columns[i] * columns;
+    for (I k = d + 1; k < p->up[i]; k++) {
+      const T l = lu[k], *restrict u = w + col[k] * columns;
+      for (I c = 0; c < columns; c++) NAME(less)(&v[c], l, u[c]);
+    }
+    for (I c = 0; c < columns; c++) to[c] = v[c] = NAME(times)(v[c], lu[d]);
+  }
+}
+
 /* The largest error of a solved system whose solution is known: how slowly Newton's method converges because of the factors. */
 static double NAME(defect)(const Factors *f) {
   T *x = (T *)f->w + f->n;

@@ -90,6 +90,22 @@ API void lu_solve(const Factors *f, void *b) {
   f->getrs("N", &n, &one, f->lu, &n, f->swaps, b, &n, &info);
 }
 
+/* Right-hand sides b (n, columns) beside each other; w (n, columns): room */
+API void lu_solve_columns(const Factors *f, I columns, void *b, void *w) {
+  if (f->order) {
+    if (f->complex) pair_solve_columns(f->order, f->lu, columns, b, w);
+    else real_solve_columns(f->order, f->lu, columns, b, w);
+    return;
+  }
+  const I n = f->n, parts = f->complex ? 2 : 1;
+  double *from = b, *one = w;
+  for (I c = 0; c < columns; c++) { /* LAPACK takes them one behind the other */
+    for (I i = 0; i < n; i++) memcpy(one + i * parts, from + (i * columns + c) * parts, sizeof(double) * (size_t)parts);
+    lu_solve(f, one);
+    for (I i = 0; i < n; i++) memcpy(from + (i * columns + c) * parts, one + i * parts, sizeof(double) * (size_t)parts);
+  }
+}
+
 /* `times` right-hand sides behind each other */
 API void lu_solve_each(const Factors *f, I times, double *b) {
   for (I i = 0; i < times; i++) lu_solve(f, b + i * f->n * (f->complex ? 2 : 1));

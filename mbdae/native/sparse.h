@@ -41,6 +41,7 @@ API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *d
 API I lu_choose(I n, I complex, double share, void *d, char *at, I *rows, I *columns, I *count, I *place, short *list, double *top);
 API I lu_factor(Factors *f);
 API void lu_solve(const Factors *f, void *b);
+API void lu_solve_columns(const Factors *f, I columns, void *b, void *w);
 API void lu_solve_each(const Factors *f, I times, double *b);
 API void lu_correct(const Factors *f, const void *b, void *x);
 API I matrix_factor(Matrix *m, double h, I first);

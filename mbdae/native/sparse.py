@@ -1,4 +1,5 @@
-"""LU factorisation in a fixed sparsity pattern, and the iteration matrices of integrators: the Python side of sparse.h.
+"""LU factorisation in a fixed sparsity pattern, and the iteration matrices of integrators: the Python side of sparse.h;
+linear equations of the stages of implicit steps, for derivatives along them: that of adjoint.c.
 
 Sizes and indices are checked here, before C uses them; wrong ones raise ValueError.
 """
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import cython_lapack
 from mbdae.errors import internal
-from mbdae.native import Array, Entries, Index, Order, address, declared
+from mbdae.native import Array, Entries, Order, Orders, Searches, address, declared, differ, pivots
 from mbdae.native.equations import Number, Pointer, Whole
+from mbdae.native.explicit import Twins
 
 #: LAPACK's dense LU is used where the sparse factorisation would take at least FEW multiplications and at least DENSE times those
 #: of the dense one. Measured with full matrices, the sparse code is as fast as LAPACK with 25 unknowns, a third slower
@@ -78,19 +80,6 @@ def lapack(name: str) -> int:
     api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
     api.PyCapsule_GetPointer.restype, api.PyCapsule_GetPointer.argtypes = Pointer, [ctypes.py_object, ctypes.c_char_p]
     return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
-
-
-#: functions that look for an order of elimination, tried one after the other. Each gets the pattern and the values of a matrix
-#: (n, n), real or complex, and returns an order or None. The last function chooses the largest pivots. Empty: dense LU
-Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
-
-
-class Orders:
-    """The order of elimination that all matrices with one pattern share; `present` is None until one is found."""
-
-    def __init__(self, entries: Entries, searches: Searches) -> None:
-        self.entries, self.searches = entries, searches
-        self.present: Order | None = None
 
 
 class Factors:
@@ -175,18 +164,18 @@ class Factors:
         """A copy of the factors, of the order in which they were made, and of the order that matrices of this pattern share, as
         plain values, for `go_back`."""
         arrays = (self.values, self._lu, self._swaps)
-        return {"begun": bool(self.table.lu), "own": _pivots(self.order), "shared": _pivots(self.orders.present),
+        return {"begun": bool(self.table.lu), "own": pivots(self.order), "shared": pivots(self.orders.present),
                 "accurate": self.table.accurate, "arrays": [array.copy() for array in arrays]}
 
     def go_back(self, kept: dict[str, Any]) -> None:
         """Restore the factors and orders of a snapshot."""
         orders = self.orders
-        if _differ(_pivots(orders.present), kept["shared"]):
+        if differ(pivots(orders.present), kept["shared"]):
             orders.present = Order(orders.entries, *kept["shared"]) if kept["shared"] else None
         self.table.accurate = kept["accurate"]
         if not kept["begun"]:
             return
-        if kept["own"] is None or not _differ(_pivots(orders.present), kept["own"]):
+        if kept["own"] is None or not differ(pivots(orders.present), kept["own"]):
             self._take(None if kept["own"] is None else orders.present)
         else:
             self._take(Order(orders.entries, *kept["own"]))
@@ -205,16 +194,6 @@ class Factors:
         functions().lu_solve(self._at, address(x))
         functions().lu_correct(self._at, address(right), address(x))
         return x
-
-
-def _pivots(order: Order | None) -> list[Index] | None:
-    return None if order is None else [order.rows, order.columns]
-
-
-def _differ(some: list[Index] | None, others: list[Index] | None) -> bool:
-    if some is None or others is None:
-        return some is not others
-    return not all(np.array_equal(a, b) for a, b in zip(some, others, strict=True))
 
 
 class Matrix:
@@ -283,3 +262,86 @@ class Matrix:
         if found.shape != (self.entries.n,):
             raise internal(f"an iteration matrix of {self.entries.n} unknowns was given a vector of shape {found.shape}")
         return found
+
+
+_stages = declared(
+    ("stages_back", ctypes.c_int, (Pointer, Pointer, Pointer, Whole, *[Pointer] * 3)),
+    ("stages_along", ctypes.c_int, (Pointer, Pointer, Pointer, *[Whole] * 3, *[Pointer] * 3)),
+)
+
+
+class StagesTable(ctypes.Structure):
+    """The C struct `Stages` of adjoint.c, with the same members in the same order."""
+
+    _fields_ = (*((name, Whole) for name in ("s", "n", "nnz", "transposed", "stage")),
+                *((name, Pointer) for name in ("row_of", "column_of", "order", "A_inv", "T", "T_inv")), ("sign", Number),
+                *((name, Pointer) for name in ("matrix", "r", "x", "mixed", "pair")))
+
+
+class StepsTable(ctypes.Structure):
+    """The C struct `Path` of adjoint.c, with the same members in the same order."""
+
+    _fields_ = (*((name, Pointer) for name in ("h", "middles", "times", "Y", "Yp", "fy", "fyp")), ("own", Whole), ("of", Pointer),
+                ("side", Pointer))
+
+
+class Stages:
+    """The linear equations of all stages of implicit steps by a collocation table. entries: the pattern of the Jacobian;
+    transposed: those of the adjoint; kinds, searches: see `Searches`."""
+
+    def __init__(self, table: Any, entries: Entries, transposed: bool, numbers: int, searches: Searches) -> None:
+        s, n = len(table.c), entries.n
+        rows, columns = (entries.column_of, entries.row_of) if transposed else (entries.row_of, entries.column_of)
+        order = np.lexsort((rows, columns)).astype(np.int64)
+        own = Entries(n, np.searchsorted(columns[order], np.arange(n + 1)), rows[order])
+        self.matrix = Matrix(own, np.ones(n), np.zeros(n), table.real, table.pairs, searches)
+        self._order, self._stage, self._n, self._s = order, s // 2, n, s
+        real = len(table.real)
+        sign = np.sign((table.T_inv @ table.A_inv @ table.T)[real + 1, real]) if len(table.pairs) else 1.0
+        kept = [np.ascontiguousarray(x) for x in (entries.row_of, entries.column_of, order, table.A_inv, table.T, table.T_inv)]
+        room = [np.zeros(size * n * numbers) for size in (s, 2 * s, s, 4)]
+        self._kept = kept, room
+        self.table = StagesTable(s, n, entries.nnz, int(transposed), self._stage, *(x.ctypes.data for x in kept), float(sign),
+                                 self.matrix.address, *(x.ctypes.data for x in room))
+        self._at = ctypes.addressof(self.table)
+
+    def over(self, of: Twins, own: int, side: Array, *given: Array) -> None:
+        """Choose the steps: derivatives of F by numbers, the number of unknowns of the run, which are the first of F, the array
+        whose first number is the time at which conditions are read; and as `Path` in adjoint.c says h and middles (m,), times (m,
+        s), Y, Y' (m, s, n), dF/dy and dF/dy' (m, s, nnz). Unknowns are scaled by the first step."""
+        self._given = [np.ascontiguousarray(x) for x in given]
+        self._steps = StepsTable(*(x.ctypes.data for x in self._given), own, of.address, side.ctypes.data)
+        h, fy, fyp = self._given[0], *self._given[-2:]
+        self.times, self._own, self._columns = self._given[2], own, of.table.columns
+        size = (np.abs(fy[0, self._stage]) + np.abs(fyp[0, self._stage]) / h[0])[self._order]
+        largest = np.zeros(self._n)
+        np.maximum.at(largest, self.matrix.entries.column_of, size)
+        self.matrix.scale[:] = 1 / np.where(largest > 0, largest, 1.0)
+
+    def _called(self, function: Callable[..., int], m: Any, back: int) -> None:
+        """Call C until all steps are made; it returns where a matrix needs another order of elimination. SingularMatrixError
+        where there is none, or a step has no solution; its `unknown` then is the step."""
+        code, at = function(0), None
+        while code < 0 and at != m.value:
+            at = m.value
+            self.matrix.factor(float(self._given[0][at - back]))
+            code = function(1)
+        if code:
+            raise SingularMatrixError(m.value - back)
+
+    def back(self, ends: Array, inner: Array, total: Array) -> None:
+        """Take weights back, as `Path.back`."""
+        m, given = Whole(len(ends)), [np.ascontiguousarray(x) for x in (ends, inner)]
+        rest = *(x.ctypes.data for x in given), total.ctypes.data
+        self._called(lambda ready: int(_stages().stages_back(self._at, ctypes.addressof(self._steps), ctypes.addressof(m),
+                                                                ready, *rest)), m, 1)
+
+    def along(self, S: Array) -> tuple[Array, Array]:
+        """Derivatives (m + 1, n, P) at the ends of the steps, and of the increments (m, s - 1, n, P); S (n, P): at the first."""
+        steps, P = len(self.times), self._columns
+        out, inner = np.empty((steps + 1, self._own, P)), np.empty((steps, self._s - 1, self._own, P))
+        out[0], room, m = S, np.zeros((self._s, self._n, P)), Whole(0)
+        rest = P, out.ctypes.data, inner.ctypes.data, room.ctypes.data
+        self._called(lambda ready: int(_stages().stages_along(self._at, ctypes.addressof(self._steps), ctypes.addressof(m),
+                                                                 steps, ready, *rest)), m, 0)
+        return out, inner

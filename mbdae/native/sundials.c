@@ -8,6 +8,7 @@ enum { INNER = 4, ONE_STEP = 2 }; /* nodes of Radau IIA with 5 stages inside a s
 enum { STUCK = 1000 };            /* result of `sundials_steps`: the step fell below the round-off of the time */
 enum { CONTINUE = 901, DIVERGES = 902 };      /* SUN_NLS_CONTINUE and SUN_NLS_CONV_RECVR */
 static const double NEWTON = 0.1, UNCHANGED = 1e-4, SLOWEST = 0.9; /* see `ida_converged` */
+static const double ROUND = 1e3 * 2.220446049250313e-16; /* a step is not made shorter than this part of the time */
 enum { STEPS = 7, MANY = 3, LOW = 3, HELD = 24, HIGH = 5 };  /* see `raise_order` */
 static const double LEADING = 0.03, WIDER = 1000;
 
@@ -40,6 +41,7 @@ typedef struct {
                                           GetEstLocalErrors, GetLastOrder, SetMaxStep */
   double *wider;                       /* (n,) factors of the tolerances */
   I low, before, held;                 /* see `raise_order`; before: steps rejected before the first one of low order */
+  Stretches stretches;                 /* longest steps by the inputs of time */
 } Run;
 
 /* An evaluation nearer than the last one: that attempt was rejected. Those that choose the first step are no attempts. */
@@ -252,6 +254,11 @@ API int sundials_steps(Run *r, double stop, double seconds, I room, double *t, d
   double begin = clock_s();
   int code = r->until(r->memory, stop);
   for (*made = 0; code >= 0 && *made < room;) {
+    const double now_longest = longest_step(&r->stretches, r->from_t);
+    if (isfinite(now_longest)) {
+      code = r->until(r->memory, fmin(stop, r->from_t + fmax(now_longest, ROUND * fabs(r->from_t))));
+      if (code < 0) break;
+    }
     double now = r->from_t, *y = Y + *made * n, *yp = Yp + *made * n;
     code = r->ida ? r->ida(r->memory, r->toward, &now, r->y_vector, r->yp_vector, ONE_STEP)
                   : r->cvode(r->memory, r->toward, r->y_vector, &now, ONE_STEP);

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.native import declared
-from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
+from mbdae.native.equations import Equations, Number, Pointer, Stretches, Whole, seen
 from mbdae.native.sundials_library import MOST_ROWS, Array, Block, RunStruct, Settings, Steps, sundials
 from mbdae.process import Signals
 
@@ -119,6 +119,11 @@ class Method:
         self.run.renew = 1
 
     # -- steps
+
+    def bound(self, edges: Any, share: float, kinks: Any = ()) -> None:
+        """Limit the length of steps, see `Stretches.of`."""
+        found = Stretches.of(edges, share, kinks)
+        self._limits, self.run.stretches = found.kept, found
 
     def begin(self, t: float, y: Array, yp: Array) -> None:
         """Restart at time t (s) from y, yp (n,)."""

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.native.equations import Number, Pointer, Whole
+from mbdae.native.equations import Number, Pointer, Stretches, Whole
 
 MAJOR = 7  #: major release of SUNDIALS whose functions are declared here
 #: folder of the libraries in the wheels of scikit-sundae: beside the package (Linux, Windows), or inside of it (macOS)
@@ -169,6 +169,7 @@ class RunStruct(ctypes.Structure):
         ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
         ("iteration", Pointer), ("correction", Number), ("errors", Pointer), ("order", Pointer),
         ("longest", Pointer), ("wider", Pointer), ("low", Whole), ("before", Whole), ("held", Whole),
+        ("stretches", Stretches),
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.errors import internal
-from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Vector
+from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Product, Vector
 from mbdae.symbolic.rebuild import nodes, rebuilt
 from mbdae.symbolic.vectors import Expr
 
@@ -267,3 +267,22 @@ def actual(record: NamedQuantities, still: tuple[str, ...] = ()) -> Callable[[Ba
         return None
 
     return base
+
+
+def inserted(a: Vector, atoms: dict[Base, Vector], symbols: dict[Expr, Expr]) -> Vector:
+    """A vector with atoms and symbols replaced and products expanded; named vectors without any of them are kept."""
+    record, total = a.record, a.record.zero()
+    for atom, c in a.terms.items():
+        total = total + _replaced(record, atom, atoms, symbols) * se.sympify(c).subs(symbols)
+    return total
+
+
+def _replaced(record: NamedQuantities, atom: Any, atoms: dict[Base, Vector], symbols: dict[Expr, Expr]) -> Vector:
+    plain = Vector(record, {atom: se.Integer(1)})
+    if isinstance(atom, Product):
+        left, right = (_replaced(record, part, atoms, symbols) for part in (atom.left, atom.right))
+        return sum((distributed(left, b) * c for b, c in right.terms.items()), record.zero())
+    if isinstance(atom, NamedVector):
+        value = inserted(record.vectors[atom.number], atoms, symbols)
+        return plain if value.terms == record.vectors[atom.number].terms else value
+    return atoms.get(atom, plain)

@@ -13,13 +13,12 @@ from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.errors import LawError
 from mbdae.laws.joints import Prismatic, Revolute
-from mbdae.reports.calculus import ForwardDerivative
+from mbdae.reports.calculus import ForwardDerivative, inserted
 from mbdae.reports.letters import effort_unit
 from mbdae.reports.page import BOTH, document, row_name, short_hash, title_of
 from mbdae.reports.recursive_values import MATRIX, ORACLE, TREE, RecursiveValues
 from mbdae.reports.sections import chain, motion_in
 from mbdae.reports.statement import ReportedLaw, structure_of
-from mbdae.reports.tree_vectors import inserted
 from mbdae.reports.vectors import Base, Vector
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr

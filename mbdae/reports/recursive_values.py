@@ -1,4 +1,6 @@
-"""Values required of the equations of a recursive joint, from its compiled recursion at states that satisfy the joint."""
+"""Values required of the equations of a recursive joint, from its compiled recursion at states that satisfy the joint, and its
+formulas: the recursion of a tree executed with vectors instead of components.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import symengine as se
 
 from mbdae.documents.blocks import Block
 from mbdae.kernels.plan import plan
@@ -15,11 +18,16 @@ from mbdae.reports.letters import INERTIA, Letter, second_rate_of
 from mbdae.reports.page import Check
 from mbdae.reports.statement import ReportedLaw
 from mbdae.reports.states import POINTS, STEP, SymbolValues, random_state, residual
-from mbdae.reports.tree_vectors import VectorTree, link_of, tree_of
-from mbdae.reports.vectors import Base
+from mbdae.reports.vectors import Base, NamedQuantities
+from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Structure
+from mbdae.symbolic.motion import Step
 from mbdae.symbolic.outputs import acceleration, jacobian_G, position, program_fingerprint, velocity
+from mbdae.symbolic.program import Program
+from mbdae.symbolic.tree import TreeProgram, Wrench
+from mbdae.symbolic.tree_motion import Link, LinkWay, Moved, NodeMotion, TreeStructure
+from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 TREE, ORACLE = "the compiled program of a tree", "a complex step along a motion through the program of a tree"
 MATRIX = Letter(r"\mathbf{M}", INERTIA, "derivatives of $\\mathbf{F}_l, \\mathbf{M}_l$ by the accelerations of l: of a rigid body"
@@ -209,3 +217,134 @@ class RecursiveValues(LawPage):
 def _name(s: ReportedLaw, side: str) -> str:
     found: str = next(name for name, place in s.places.items() if place == side)
     return found
+
+
+
+
+def link_of(law: Any, structure: Structure, derived: frozenset[str]) -> Link:
+    """The joint as the only link of a tree of two bodies in space with root k."""
+    of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
+    numbers = [f"{side}_{name}" for side in "kl" for name in of_side]
+    numbers += [name for name in law.params if name not in derived and name not in structure.absent]
+    names = tuple(law.coordinates)
+    return Link(law, structure, 0, "k", NodeKind.SPATIAL, (Axes.GENERAL, Axes.GENERAL), tuple((n, None) for n in numbers), True,
+                names, (False,) * len(names), 1)
+
+
+def tree_of(link: Link) -> TreeStructure:
+    """The tree of that link, with loads on body l."""
+    return TreeStructure(NodeKind.SPATIAL, (link,), (), (1,))
+
+
+class _Vectors(Program):
+    """A recursion program that keeps results as formulas, without symbols for intermediate results. Axes after the last rotation
+    are replaced by the axes of l; those after earlier rotations get letters."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.turns, self.last, self.record = 0, 0, NamedQuantities()
+        self.reached: tuple[Vec, ...] = ()
+
+    def let(self, e: Any) -> Expr:
+        return se.sympify(e)
+
+    def vec(self, v: Vec) -> Vec:
+        return v
+
+    def axes(self, axes: tuple[Vec, Vec, Vec]) -> tuple[Vec, Vec, Vec]:
+        self.turns += 1
+        if self.turns < self.last:
+            x, y, z = (a.named() for a in axes)
+            return x, y, z
+        self.reached = axes
+        x, y, z = (self.record.atom(name, "l") for name in "xyz")
+        return x, y, z
+
+
+class VectorTree(TreeProgram):
+    """Motion and forces of a joint from k to l, as vectors of its statement's record.
+
+    reached: axes of l; spins: angular velocity and acceleration of l by those of k and the coordinates; l: its motion;
+    root: force and moment that the joint passes on to k."""
+
+    def __init__(self, s: ReportedLaw, link: Link) -> None:
+        self.s, self.link = s, link
+        self.atom = s.record.atom
+        super().__init__(tree_of(link))
+        assert isinstance(self.program, _Vectors)
+        self.reached: Any = self.program.reached
+        self.way: Any = self._ways[0]
+        self.l: Any = self.nodes[1]
+        self.force = self._along((self.atom("F", "l"), self.atom("M", "l")))
+        self._label()
+
+    def _label(self) -> None:
+        """Give letters to angular velocities and accelerations between k and l."""
+        for number, value in self.s.record.vectors.items():
+            for kind, letter in (("w", r"\boldsymbol{\omega}"), ("al", r"\dot{\boldsymbol{\omega}}")):
+                if Base(kind, "k") in value.terms and number not in self.s.record.labels:
+                    count = sum(label.startswith(letter) for label in self.s.record.labels.values())
+                    self.s.record.labels[number] = f"{letter}_{{{count + 1}}}"
+
+    @staticmethod
+    def _program() -> Program:
+        return _Vectors()
+
+    def second(self, name: str) -> Expr:
+        """The symbol of the second time derivative of a coordinate."""
+        return se.Symbol(f"{name}_second")
+
+    def _input(self, *place: Any) -> Expr:
+        head, owner, i = place
+        if head == "number":
+            return se.Symbol(i)
+        name = self.link.coordinates[-owner - self.link.first]
+        q = self.s.coordinates[name]
+        return {"q": q, "u": self.s.clock[q], "up": self.second(name)}[head]
+
+    def _root(self, kind: NodeKind) -> NodeMotion:
+        r, v, w, a, al = (self.atom(name, "k") for name in ("c", "vc", "w", "ac", "al"))
+        return NodeMotion(kind, r, UNIT, se.Integer(0), v, w, a, al)
+
+    def _frame(self, j: int, link: Link, side: str, node: NodeMotion, axes: Axes) -> tuple[Vec, tuple[Vec, ...]]:
+        return self.atom("s", side), tuple(self.atom(name, side) for name in "xyz")
+
+    def _motion(self, j: int, link: Link) -> list[Moved]:
+        found = super()._motion(j, link)
+        assert isinstance(self.program, _Vectors)
+        self.program.last, self.program.record = sum(m.step.turns for m in found), self.s.record
+        return found
+
+    def _rotation(self, c: int) -> Any:
+        name = self.link.coordinates[c - self.link.first]
+        side = self.s.turning[name]
+        spin, change = (Vec(*(se.Symbol(f"{side}_{letter}{i}") for i in "123")) for letter in ("W", "Wp"))
+        rotation = self.s.values[name]
+        return rotation, Moved(Step(True, ZERO, se.Integer(0), rotation), number=c, spin=spin, change=change)
+
+    def _spins(self, found: LinkWay) -> tuple[Vec, Vec]:
+        self.spins: Any = (found.w, found.al)
+        return self.atom("w", "l"), self.atom("al", "l")
+
+    def _orient(self, child: NodeMotion, k: NodeMotion, place: tuple[int, Link, str], found: LinkWay) -> None:
+        pass
+
+    def _arm(self, j: int, link: Link, side: str, node: NodeMotion) -> Vec:
+        return self.atom("s", side)
+
+    def _along(self, wrench: Wrench) -> dict[tuple[int, int], Expr]:
+        """Rows of the joint's coordinates for a force and a moment on l, by virtual power; they pass on `root` to k."""
+        found, F = self.way, wrench[0]
+        M = wrench[1] - found.back.cross(F)  # about the end of the joint's motion
+        self.root: Any = (F, M + found.total.cross(F))
+        rows, left = dict[tuple[int, int], Expr](), found.total  # from the parent's node to the place of the motion
+        for part in reversed(found.parts):
+            m = part.moved
+            moment = M if left is found.total else M + (found.total - left).cross(F)
+            for c, slope in m.slopes.items():
+                work = part.direction @ (moment if m.step.turns else F)
+                rows[-c, 0] = rows.get((-c, 0), se.Integer(0)) + slope * work
+            if m.step.rotation is not None:
+                rows |= {(-m.number, i): axis @ moment for i, axis in enumerate(part.axes)}
+            left = left if part.displacement is ZERO else left - part.displacement
+        return rows

@@ -16,9 +16,8 @@ import symengine as se
 
 from mbdae.reports.letters import of_name, unit_on
 from mbdae.reports.states import POINTS, value
-from mbdae.reports.tree_vectors import NOTHING, Coefficients, solved
 from mbdae.reports.units import Unit, dimensions, unit, unit_in
-from mbdae.reports.vectors import NamedQuantities
+from mbdae.reports.vectors import ZERO, Coefficients, NamedQuantities, solved
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
@@ -254,7 +253,7 @@ class SceneEquations:
             for letter, part in (("F", force), ("T", moment - arm.cross(force))):
                 for i, e in enumerate(part):
                     if (entry := se.expand(e)) != 0:
-                        old = found.get((letter, instance.item, i), NOTHING)
+                        old = found.get((letter, instance.item, i), ZERO)
                         found[letter, instance.item, i] = old + sign * self._renamed(row, d, entry) * self.unknowns[n]
         return dict(sorted(found.items(), key=lambda entry: entry[0][0]))
 

@@ -18,8 +18,8 @@ from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_has
 from mbdae.reports.reading import key_of
 from mbdae.reports.scene_equations import Said, SceneEquations
 from mbdae.reports.states import value
-from mbdae.reports.tree_vectors import NOTHING, Coefficients, determinant, total
 from mbdae.reports.units import Unit, unit
+from mbdae.reports.vectors import ZERO, Coefficients, determinant, total
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
 
@@ -163,7 +163,7 @@ class ClosedForms(SceneEquations, Page):
              for i in range(m)]
         for i, row in enumerate(rows):
             apart = r" \ne 0" if m == n == 1 else ""
-            lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, NOTHING))}{apart}" for j, unknown in enumerate(unknowns)]
+            lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, ZERO))}{apart}" for j, unknown in enumerate(unknowns)]
             rest = {key: e for key, e in row.items() if key not in unknowns}
             lines.append(f"{w.scalar(h[i])} = {w.scalar(se.expand(-total(rest)))}")
         if m == n == 1:
@@ -255,4 +255,4 @@ def _divisors(e: Expr) -> list[Expr]:
 
 
 def _weighted(values: list[Expr], weights: list[Expr]) -> Expr:
-    return sum((v * weight for v, weight in zip(values, weights, strict=True)), NOTHING)
+    return sum((v * weight for v, weight in zip(values, weights, strict=True)), ZERO)

@@ -24,7 +24,9 @@ from mbdae.system.start_with_contacts import ExpectedContact
 INSIDE = 6
 #: largest number of maxima among the values so far around which the largest one is sought more closely
 BEST = 5
-FINER, ROUNDS = 17, 8  #: number of times per round of a closer search, and of its rounds
+#: a closer search: WHOLE times over what is left and NARROW times around the top of the parabola through the three highest, over
+#: the part CLOSE of what is left; at most so many ROUNDS, until values differ by the fraction FLAT, which is near their round-off
+WHOLE, NARROW, CLOSE, ROUNDS, FLAT = 9, 8, 1 / 64, 12, 1e-12
 #: distance from the end of a step, over its length, of the last time read inside it: accelerations may jump at its end
 JUST = 1e-9
 #: with more than MANY steps those alone are looked into in which a larger value can be. A parabola rises above the ends of a step
@@ -109,19 +111,30 @@ def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple
     around = np.pad(known, 1, constant_values=-np.inf)
     near = np.flatnonzero((known >= around[:-2]) & (known >= around[2:]))
     near = near[np.argsort(known[near])[::-1][:BEST]]
-    low, high = times[np.maximum(near - 1, 0)], times[np.minimum(near + 1, len(times) - 1)]
+    grid, seen, k, column = times[:, None], known[:, None], near, np.zeros(len(near), np.intp)
     for _ in range(ROUNDS):
-        grid = np.linspace(low, high, FINER)  # one column around each of the best
+        three = np.clip(k + np.array([[-1], [0], [1]]), 0, len(grid) - 1)
+        (low, _, high), at = grid[three, column], _top(grid[three, column], seen[three, column])
+        closely = at + CLOSE * (high - low) * np.linspace(-1, 1, NARROW)[:, None]
+        grid = np.sort(np.clip(np.concatenate([np.linspace(low, high, WHOLE), closely]), low, high), axis=0)
         seen = np.nan_to_num(sizes(result, quantity, grid.ravel()).reshape(grid.shape), nan=-np.inf)
-        k, column = np.argmax(seen, axis=0), np.arange(len(near))
+        k, column = np.argmax(seen, axis=0), np.arange(grid.shape[1])  # one column around each of the best
         i = int(np.argmax(seen[k, column]))
         best = max(best, (float(seen[k[i], i]), float(grid[k[i], i])))
-        reaches = seen[k, column] + np.ptp(seen, axis=0) >= best[0]  # the others are lower
-        if not reaches.any():
+        differ = np.ptp(seen, axis=0)
+        open_ = (seen[k, column] + differ >= best[0]) & (differ > FLAT * best[0])  # the others are lower, or found
+        if not open_.any():
             break
-        k, column, near = k[reaches], column[reaches], near[reaches]
-        low, high = grid[np.maximum(k - 1, 0), column], grid[np.minimum(k + 1, FINER - 1), column]
+        k, column = k[open_], column[open_]
     return best
+
+
+def _top(t: Array, values: Array) -> Array:
+    """Times (k,) of the tops of parabolas through three values each (3, k); that of the second value where there is none."""
+    with np.errstate(all="ignore"):
+        slope = np.diff(values, axis=0) / np.diff(t, axis=0)
+        at = (t[0] + t[1]) / 2 - slope[0] * (t[2] - t[0]) / (2 * (slope[1] - slope[0]))
+    return np.asarray(np.where((slope[0] >= 0) & (slope[1] < 0) & np.isfinite(at), at, t[1]))
 
 
 def _where_it_may_be(result: Any, quantity: Quantity, steps: Array) -> Any:

@@ -226,6 +226,21 @@ class Result(OfRun, RunStates, ListsAttributes):
         """Quantities as in `to_dataframe`, in a file: columns divided by commas, units in the first line; see `mb.read_table`."""
         to_csv(self, path, sensors, further)
 
+    # -- derivatives (see `ATTACHED`)
+
+    def gradient(self, of: Any, to: Any) -> Any:
+        """Derivatives of an objective, mb.integral(...), mb.at_end(...) or mb.largest(...), by numbers of the scene.
+
+        to: names as in `mb.sweep`, "strut.stiffness", one or a list. Returns them by these names, each with `.value`, a number in
+        units of the objective over those of the number, and `.error`, its estimated error. The end of the run does not move with
+        the numbers. DerivativeError where there is no derivative, with the reason."""
+        return ATTACHED["gradient"](self, of, to)
+
+    def sensitivity(self, *of: Quantity, to: Any) -> Any:
+        """Derivatives of quantities (see `value`) over the result's times by numbers of the scene, by (quantity, name): `.value`
+        (outputs,), of vectors (outputs, components), and `.error`, the estimated largest error of these; see `gradient`."""
+        return ATTACHED["sensitivity"](self, of, to)
+
     # -- energy, drift and rank
 
     @cached_property

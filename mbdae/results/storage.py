@@ -17,8 +17,8 @@ import numpy as np
 from mbdae.errors import MbdaeError, OptionError, SceneError, naming_arguments
 from mbdae.files import path_of
 from mbdae.formulations import Form, forms
+from mbdae.integrators import radau_table
 from mbdae.integrators.base import Solver
-from mbdae.integrators.collocation_tables import radau_table
 from mbdae.integrators.dense import Collocation, Hermite, Joined
 from mbdae.integrators.named import solvers
 from mbdae.integrators.solution import Interpolant, Solution, Stats

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
-from mbdae.robots import clean, library, parsed, text_of
-from mbdae.robots.description import Joint, Link, Pose, Robot, build
+from mbdae.robots import Joint, Link, Pose, Robot, build, clean, library, parsed, text_of
 
 MOST_INCLUDED = 100  #: files that a model may include
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn

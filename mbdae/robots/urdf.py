@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
-from mbdae.robots import EXTRA, bounds_of, library, parsed, text_of
-from mbdae.robots.description import Joint, Link, Pose, Robot, build
+from mbdae.robots import EXTRA, Joint, Link, Pose, Robot, bounds_of, build, library, parsed, text_of
 from mbdae.scene.components import Stop
 
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed", "floating": "free",

@@ -16,7 +16,7 @@ from functools import cache, cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.integrators.matrices import IterationMatrix
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.native.sparse import SingularMatrixError
@@ -62,7 +62,7 @@ class Disturbances:
         """(natural logarithm of the largest factor by which a disturbance grows from one time of the run to a later one, time of
         the largest, s). It ends early where the logarithm exceeds `enough`. None where `course` is None."""
         course = self.course(enough)
-        return None if course is None else _rise(course)
+        return None if course is None else rise(course)
 
     @single_threaded
     def course(self, enough: float = math.inf, least: float = 0.0) -> tuple[Array, Array] | None:
@@ -78,7 +78,7 @@ class Disturbances:
             if together > 1 and not fewest <= len(ends) <= len(finest) / FEWER:
                 continue
             before, found, fewest = found, self._along(ends, enough) if len(ends) <= MOST else None, FEWER * len(ends)
-            if found is None or (before is not None and _settled(_rise(before)[0], _rise(found)[0], enough, least)):
+            if found is None or (before is not None and _settled(rise(before)[0], rise(found)[0], enough, least)):
                 break
         return found
 
@@ -234,7 +234,7 @@ def _settled(before: float, now: float, enough: float, least: float) -> bool:
     return abs(now - before) < max(SURE, CLEAR * left)
 
 
-def _rise(course: tuple[Array, Array]) -> tuple[float, float]:
+def rise(course: tuple[Array, Array]) -> tuple[float, float]:
     """The largest rise of a course, and the time (s) of its end."""
     t, size = course
     rises = size - np.minimum.accumulate(size)

@@ -17,6 +17,7 @@ import json
 import os
 import signal
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -145,8 +146,10 @@ def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
     return Keeper(folder, steps or EVERY)
 
 
-MOST, NODES = 8, 500  #: number of prepared scenes that wait for their next call, and of nodes of each, at most
-_waiting: dict[tuple[Any, ...], Prepared] = {}
+#: number of prepared scenes that wait for their next call, at most; with more NODES a scene waits as long as a result of it is in
+#: use, since it takes 100 kB a node
+MOST, NODES = 8, 500
+_waiting: dict[tuple[Any, ...], Callable[[], Prepared | None]] = {}
 
 
 def taken(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[Any], Prepared]) -> tuple[Prepared, Any]:
@@ -162,7 +165,7 @@ def taken(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[
     if said is None or options is None:
         return prepare(scene), None
     key = said, *options
-    found = _waiting.pop(key, None)
+    found = _waiting.pop(key, lambda: None)()
     if found is None:
         found = prepare(scene)
         found.kept["shared"] = found.model.scene is scene
@@ -174,8 +177,9 @@ def taken(scene: SceneData, options: tuple[Any, ...] | None, prepare: Callable[[
 
 def give_back(prepared: Prepared, key: Any) -> None:
     """Keep what `taken` gave for the next call; a call that ends with an error does not."""
-    if key is not None and len(prepared.model.nodes) <= NODES:
-        _waiting[key] = prepared
+    if key is not None:
+        large = len(prepared.model.nodes) > NODES
+        _waiting[key] = weakref.ref(prepared, lambda _: _waiting.pop(key, None)) if large else lambda: prepared
         while len(_waiting) > MOST:
             _waiting.pop(next(iter(_waiting)))
 

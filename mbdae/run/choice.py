@@ -310,7 +310,8 @@ def absent(scene: SceneData) -> list[str]:
     laws = [law for c in scene.connections for law in c.laws]
     rubbing = any(getattr(law, "friction", None) is not None for law in laws)
     timed = any(not isinstance(getattr(law, p), float | int | None) for law in laws for p in law.params)
-    has = {"gravity": bool(scene.gravity.any()), "friction": rubbing, "contact": any(c.loose for c in scene.joints),
+    fields = [scene.gravity, *(b.gravity for b in scene.bodies if b.gravity is not None)]
+    has = {"gravity": bool(np.any(fields)), "friction": rubbing, "contact": any(c.loose for c in scene.joints),
            "values prescribed in time": timed}
     return [term for term, needed in has.items() if not needed]
 

@@ -33,6 +33,7 @@ from mbdae.run.estimate import (
     fall_shown,
     first_tolerance,
     measure_of,
+    nearer_companion,
     other_run,
     share_of,
     usual_companion,
@@ -70,8 +71,9 @@ CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
-#: that round-off or penetrations bound is not subject to them
-FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
+#: that round-off or penetrations bound is not subject to them. The smallest without contacts is that at which `share_of` comes to
+#: its least value with most solvers: a tighter run would not be estimated better by the run before
+FINER, FINER_WITH_IMPACTS = (6e-3, 0.3), (0.1, 0.3)
 #: a run is repeated if its tolerance is above this many times the largest one that resolves the penetrations and the sticking
 #: found in it
 COARSE = 3.0
@@ -172,7 +174,7 @@ class _Search:
                 if self.tight.tolerance > 0.5 * loose:
                     return best
                 continue
-            best = self._with_estimate(best, fine, told)
+            best = self._compared_again(self._with_estimate(best, fine, told), told)
             self.ceiling = max(resolving(self.prepared, self.solver, fine, self.ceiling), self.limit)
             too_coarse = rtol > COARSE * self.ceiling
             if (best.estimate <= self.accuracy and not too_coarse) or rtol <= self.limit * (1 + 1e-9):
@@ -180,6 +182,10 @@ class _Search:
             if too_coarse:
                 self.tight = with_rtol(self.tight, self.ceiling)
                 continue
+            if not self.grown:
+                best = self._compared_again(self._beside_usual(best, told), told)
+                if best.estimate <= self.accuracy:
+                    return best
             earlier = max((estimate for _, estimate in told[:-1]), default=0.0)
             if contacts and len(told) > 2 and best.estimate > max(LARGE, earlier / CHAOTIC):
                 return replace(best, notes=(*best.notes, CHAOS.format(earlier, best.estimate)))
@@ -206,20 +212,49 @@ class _Search:
 
     def estimate(self, least: float = 0.0) -> float:
         """The estimated error of the last run; least: smallest ratio assumed of it to a difference."""
-        return estimated(self.system, self.solver, self.made, self.measure, self.outputs, least)
+        return estimated(self.system, self.solver, self.made[-1 - self._kept :], self.measure, self.outputs, least)
 
     def _with_estimate(self, best: Controlled, fine: Solution, told: list[tuple[float, float]]) -> Controlled:
         """The run `fine`, which followed `best`, with its estimate, and its companions beside it."""
         rtol, coarse = self.tight.tolerance, self.made[-1][1]
         self.made, self._count = [*self.made[-self._kept :], (rtol, fine)], self._count + 1
         told.append((rtol, bounded(self.tight, told, self.estimate, coarse, fine) if self.grown else self.estimate()))
-        others = list[OtherRun]()
-        for before, run in self.made[-1 - self._kept : -1]:
-            share = share_of(self.system, self.solver, rtol / before)
-            one = Beside(run, check_times(run, self.outputs), self.measure, share)
-            others += other_run(self.system, self.prepared, one, ratio=before / rtol)
-        return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, tuple(others),
+        return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, self._others(),
                           told=tuple(told), limit=self.limit)
+
+    def _others(self) -> tuple[OtherRun, ...]:
+        """The companions of the last run, beside it."""
+        return tuple(one for run in self.made[-1 - self._kept : -1] for one in self._other(run))
+
+    def _beside_usual(self, best: Controlled, told: list[tuple[float, float]]) -> Controlled:
+        """The last run, which misses the accuracy beside the run before; where that had a far larger tolerance, beside a usual
+        companion instead, which costs less than a tighter run and mostly shows that none is needed."""
+        count, cpu = usual_companion(self.system, best.solver, replace(self.asked, share=CLOSER), self.made)
+        if not count:
+            return best
+        told[-1] = told[-1][0], self.estimate()
+        return replace(best, estimate=told[-1][1], told=tuple(told), others=self._others()).after(count, cpu)
+
+    def _other(self, companion: RunAt) -> tuple[OtherRun, ...]:
+        """A companion of the last run, beside it."""
+        (before, run), rtol = companion, self.tight.tolerance
+        one = Beside(run, check_times(run, self.outputs), self.measure, share_of(self.system, self.solver, rtol / before))
+        return other_run(self.system, self.prepared, one, ratio=before / rtol)
+
+    def _compared_again(self, best: Controlled, told: list[tuple[float, float]]) -> Controlled:
+        """The last run, compared with one more companion where only the assumed fall of errors brings its estimate below the
+        accuracy."""
+        if best.estimate > self.accuracy:
+            return best
+        with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
+            runs = nearer_companion(self.system, best.solver, replace(self.asked, share=CLOSER), self.made,
+                                    self.estimate(1.0), self.accuracy)
+        if not runs:
+            return best
+        again = estimated(self.system, self.solver, runs, self.measure, self.outputs)
+        told[-1] = (told[-1][0], max(best.estimate, again))
+        return replace(best, estimate=told[-1][1], others=(*best.others, *self._other(runs[1])), told=tuple(told)).after(
+            1, runs[1][1].stats.cpu_s)
 
     def _judged_again(self, best: Controlled) -> Controlled:
         """The last run; where it misses the accuracy, with the estimate from a usual companion if those in `made` are none."""

@@ -24,7 +24,7 @@ from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.run.amplification import SMALL, Disturbances
+from mbdae.run.amplification import SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth_roots import MOST, GrowthFound, Look, Spectra, positions, roots_at
 from mbdae.system.base import Array, System
@@ -195,7 +195,7 @@ def _by_varying(system: System, run: Solution, spectra: Spectra,
     hidden = [i for i, one in enumerate(idle) if one.size > 0]
     coarse = any(one.unseen * look.h > FOLLOWED / 4 for one, look in zip(idle, looks, strict=True))
     course = Disturbances(system, run).course(least=VARYING) if len(hidden) > 1 and coarse else None
-    if course is None or np.max(course[1]) - np.min(course[1]) < VARYING:
+    if course is None or rise(course)[0] < VARYING:
         return found, [0.0] * len(looks)
     first, last = hidden[0], hidden[-1]
     expected = float(np.interp(looks[last].t, *course) - np.interp(looks[first].t, *course))

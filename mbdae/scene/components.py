@@ -56,10 +56,11 @@ class Body(AsStated, NamesArguments):
     scene: Any = field(default=None, repr=False)  #: the scene in which the body is stated
     shapes: tuple[Shape, ...] | None = None  #: shapes to draw; None: not stated, drawn from mass and attachments
     color: str | None = None  #: "#rrggbb", None: chosen by the drawing
+    gravity: Array | None = None  #: (3,) its own gravity, m/s^2; None: that of the scene
     drawn: Drawn = field(init=False)
 
     def __post_init__(self, position: Array, rotation: Array, velocity: Array, angular_velocity: Array) -> None:
-        self.inertia, self.outline = fixed(self.inertia), fixed(self.outline)
+        self.inertia, self.outline, self.gravity = map(fixed, (self.inertia, self.outline, self.gravity))
         self.drawn = Drawn(*map(fixed, (position, rotation, velocity, angular_velocity)))
 
     def _settled(self) -> bool:
@@ -190,8 +191,8 @@ class AsGiven:
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A function that is called every `every` s: paths of the sensors it reads, names of the outputs it sets, and its memory at
-    the start; None: it has no memory."""
+    """A function that is called every `every` s: paths of the sensors it reads, names of the outputs it sets, its memory at the
+    start, None: it has no memory; derivative: function of the same arguments, (outputs, values), None: not known."""
 
     name: str
     function: Callable[..., Any]
@@ -199,6 +200,7 @@ class Controller:
     every: float
     reads: tuple[str, ...]
     sets: tuple[str, ...]
+    derivative: Callable[..., Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -263,7 +265,6 @@ class Clearance(JointModel):
 class Stop:
     """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt where that pushes back, else 0; p:
     excess over the limit, rad or m. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
-
     stiffness: float
     damping: float = 0.0
 

@@ -230,23 +230,27 @@ class ControlStatements(ConnectionStatements):
         return _symbol(name)
 
     @reads(name=reading.name, f=_function, every=reading.quantity("s", "positive"), reads=_words, sets=_words, memory=_memory,
-           start=_numbers)
+           start=_numbers, derivative=_function)
     @statement
     def controller(self, name: str, f: Any, every: float, reads: Any = (), sets: Any = (), memory: Any = None,
-                   start: Any = None) -> None:
+                   start: Any = None, derivative: Any = None) -> None:
         """A sampled controller: f(t, *values) is called at the start and every `every` s with the values of the sensors `reads`;
         it returns the outputs `sets` (a number where that is one name), which act from that instant on and are held until the
         next: torque="u", s.sensor("u"). With `memory` it is f(t, *values, memory) and returns (outputs, memory); `memory` is what
         it gets at the start. `start`: values of the outputs with which the scene is made ready for its first call, 0 by default.
-        Values are those before any output changes. f must be pure: runs are repeated to measure errors."""
+        Values are those before any output changes. f must be pure: runs are repeated to measure errors.
+
+        derivative(t, *values): the derivatives of the outputs by the values, (outputs, values), for `r.gradient` and
+        `r.sensitivity`; a controller with `memory` has none."""
         item = f"controller '{name}'"
         if not sets:
             self.problems.append(f"{item}: sets names no output that can be used; give one or more, as in sets=['u']")
-        wrong = _not_called(f.value, len(reads), memory is not None)
-        if wrong:
-            self.problems.append(f"{item}: {wrong}")
+        for function in (f, *([] if derivative is None else [derivative])):
+            if wrong := _not_called(function.value, len(reads), memory is not None):
+                self.problems.append(f"{item}: {wrong}")
         self._claim(name)
-        self.controllers.append(Controller(name, f.value, memory, every, tuple(reads), tuple(sets)))
+        self.controllers.append(Controller(name, f.value, memory, every, tuple(reads), tuple(sets),
+                                           None if derivative is None else derivative.value))
         self._keep_read_coordinates(self.controllers[-1])
         starts = [0.0] * len(sets) if start is None else start
         if starts and len(starts) != len(sets):

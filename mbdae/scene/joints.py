@@ -10,8 +10,8 @@ import numpy as np
 
 from mbdae.deferred import Later
 from mbdae.errors import unknown_name
-from mbdae.laws.joint_rows import Distance, FixedOrientation, PointOnLine, PointOnPlane
-from mbdae.laws.joints import Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal, Weld
+from mbdae.laws.joint_rows import Distance, FixedOrientation, KnifeEdge, PointOnLine, PointOnPlane, Rolling, RollingBall
+from mbdae.laws.joints import FREE, Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal, Weld, generic
 from mbdae.scene import reading
 from mbdae.scene.components import Clearance, Connection, Kinematic
 from mbdae.scene.connections import ConnectionStatements, across, where
@@ -21,6 +21,7 @@ from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import STATEMENTS, statement
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
+from mbdae.values import shown
 
 if TYPE_CHECKING:
     from mbdae.laws.journal import JournalContact
@@ -33,6 +34,7 @@ PLACED = {**BODIES, "axis": reading.direction}
 #: law -> remedy in the message about a missing parameter, where another statement takes the parameter from the drawing
 MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
 EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: values by coordinate are checked when the coordinates are known
+FLAT = 1e-6  #: sine of the angle between axle and normal up to which a disc counts as lying flat
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
 
@@ -176,6 +178,51 @@ class JointStatements(ConnectionStatements):
         centre. Further arguments as in `joint`."""
         point = where(self, f"fixed_orientation '{name}'", l, at)
         return self._library("fixed_orientation", FixedOrientation, name, k, l, point, (0, 0, 1), None, further)
+
+    @reads(**PLACED, axis_x=reading.direction, free=reading.as_given, further=reading.as_given)
+    @statement
+    def generic(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), axis_x: Any = None, free: Any = (),
+                **further: Any) -> Connection:
+        """l moves along and about some of the joint's axes: `axis` is its z, `axis_x` its x, by default any normal to it. `free`
+        names those of x, y, z, angle_x, angle_y, angle_z that are free and its coordinates, all 0 as drawn: displacements along
+        the axes of k, and rotations one after the other in this order. Further arguments as in `joint`."""
+        arg = Argument(self, f"generic '{name}'", "free")
+        names = [free] if isinstance(free, str) else list(free) if isinstance(free, list | tuple) else [None]
+        if any(not isinstance(n, str) or n not in FREE for n in names) or len({*names}) < len(names):
+            arg.wrong(f"{shown(free)} is no list of free directions", f"give some of {', '.join(FREE)}, each once")
+            names = []
+        law = generic(tuple(names)) if names else Weld
+        return self._library("generic", law, name, k, l, at, axis, axis_x, further)
+
+    @reads(**PLACED, radius=reading.quantity("m", "positive"), normal=reading.direction)
+    @statement
+    def rolling(self, name: str, k: Any, l: Any, at: Any, axis: Any = None, radius: float = 1.0,
+                normal: Any = (0, 0, 1)) -> Connection:
+        """The thin edge of a disc or wheel l, or a ball, rolls without slip on the plane of k with this `normal` (towards l) that
+        touches it as drawn. `at`: its centre as drawn, m; `axis`: its axle, None: a ball; `radius` m. The wheel cannot
+        lift off; r[name].force is the force on it. A spin that is not stated follows from the stated velocity."""
+        up = reading.unit(normal)
+        if axis is None:
+            return self._joint("rolling", RollingBall, name, k, l, at, up, None, None, {}, {"radius": radius})
+        axle = reading.unit(axis)
+        lateral = up - (up @ axle) * axle
+        if np.linalg.norm(lateral) < FLAT:
+            Argument(self, f"rolling '{name}'", "axis").wrong(
+                f"{axle.tolist()} is along normal = {up.tolist()}: the disc lies flat on the plane",
+                "give the axle as drawn, at an angle to the normal")
+            lateral = np.cross(axle, np.eye(3)[int(np.argmin(np.abs(axle)))])
+        lean = float(np.arcsin(np.clip(up @ axle, -1, 1)))
+        return self._joint("rolling", Rolling, name, k, l, at, axle, reading.unit(lateral), None, {},
+                           {"radius": radius, "lean": lean or None})
+
+    @reads(**BODIES, along=reading.direction, normal=reading.direction)
+    @statement
+    def knife_edge(self, name: str, k: Any, l: Any, at: Any, along: Any, normal: Any = (0, 0, 1)) -> Connection:
+        """The point of l at `at` (m, as drawn) moves relative to k in the direction of a blade of l, `along` as drawn, and not
+        across it, as a skate on ice: in the plane of k with this `normal`, in which other joints have to keep it."""
+        up = reading.unit(normal)
+        blade = across(Argument(self, f"knife_edge '{name}'", "along"), up, along)
+        return self._joint("knife_edge", KnifeEdge, name, k, l, at, up, blade, None, {}, {})
 
     def _library(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any,
                  further: dict[str, Any]) -> Connection:

@@ -197,6 +197,8 @@ def refusal(law: type[Joint], model: JointModel) -> tuple[str, str] | None:
     if isinstance(model, Classical) and law.scalars().keys() != law.coordinates.keys():
         return f"{shown(model)}, but a {name} has a free rotation, which no three angles describe everywhere", \
             f"use mb.Kinematic(){' or mb.Recursive()' * law.states_motion()}"
+    if isinstance(model, Recursive) and law.velocity_constraints is not Joint.velocity_constraints:
+        return f"{shown(model)}, but a {name} states rows of velocities", "state them in their own law, or use mb.Kinematic()"
     if isinstance(model, Recursive) and not law.states_motion():
         return f"{shown(model)}, but {name} does not state its motion", "state `motion(self, from_k)`, or use mb.Kinematic()"
     return None

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.inputs import timed
-from mbdae.inputs.sensed import symbol
+from mbdae.inputs.sensed import numbers_in, symbol, with_values
 from mbdae.scene.components import Body, Place
 from mbdae.symbolic.joint import Joint
 from mbdae.values import Array, BadValueError, array, entries, flag, number, shown, text, whole, word
@@ -63,6 +63,10 @@ def reads(**readers: Reader) -> Callable[[F], F]:
             found = bound.arguments
             item = f"{kind} {_named(found.get('name', getattr(found.get('law'), 'name', None)))}"
             for p in parameters:
+                if p.name in found and _read(Argument(self, item, p.name), found[p.name], lambda v: numbers_in(v, self.numbers),
+                                             "give every value a name of its own", dict[str, float]()):
+                    self._as_named |= found[p.name] if p.kind is p.VAR_KEYWORD else {p.name: found[p.name]}
+                    found[p.name] = with_values(found[p.name])
                 if p.name in found and not (found[p.name] is None and p.default is None):
                     found[p.name] = _plain(Argument(self, item, p.name), readers[p.name], p, found[p.name])
             return method(*bound.args, **bound.kwargs)

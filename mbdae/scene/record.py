@@ -50,11 +50,18 @@ STATEMENTS: dict[str, Callable[..., Any]] = {}  #: methods that are statements, 
 def statement(method: F) -> F:
     """Record the calls of a public method of a scene in `scene.statements`; calls between methods are not recorded."""
 
+    kinds = signature(method).parameters.values()
+    names = [p.name for p in kinds if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)][1:]
+
     @wraps(method)
     def recorded(self: Any, *args: Any, **kwargs: Any) -> Any:
         if self.recording:
-            plain = [encode(a, self.own) for a in args], {k: encode(v, self.own) for k, v in kwargs.items()}
-            self.statements.append([method.__name__, *plain])
+            given = dict(zip(names, args, strict=False)) | kwargs
+            told = {k: encode(self._as_named.get(k, v), self.own) for k, v in given.items()}
+            positional = min(len(args), len(names))
+            more = [encode(a, self.own) for a in args[positional:]]
+            self.statements.append([method.__name__, [*(told.pop(k) for k in names[:positional]), *more], told])
+            self._as_named = {}
         before, self.recording = self.recording, False
         try:
             return method(self, *args, **kwargs)
@@ -145,7 +152,7 @@ def _encode_expression(value: Any) -> Any:
     try:
         if not getattr(value, "free_symbols", None):
             return number(value)
-        return stored(timed.expression(value, sensors=True))
+        return stored(timed.expression(value, sensors=True, named=True))
     except Exception:  # the statement that is recorded reports the mistake when it runs
         return {"unreadable": shown(value)}
 
@@ -185,7 +192,7 @@ def without_module(name: str) -> str:
 READ: dict[str, Reader] = {"name": reading.name, "space": reading.one_of("auto", "planar", "spatial"),
         "gravity": lambda arg, value: fixed(reading.vector("m/s^2")(arg, value))}
 
-KEPT = {"recording", "_known", "_sent"}  #: attributes by which a scene keeps what it found
+KEPT = {"recording", "_known", "_sent", "_as_named"}  #: attributes by which a scene keeps what it found
 
 
 class SceneItems(NamesAttributes):
@@ -199,6 +206,8 @@ class SceneItems(NamesAttributes):
         self.statements: list[Statement] = []  #: the statements made on the scene, in order, as plain data (see `record.py`)
         self.own: Own = {}  #: classes and functions by the names they have in `statements`
         self.recording = True
+        self.numbers: dict[str, float] = {}  #: values of the named numbers in statements (`mb.number`), by name
+        self._as_named: dict[str, Any] = {}  #: arguments of the statement under way that contain named numbers
         eye, zero = np.eye(3), np.zeros(3)
         self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True, scene=self)
         self.bodies: list[Body] = []

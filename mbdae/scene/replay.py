@@ -38,14 +38,14 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
     "over": (list,), "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,), "shape_k": (Shape,), "shape_l": (Shape,),
-    "shape": (Shape, list), "color": (str, list), "normal": (Normal,), "as_given": (bool,),
-    "curve": (str, FunctionType), "f": (AsGiven,), "memory": (AsGiven,), "reads": (list, str), "sets": (list, str),
-    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
+    "shape": (Shape, list), "color": (str, list), "normal": (Normal, list), "free": (list, str),
+    "curve": (str, FunctionType), "as_given": (bool,), **dict.fromkeys(("f", "derivative", "memory"), (AsGiven,)),
+    **dict.fromkeys(("reads", "sets"), (list, str)), "of": (dict,),
+    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)),
 }
 
 
 # ---- classes by name ---------------------------------------------------------------------------------------------------------
-
 
 @cache
 def _built_in() -> Own:

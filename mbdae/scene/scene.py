@@ -42,6 +42,7 @@ from mbdae.symbolic.stated import own, own_class
 from mbdae.values import shown
 
 MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
+GRAVITY = reading.vector("m/s^2")
 FRAME = reading.one_of("inertial", "body")
 MOST_WRAPPED = 1.5 * np.pi  #: angle (rad) from which on a rope as drawn is taken to go round a pulley on the wrong side
 
@@ -117,41 +118,43 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     # -- bodies
 
     @reads(name=reading.name, mass=MASS, inertia=reading.inertia, at=reading.point, rotation=reading.rotation,
-           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color, as_given=reading.switch)
+           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color, as_given=reading.switch, gravity=GRAVITY)
     @statement
     def rigid_body(self, name: str, mass: float, inertia: Any, at: Any = (0, 0, 0), rotation: Any = None,
                    velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0), shape: Any = None,
-                   color: Any = None, as_given: bool = False) -> Body:
+                   color: Any = None, as_given: bool = False, gravity: Any = None) -> Body:
         """A rigid body: `mass` kg; `inertia` about its centre of mass in body axes, kg m^2 (one number: about z; 3
         principal values; or 3x3); `at` centre of mass, m; `rotation` 3x3 (body to inertial); `velocity` m/s and
         `angular_velocity` rad/s in the inertial frame. In pictures: `shape`, one of mb.Box, mb.Sphere, mb.Cylinder, mb.Plane,
         mb.Point as drawn, or a list of them, and `color` as matplotlib names it; neither changes the motion. as_given: True
-        takes an inertia whose principal moments violate the triangle inequality, as no body's do, as it is."""
+        takes an inertia whose principal moments violate the triangle inequality, as no body's do, as it is. gravity (3,): that
+        of this body, m/s^2; None: that of the scene."""
         R = np.eye(3) if rotation is None else rotation
         v, w, where = (np.array(a, dtype=float) for a in (velocity, angular_velocity, at))
         matrix, planar = mass_properties.matrix(np.asarray(inertia)), np.ndim(inertia) == 0
         self.problems += mass_properties.problems(name, matrix, planar, as_given)
         body = Body(name, mass, matrix, where, R, v, w, given_velocity=bool(np.any(v) or np.any(w)), outline=where[None],
-                    principal_plane=planar)
+                    principal_plane=planar, gravity=gravity)
         return self._add_body(looking(body, shape, color))
 
-    @reads(name=reading.name, mass=MASS, at=reading.point, velocity=SPEED, shape=shapes, color=color)
+    @reads(name=reading.name, mass=MASS, at=reading.point, velocity=SPEED, shape=shapes, color=color, gravity=GRAVITY)
     @statement
     def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0), shape: Any = None,
-                   color: Any = None) -> Body:
-        """A point mass without orientation, so that joints on it constrain no rotation. `shape`, `color` as in `rigid_body`."""
+                   color: Any = None, gravity: Any = None) -> Body:
+        """A point mass without orientation, so that joints on it constrain no rotation. `shape`, `color`, `gravity` as in
+        `rigid_body`."""
         speed = np.array(velocity, dtype=float)
         body = Body(name, mass, None, at, np.eye(3), speed, np.zeros(3), given_velocity=bool(np.any(speed)), outline=at[None],
-                    is_point=True)
+                    is_point=True, gravity=gravity)
         return self._add_body(looking(body, shape, color))
 
     @reads(name=reading.name, points=reading.point, mass=MASS, mass_per_length=reading.quantity("kg/m", "not negative"),
-           shape=shapes, color=color)
+           shape=shapes, color=color, gravity=GRAVITY)
     @statement
     def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None, shape: Any = None,
-             color: Any = None) -> Body:
-        """A rigid polyline of slender rods through `points` (m); `mass` kg in all, or `mass_per_length` kg/m. `shape` and `color`
-        as in `rigid_body`."""
+             color: Any = None, gravity: Any = None) -> Body:
+        """A rigid polyline of slender rods through `points` (m); `mass` kg in all, or `mass_per_length` kg/m. `shape`, `color`
+        and `gravity` as in `rigid_body`."""
         outline = np.array(points)
         if len(points) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"link '{name}': needs at least two points, each different from the one before")
@@ -162,7 +165,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         length = float(np.sum(np.linalg.norm(np.diff(outline, axis=0), axis=1)))
         total = mass if mass is not None else mass_per_length * length  # type: ignore[operator]
         center, J = mass_properties.of_rods(outline, total)
-        body = Body(name, total, J, center, np.eye(3), np.zeros(3), np.zeros(3), outline=outline)
+        body = Body(name, total, J, center, np.eye(3), np.zeros(3), np.zeros(3), outline=outline, gravity=gravity)
         return self._add_body(looking(body, shape, color))
 
     @reads(name=reading.name, body=reading.body, at=reading.point, rotation=reading.rotation)

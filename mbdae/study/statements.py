@@ -1,11 +1,16 @@
 """A scene with another number in one of its statements: the recorded statements (`mbdae.scene.record`) are changed and
-repeated."""
+repeated.
+
+Of a pulse, the begin, width and strength can be varied: it then is the same expression with its time and its values scaled, so
+that its edges are known however narrow it has become, and a reference run that restarts at the edges (`extremes/cell.py`)
+cannot step over it.
+"""
 
 from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,161 +19,69 @@ import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import timed
-from mbdae.inputs.sensed import paths
+from mbdae.inputs.breaks import Pulse, pulse_of
+from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, paths, with_values
 from mbdae.scene.record import encode, item_name, read, stored
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.values import array, option
 
-# -- pulses: loads and prescribed motions that change during one interval alone
-#
-# The pulse of the scene as stated is found by sampling its inputs, so it has to be wide enough for that. A varied pulse is the
-# same expression with its time and its values scaled, so that its edges are known however narrow it has become: a reference run
-# that restarts at the edges (`extremes/cell.py`) cannot step over it.
-
 NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
-SAMPLES = 20001  #: number of times at which inputs are sampled to find pulses, evenly spaced over the run
-CONSTANT = 1e-12  #: change of an input that counts as none, relative to its largest change
-BISECTIONS = 60
-PARTS = 8  #: number of parts of a pulse: a reference run restarts at each, so that it does not step over a smooth pulse
-
-
-@dataclass(frozen=True)
-class Pulse:
-    """Inputs that change only between the times `begin` and `begin + width` (s); strength: their largest difference from their
-    value before the pulse, in their own unit."""
-
-    begin: float
-    width: float
-    strength: float
-
-    @property
-    def stops(self) -> list[float]:
-        """Times at which a reference run restarts, s."""
-        return [float(t) for t in self.begin + self.width * np.arange(PARTS + 1) / PARTS]
-
-
-def pulse_of(inputs: Sequence[Any], t_end: float) -> Pulse | None:
-    """The pulse that several expressions of time make together in a run from 0 to t_end (s); None where one of them changes at
-    the start or the end of the run, or where none changes."""
-    times = np.linspace(0.0, t_end, SAMPLES)
-    seen = np.array([timed.values(e, times) for e in inputs])
-    departure = np.abs(seen - seen[:, :1])
-    small = CONSTANT * np.max(np.ptp(seen, axis=1), initial=0.0)
-    if not np.isfinite(seen).all() or small == 0.0:
-        return None
-    early = np.flatnonzero(np.any(departure > small, axis=0))[0] - 1
-    late = np.flatnonzero(np.any(np.abs(seen - seen[:, -1:]) > small, axis=0))[-1]
-    if early < 1 or late > SAMPLES - 3:
-        return None
-    begin = _edge(inputs, seen[:, 0], small, times[early], times[early + 1])
-    end = _edge(inputs, seen[:, -1], small, times[late + 1], times[late])
-    return Pulse(begin, max(end - begin, 0.0), float(np.max(departure)))
-
-
-def _edge(inputs: Sequence[Any], rest: Any, small: float, quiet: float, changed: float) -> float:
-    """The time (s) at which inputs leave their constant values `rest`, by bisection between a time `quiet` with these values and
-    a time `changed` with other ones: for a Piecewise its edge, else where an input differs from `rest` by `small`."""
-    at = np.array([quiet])
-    small = 0.0 if all(timed.values(e, at)[0] == value for e, value in zip(inputs, rest, strict=True)) else small
-    for _ in range(BISECTIONS):
-        middle = np.array([(quiet + changed) / 2])
-        off = any(abs(timed.values(e, middle)[0] - value) > small for e, value in zip(inputs, rest, strict=True))
-        quiet, changed = (quiet, float(middle[0])) if off else (float(middle[0]), changed)
-    return (quiet + changed) / 2
-
-
-@dataclass(frozen=True)
-class Varying:
-    """A pulse in the arguments of a statement, and which of its NUMBERS (`number`) is varied. keys: names of the argument, and of
-    entries inside it, in which the expressions of the pulse are."""
-
-    keys: tuple[str, ...]
-    pulse: Pulse
-    number: str
-
-    def at(self, value: float) -> Pulse:
-        """The pulse whose varied number has the given value."""
-        return replace(self.pulse, **{self.number: value})
-
-    def set(self, arguments: dict[str, Any], value: float) -> None:
-        """Replace the expressions in the arguments of the statement by those of the pulse whose varied number has the given
-        value."""
-        def exact(number: float) -> Any:  # so that times that are shifted and scaled lose no digit
-            return se.Rational(*float(number).as_integer_ratio())
-
-        old, new = self.pulse, self.at(value)
-        pace = old.width / new.width if self.number == "width" else 1.0
-        time = exact(old.begin) + exact(pace) * (timed.TIME - exact(new.begin))
-        size = exact(new.strength / old.strength)
-        for holder, key in list(_places(arguments, self.keys)):
-            e = timed.expression(read(holder[key]))
-            before = exact(float(timed.values(e, np.zeros(1))[0]))
-            holder[key] = encode(before + size * (e.subs({timed.TIME: time}) - before))
-
-
-def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: str) -> Varying | None:
-    """The pulse in the arguments of a statement, in a run of t_end (s), of which `keys` name a number to vary: ("width",) or, for
-    one of several inputs, ("value", "0", "width"). None where `keys` name another argument. name: as the user gave it, for
-    messages."""
-    *path, number = keys
-    if number not in NUMBERS or number in arguments or number in arguments.get("law", {}).get("values", {}):
-        return None
-    inputs = [timed.expression(read(holder[key])) for holder, key in _places(arguments, path)]
-    if not inputs:
-        return None
-    found = pulse_of(inputs, t_end)
-    if found is None or not (found.width or number != "width"):
-        raise OptionError(f"vary: '{name}': only a pulse has this number, and what is stated there is none: between the start "
-                          f"and t = {t_end:g} s it has to be constant, change for some time, and be constant again")
-    return Varying(tuple(path), found, number)
-
-
-def pulses(statements: Any, t_end: float) -> list[Pulse]:
-    """The pulses of single expressions in statements, in a run of t_end (s)."""
-    alone = [timed.expression(read(holder[key])) for holder, key in _places(statements, ())]
-    return [found for e in alone if (found := pulse_of([e], t_end)) is not None]
-
-
-def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
-    """(list or mapping, key) of every expression that depends on time alone, in the nested data `holder` below a path of names
-    and indices."""
-    for key, value in enumerate(holder) if isinstance(holder, list) else holder.items():
-        rest = path[1:] if path and str(key) == path[0] else path
-        if isinstance(value, dict) and "expression" in value:
-            if not rest and not paths(read(value)):
-                yield holder, key
-        elif isinstance(value, list | dict):
-            yield from _places(value, rest)
-
-
-# -- statements with another number
-
 SHORTHANDS = "mass, stiffness, speed, clearance; begin, width, strength of a pulse"
 
 
-def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tuple[SceneData, float]:
+Value = float | Callable[[float], float]  #: a new number, or a function that makes it of the number stated
+
+
+def changed(scene: SceneData, name: str, value: Value, t_end: float = 1.0) -> tuple[SceneData, float]:
     """(scene with the argument `name` set to a value, factor on the end of its run). name: "item.argument"; further dots lead
     into a joint model or section, numbers into a list. The factor lets a faster drive run for the same number of turns. t_end:
     end of the run (s) in which pulses of inputs are sought. SceneError where the given scene has problems."""
     if scene.problems:  # repeating only the recorded statements could give a scene without the problem
         raise SceneError(scene.problems)
     item, *keys = name.split(".")
+    if not keys and item in scene.numbers:
+        return _again(scene, _with_number(scene.statements, item, _of(value, scene.numbers[item])), name, value), 1.0
     if not keys:
         raise OptionError(f"vary: '{name}' names no number; add one of its arguments after a dot, such as '{name}.mass'")
     statements = copy.deepcopy(scene.statements)
     index, call = call_of(scene, statements, item)
     pulse, factor = varying(call, keys, t_end, name), 1.0
+    if keys == ["mass"] and callable(value) and (mass := stated_number(scene, item, "mass")) is not None:
+        value = value(mass)
     if pulse is not None:
-        pulse.set(call, value)
+        pulse.set(call, _of(value, getattr(pulse.pulse, pulse.number)))
     else:
         factor = _set(call, statements[index][0], keys, value, name)
     statements[index] = restated(scene, statements[index][0], call)
+    return _again(scene, statements, name, value), factor
+
+
+def _with_number(data: Any, name: str, value: float) -> Any:
+    """Recorded statements, nested plain data, with another value of a named number (`mb.number`)."""
+    if isinstance(data, dict) and "expression" in data:
+        e = read(data)
+        e = e.subs({s: se.Symbol(number_symbol(name, value)) for s in e.free_symbols if (named_by(s) or ("",))[0] == name})
+        return stored(e)
+    if isinstance(data, dict):
+        return {key: _with_number(part, name, value) for key, part in data.items()}
+    return [_with_number(part, name, value) for part in data] if isinstance(data, list) else data
+
+
+def _again(scene: SceneData, statements: list[Any], name: str, value: Value) -> SceneData:
+    """The scene with other statements."""
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
-        return replay(data, type(scene), Known(scene.own)), factor
+        made: SceneData = replay(data, type(scene), Known(scene.own))
+        return made
     except MbdaeError as scene_problem:
-        raise OptionError(f"vary: {name} = {value:g}: {scene_problem}") from scene_problem
+        said = name if callable(value) else f"{name} = {value:g}"
+        raise OptionError(f"vary: {said}: {scene_problem}") from scene_problem
+
+
+def _of(value: Value, stated: float) -> float:
+    """The new number in place of the one stated."""
+    return value(float(stated)) if callable(value) else value
 
 
 def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, dict[str, Any]]:
@@ -196,11 +109,11 @@ def items_of(scene: SceneData) -> str:
     return ", ".join(repr(n) for n in (item_name(s) for s in scene.statements) if isinstance(n, str))
 
 
-def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:
+def _set(call: dict[str, Any], method: str, keys: list[str], value: Value, name: str) -> float:
     """Set the argument at the path `keys` among the arguments `call` of a statement; returns the factor on the end of the run."""
     if keys[0] == "speed" and len(keys) < 3:
         return _set_speed(call, method, value, name, "".join(keys[1:]))
-    if keys == ["mass"] and method in ("rigid_body", "link"):
+    if keys == ["mass"] and method in ("rigid_body", "link") and not callable(value):
         if method == "rigid_body" and call["mass"]:  # its inertia in proportion, as for the same body with another density
             call["inertia"] = (np.asarray(call["inertia"], dtype=float) * (value / call["mass"])).tolist()
         call.pop("mass_per_length", None)
@@ -209,26 +122,27 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name:
         _set_stiffness(call, value, name)
     elif keys == ["clearance"]:
         fields = _fields(call, "model", ("outer", "inner"), name)
-        fields["outer"] = fields["inner"] + value
+        fields["outer"] = fields["inner"] + _of(value, fields["outer"] - fields["inner"])
     else:
         _descend(call, keys, value, name)
     return 1.0
 
 
-def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
+def _set_stiffness(call: dict[str, Any], value: Value, name: str) -> None:
     """Set the spring stiffness of a joint, the contact stiffness of a clearance, or EA of a beam with its other stiffnesses in
     proportion."""
     if call.get("spring") is not None:
         holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
-        holder[key] = value
+        holder[key] = _of(value, holder[key])
     elif "section" in call:
         fields = _fields(call, "section", ("EA",), name)
-        factor = value / fields["EA"]
+        factor = _of(value, fields["EA"]) / fields["EA"]
         for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
             fields[key] *= factor
     else:
         normal = _fields(call, "model", ("normal",), name)["normal"]
-        _fields({"normal": normal}, "normal", ("stiffness",), name)["stiffness"] = value
+        inside = _fields({"normal": normal}, "normal", ("stiffness",), name)
+        inside["stiffness"] = _of(value, inside["stiffness"])
 
 
 def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:
@@ -258,7 +172,7 @@ def _alone(places: list[tuple[dict[str, Any], str]], name: str, word: str) -> tu
     return places[0]
 
 
-def _set_speed(call: dict[str, Any], method: str, value: float, name: str, coordinate: str = "") -> float:
+def _set_speed(call: dict[str, Any], method: str, value: Value, name: str, coordinate: str = "") -> float:
     """Set the speed of a drive, of the start of a joint, or of a body at the start; returns the factor on the end of the run."""
     drive, start = {"revolute": ("angle", "rate0"), "prismatic": ("position", "rate0")}.get(method, ("prescribed", "start_rate"))
     moving = [(h, key) for h, key in _by_coordinate(call, drive) if isinstance(h[key], dict)]
@@ -267,16 +181,18 @@ def _set_speed(call: dict[str, Any], method: str, value: float, name: str, coord
     if moving:
         holder, key = _alone(moving, name, "speed")
         if not isinstance(holder[key], dict):
-            before, holder[key] = abs(holder[key]), value
-            return 1 / abs(_ratio(value, before, name, "the speed"))
-        e = timed.expression(read(holder[key]))
+            before, new = abs(holder[key]), _of(value, holder[key])
+            holder[key] = new
+            return 1 / abs(_ratio(new, before, name, "the speed"))
+        e = timed.expression(with_values(read(holder[key])))
         before = abs(float(timed.values(timed.derivatives(e)[1], np.zeros(1))[0]))
-        factor = _ratio(value, before, name, "the speed")
+        factor = _ratio(_of(value, before), before, name, "the speed")
         holder[key] = stored(e.subs({timed.TIME: factor * timed.TIME}))
         return 1 / abs(factor)
     for key in ("angular_velocity", "velocity"):
         if not coordinate and call.get(key) is not None and np.linalg.norm(call[key]) > 0:
-            factor = _ratio(value, float(np.linalg.norm(call[key])), name, "the speed")
+            size = float(np.linalg.norm(call[key]))
+            factor = _ratio(_of(value, size), size, name, "the speed")
             call[key] = (np.asarray(call[key], dtype=float) * factor).tolist()
             return 1 / abs(factor)
     raise OptionError(f"vary: '{name}': the item has no speed at the start: give it a prescribed angle or position, a "
@@ -289,7 +205,7 @@ def _ratio(value: float, before: float, name: str, quantity: str) -> float:
     return value / before
 
 
-def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
+def _descend(holder: Any, keys: list[str], value: Value, name: str) -> None:
     """Set the number at the path of keys; a list of numbers is scaled so that its largest entry is the value."""
     key: Any = keys[0]
     if isinstance(holder, dict):
@@ -306,16 +222,22 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
     old = holder[key]
     if isinstance(old, list | tuple):
         entries = option(f"vary: '{name}': its value", old, array, "vary one of its entries, by their numbers after a dot")
-        holder[key] = (entries * _ratio(value, float(np.max(np.abs(entries), initial=0.0)), name, "the largest entry")).tolist()
+        largest = float(np.max(np.abs(entries), initial=0.0))
+        holder[key] = (entries * _ratio(_of(value, largest), largest, name, "the largest entry")).tolist()
     elif isinstance(old, dict) and "by" in old:
         raise OptionError(f"vary: '{name}' has values by coordinate; say {' or '.join(repr(f'{name}.{c}') for c in old['by'])}")
+    elif isinstance(old, dict) and "expression" in old and (named := sorted(numbers_in(read(old)))):
+        raise OptionError(f"vary: '{name}' is made of named numbers; name one: {', '.join(map(repr, named))}")
     elif isinstance(old, bool | str | dict):
         item = name.partition(".")[0]
         raise OptionError(f"vary: '{name}' stands for an expression, an object or a text, not for a number: vary the speed of a "
                           f"motion ('{item}.speed'), the begin, width or strength of a pulse, or a number of an object "
                           f"('{name}.' and its field)")
+    elif not isinstance(old, int | float):
+        raise OptionError(f"vary: '{name}': no number is stated there")
     else:
-        holder[key] = int(value) if isinstance(old, int) and value == int(value) else value
+        new = _of(value, old)
+        holder[key] = int(new) if isinstance(old, int) and new == int(new) else new
     return None
 
 
@@ -347,3 +269,70 @@ def stated_number(scene: SceneData, item: str, kind: str) -> float | None:
         if fields.get(key) is not None:
             return float(np.max(np.abs(np.asarray(fields[key], dtype=float))))
     return None
+
+
+# -- pulses: begin, width and strength of inputs of time that change during one interval alone
+
+
+@dataclass(frozen=True)
+class Varying:
+    """A pulse in the arguments of a statement, and which of its NUMBERS (`number`) is varied. keys: names of the argument, and of
+    entries inside it, in which the expressions of the pulse are."""
+
+    keys: tuple[str, ...]
+    pulse: Pulse
+    number: str
+
+    def at(self, value: float) -> Pulse:
+        """The pulse whose varied number has the given value."""
+        return replace(self.pulse, **{self.number: value})
+
+    def set(self, arguments: dict[str, Any], value: float) -> None:
+        """Replace the expressions in the arguments of the statement by those of the pulse whose varied number has the given
+        value."""
+        def exact(number: float) -> Any:  # so that times that are shifted and scaled lose no digit
+            return se.Rational(*float(number).as_integer_ratio())
+
+        old, new = self.pulse, self.at(value)
+        pace = old.width / new.width if self.number == "width" else 1.0
+        time = exact(old.begin) + exact(pace) * (timed.TIME - exact(new.begin))
+        size = exact(new.strength / old.strength)
+        for holder, key in list(_places(arguments, self.keys)):
+            e = timed.expression(with_values(read(holder[key])))
+            before = exact(float(timed.values(e, np.zeros(1))[0]))
+            holder[key] = encode(before + size * (e.subs({timed.TIME: time}) - before))
+
+
+def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: str) -> Varying | None:
+    """The pulse in the arguments of a statement, in a run of t_end (s), of which `keys` name a number to vary: ("width",) or, for
+    one of several inputs, ("value", "0", "width"). None where `keys` name another argument. name: as the user gave it, for
+    messages."""
+    *path, number = keys
+    if number not in NUMBERS or number in arguments or number in arguments.get("law", {}).get("values", {}):
+        return None
+    inputs = [timed.expression(with_values(read(holder[key]))) for holder, key in _places(arguments, path)]
+    if not inputs:
+        return None
+    found = pulse_of(inputs, t_end)
+    if found is None or not (found.width or number != "width"):
+        raise OptionError(f"vary: '{name}': only a pulse has this number, and what is stated there is none: between the start "
+                          f"and t = {t_end:g} s it has to be constant, change for some time, and be constant again")
+    return Varying(tuple(path), found, number)
+
+
+def pulses(statements: Any, t_end: float) -> list[Pulse]:
+    """The pulses of single expressions in statements, in a run of t_end (s)."""
+    alone = [timed.expression(with_values(read(holder[key]))) for holder, key in _places(statements, ())]
+    return [found for e in alone if (found := pulse_of([e], t_end)) is not None]
+
+
+def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
+    """(list or mapping, key) of every expression that depends on time alone, in the nested data `holder` below a path of names
+    and indices."""
+    for key, value in enumerate(holder) if isinstance(holder, list) else holder.items():
+        rest = path[1:] if path and str(key) == path[0] else path
+        if isinstance(value, dict) and "expression" in value:
+            if not rest and not paths(read(value)):
+                yield holder, key
+        elif isinstance(value, list | dict):
+            yield from _places(value, rest)

@@ -1,12 +1,23 @@
-"""Points of a sweep in worker processes, or in any executor. Where a worker process ends, only its present point is lost."""
+"""Points of a sweep in worker processes, or in any executor. Where a worker process ends, only its present point is lost.
+
+A worker answers one message at a time, and ends when the process that started it ends: a thread of it waits on a handle of its
+parent that the operating system signals however the parent ends. While C code holds Python's global lock the thread cannot run;
+on Linux the kernel kills the worker even then.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import multiprocessing
 import os
 import pickle
+import signal
+import sys
+import threading
 import warnings
 from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for
@@ -16,7 +27,7 @@ from typing import Any
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.notation import counted
 from mbdae.results.reads import reads
-from mbdae.study.worker import Worker, WorkerDiedError
+from mbdae.threads import SAFE_PATH, keep_one_thread, not_interrupted, safe_path, set_variable
 
 DIED = "worker died"
 THREADS = "executor=concurrent.futures.ThreadPoolExecutor()"  #: to work in threads, which share this process's objects
@@ -227,3 +238,103 @@ def _found(future: Future[Outcome]) -> Outcome:
         given_up = type(error).__name__ == "KilledWorker"  # by Dask, because several workers ended while they computed it
         died = isinstance(error, BrokenExecutor | CancelledError) or given_up
         return Outcome(None, f"{DIED}: {_text(error)}" if died else _text(error), died)
+
+
+
+READY = b""
+PR_SET_PDEATHSIG = 1  #: of prctl(2): the signal a process gets when the thread that started it ends
+LOOK = 1.0  #: time (s) between two checks whether the parent process still runs, in case its end does not signal its handle
+
+
+class WorkerDiedError(Exception):
+    """A worker process ended before it answered; own_fault: whether by an error or exit of its own, not by a signal."""
+
+    def __init__(self, text: str, own_fault: bool) -> None:
+        super().__init__(text)
+        self.own_fault = own_fault
+
+
+class Worker:
+    """One process that answers messages (bytes) by `answer`, a function at the top level of a module."""
+
+    def __init__(self, answer: Callable[[bytes], bytes]) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, answer, os.getpid(), os.environ.get(SAFE_PATH)))
+        with safe_path(), not_interrupted():
+            self._process.start()
+        theirs.close()
+
+    def wait_until_ready(self) -> None:
+        """Wait until the process has begun; WorkerDiedError where it ended before."""
+        self._received()
+
+    def send(self, message: bytes) -> None:
+        """Send a message; where the worker has died, `receive` raises the error."""
+        with suppress(OSError):
+            self.connection.send_bytes(message)
+
+    def receive(self) -> Any:
+        """The next answer, unpickled; None where the worker says that it has begun. WorkerDiedError where it has ended."""
+        data = self._received()
+        return pickle.loads(data) if data != READY else None
+
+    def _received(self) -> bytes:
+        try:
+            return self.connection.recv_bytes()
+        except (EOFError, OSError):
+            self._process.join()
+            code = self._process.exitcode or 0
+            self.connection.close()
+            raise WorkerDiedError(_ended(code), code >= 0) from None
+
+    def kill(self) -> None:
+        """End the process, whatever it does."""
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+def _ended(code: int) -> str:
+    """How a process ended, in words."""
+    if code >= 0:
+        return f"its process ended itself with exit code {code}"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = f"signal {-code}"
+    memory = ", as the system does where memory runs out" if name == "SIGKILL" else ""
+    return f"its process was killed by {name}{memory}"
+
+
+def _serve(connection: Connection, answer: Callable[[bytes], bytes], parent: int, safe_path: str | None) -> None:
+    """The main loop of a worker."""
+    _die_with(parent)
+    set_variable(SAFE_PATH, safe_path)
+    signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches all processes; it is the parent that ends workers
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
+    keep_one_thread()
+    connection.send_bytes(READY)
+    with suppress(EOFError, OSError):
+        while True:
+            connection.send_bytes(answer(connection.recv_bytes()))
+
+
+def _die_with(parent: int) -> None:
+    """End this process as soon as its parent has ended."""
+    process = multiprocessing.parent_process()
+    assert process is not None
+
+    def watch() -> None:
+        while not wait_for([process.sentinel], LOOK):
+            if hasattr(os, "getppid") and os.getppid() != parent and sys.platform != "win32":
+                break
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)

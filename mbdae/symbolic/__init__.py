@@ -15,7 +15,8 @@ coordinate: an angle, displacement or free rotation that a joint leaves free, 0 
 motion: the chain of elementary motions, along and about axes, by which a joint takes the axes of k to those of l
     (`symbolic/motion.py`); classical rows, recursive links, starts and reports follow from it
 tie: a row that vanishes where a coordinate has a value: it prescribes the coordinate, or ties it to the bodies where it is kept
-row: one scalar constraint, by its name `joint.row`; its force up to a scaling is its multiplier
+row: one scalar constraint, by its name `joint.row`; its force up to a scaling is its multiplier. *Of velocities*: it begins one
+    derivative later than one of positions, and restricts how bodies move, not where they are
 output: an expression that a law adds to the equations: its part of an equation of motion, a row, the rate of a row, the rate of
     a state
 feed, reading: what a load reads of other places: a parameter that is a name for an expression of sensors, stated on frames that

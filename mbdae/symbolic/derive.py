@@ -98,7 +98,7 @@ class _Derivation(LawStatement):
         """What a joint states by its own reactions; None where it states nothing by them."""
         if not self._reacts():
             return None
-        rows, vanished, _, _, G = self._constraints()
+        rows, vanished, _, _, G, _ = self._constraints()
         return self._by(reactions(self.law, rows, vanished), reaction_on_l(self.law, self.frames, rows, G))
 
     def by_any_reactions(self) -> list[Any] | None:
@@ -132,14 +132,16 @@ class _Derivation(LawStatement):
             self.variation.define(se.Symbol(name), e)
         if isinstance(self.law, Joint):
             refuse_amounts(self.law)
-        rows, vanished, undefined, g, G = self._constraints()
+        rows, vanished, undefined, g, G, speeds = self._constraints()
         force_on_l = reaction_on_l(self.law, self.frames, rows, G)
         force, powers = self._forces(reactions(self.law, rows, vanished), force_on_l)
         energy, dissipated, work = map(self.variation.resolve, powers)
-        states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
+        states, rates, starts = self._states([*g, *speeds, energy, dissipated, work, *self.variation.values.values()])
         self.variation.release()
-        facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force))
-        return facts, Terms(tuple(g), tuple(G), force, energy, dissipated, work, self._coordinates(), rates, starts)
+        by_rates = tuple(row for row in rows if row in self.of_velocities)
+        facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force), by_rates)
+        known = energy, dissipated, work, self._coordinates(), rates, starts
+        return facts, Terms(tuple(g), tuple(G), tuple(speeds), force, *known)
 
     def _refuse_others(self) -> None:
         """Raise LawError where an answer that no equation contains, or a kinetic energy, cannot be used."""
@@ -162,14 +164,17 @@ class _Derivation(LawStatement):
         stated = {name: e for name, e in self.law.read(*self.sides).items() if not self.undefined(e)}
         return {name: self.variation.resolve(self.variation.name(e)) for name, e in stated.items()}
 
-    def _constraints(self) -> tuple[list[str], list[str], list[str], list[Expr], list[dict[str, Pair]]]:
+    def _constraints(self) -> tuple[list[str], list[str], list[str], list[Expr], list[dict[str, Pair]], list[Expr]]:
         """Names of the rows that do not vanish for these frames, of those that vanish identically or are left out, of those left
-        out because a mass point has no axes; expressions of the first, and their gradients by side."""
+        out because a mass point has no axes; of the first, their expressions of positions (0 of rows of velocities), their
+        gradients by side, and their expressions of velocities (0 of rows of positions)."""
+        v = self.variation
         rows: list[str] = []
         vanished: list[str] = []
         undefined: list[str] = []
         g: list[Expr] = []
         G: list[dict[str, Pair]] = []
+        speeds: list[Expr] = []
         for name, statement in self.rows.items():
             missing = self.undefined(statement)
             if missing and not any(frame.kind.oriented for frame, _ in missing):
@@ -177,15 +182,33 @@ class _Derivation(LawStatement):
                 undefined.append(name)
                 continue
             self.refuse(f"row '{name}'", statement)
-            self.refuse_speeds(f"row '{name}'", statement)
-            c = self.variation.name(without_overflow(one_sided(statement)))
-            if self._vanishes(self.variation.resolve(c)):
+            of_speeds = name in self.of_velocities
+            if not of_speeds:
+                self.refuse_speeds(f"row '{name}'", statement)
+            c = v.name(without_overflow(one_sided(statement)))
+            stated, gradient = v.resolve(c), v.velocity_gradient if of_speeds else v.gradient
+            if self._vanishes(stated):
                 vanished.append(name)
                 continue
             rows.append(name)
-            g.append(self.variation.resolve(c))
-            G.append({f.side: self._in_plane(self.variation.gradient(f, c), f, f"row '{name}'") for f in self.frames})
-        return rows, vanished, undefined, g, G
+            g.append(_ZERO if of_speeds else stated)
+            speeds.append(stated if of_speeds else _ZERO)
+            G.append({f.side: self._in_plane(gradient(f, c), f, f"row '{name}'") for f in self.frames})
+            if of_speeds:
+                self._refuse_other_than_linear(name, G[-1])
+        return rows, vanished, undefined, g, G, speeds
+
+    def _refuse_other_than_linear(self, name: str, G: Mapping[str, Pair]) -> None:
+        """Raise LawError where a row of velocities does not contain them, or is not linear in them."""
+        v, law = self.variation, type(self.law).__name__
+        parts = [c for pair in G.values() for vector in pair for c in vector if c != 0]
+        if not parts:
+            raise LawError(f"row '{name}' of {law} contains no velocity of a body that moves: state it in `constraints`, or use "
+                           f"the velocities v, w of its frames or mb.rate(...) in it")
+        again = (vector for c in parts for f in self.frames for vector in v.velocity_gradient(f, c))
+        if any(v.resolve(e) != 0 for vector in again for e in vector):
+            raise LawError(f"row '{name}' of {law} is not linear in the velocities: state it as a sum of velocities times "
+                           f"expressions of positions")
 
     def _vanishes(self, e: Expr) -> bool:
         """Whether an expression is zero for every value of its symbols, tested at three random points."""

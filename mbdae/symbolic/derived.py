@@ -42,6 +42,7 @@ class Terms(NamedTuple):
 
     g: tuple[Expr, ...]
     G: tuple[dict[str, Pair], ...]  #: gradient of every row, by side
+    speeds: tuple[Expr, ...]  #: of rows stated by velocities: what vanishes, of the others 0
     force: dict[str, Pair]  #: generalised force by side, on the left-hand side and without multipliers
     energy: Expr
     dissipated_power: Expr
@@ -59,6 +60,7 @@ class Facts(NamedTuple):
     undefined: tuple[str, ...]  #: rows left out because they need axes that a point mass does not have
     states: tuple[str, ...]
     forced: bool  #: whether the law states forces
+    by_rates: tuple[str, ...]  #: those of the rows that are stated by velocities: no positions satisfy or violate them
 
 
 class Derived:
@@ -72,6 +74,7 @@ class Derived:
     undefined: tuple[str, ...]
     states: tuple[str, ...]
     forced: bool
+    by_rates: tuple[str, ...]
 
     def __init__(self, stated: Stated, key: str | None, run: Callable[[], tuple[Facts, Terms, Variation]]) -> None:
         self.stated, self.key, self._run = stated, key, run
@@ -126,6 +129,7 @@ class Derived:
     if TYPE_CHECKING:
         g: tuple[Expr, ...]
         G: tuple[dict[str, Pair], ...]
+        speeds: tuple[Expr, ...]
         force: dict[str, Pair]
         energy: Expr
         dissipated_power: Expr
@@ -154,8 +158,8 @@ class Derived:
     def read_frames(self) -> tuple[Frame, ...]:
         """The frames whose symbols the terms of the law contain: a force on a joint coordinate that is an unknown depends on the
         frame of this coordinate, and not on those of the bodies."""
-        stated = [*self.g, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(), *self.state_rates,
-                  *self.state_starts, *self.variation.values.values()]
+        stated = [*self.g, *self.speeds, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(),
+                  *self.state_rates, *self.state_starts, *self.variation.values.values()]
         stated += [c for pair in self.force.values() for part in pair for c in part]
         stated += [c for row in self.G for pair in row.values() for part in pair for c in part]
         symbols = symbols_of(stated)

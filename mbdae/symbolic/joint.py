@@ -92,12 +92,13 @@ class Joint(TwoBodyLaw):
 
     def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Expressions of the frames, without the joint's coordinates, that vanish; by name of the row."""
+        if type(self).velocity_constraints is not Joint.velocity_constraints:
+            return {}
         if self.states_motion():
             raise LawError(f"joint law {type(self).__name__} states a motion without coordinates: where l moves with k use "
-                           f"mb.Weld, otherwise declare coordinates = mb.params(name=('rad', 'meaning')) and move by "
-                           f"self.name")
-        raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`: "
-                       f"state one of these methods")
+                           f"mb.Weld, else declare coordinates = mb.params(name=('rad', 'meaning')) and move by self.name")
+        raise LawError(f"joint law {type(self).__name__} states none of `motion(self, from_k)`, `constraints(self, k, l)`, "
+                       f"`velocity_constraints(self, k, l)`: state one of these methods")
 
     def coordinate(self, *frames: Any, **_: Any) -> Any:
         """{coordinate: expression of the frames}, or the expression alone where there is one coordinate; None: the coordinates
@@ -114,8 +115,7 @@ class Joint(TwoBodyLaw):
         return {}
 
     def pressing(self, k: Frame, l: Frame, force: Vec) -> Vec:
-        """The part of the joint's reaction force on l (N) that presses the surfaces together: that normal to the axis of the
-        rubbed coordinate and to all directions in which l may slide."""
+        """The part of the joint's reaction force on l (N) that presses the surfaces together, normal to axis and slides."""
         return across(force, free_axes(self, k, l, self.rubbed) if self.states_motion() else [k.z])
 
     def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
@@ -143,7 +143,6 @@ class Joint(TwoBodyLaw):
         """Rotation of l relative to k about the joint axis (see `symbolic.frames.angle`)."""
         return angle(k, l)
 
-    # -- what follows from it
 
     @classmethod
     def drive_name(cls, coordinate: str) -> str:
@@ -183,8 +182,7 @@ class Joint(TwoBodyLaw):
 
     @classmethod
     def must_keep(cls) -> bool:
-        """Whether its coordinates are unknowns in every model, because the class states no rows from which they can be left
-        out."""
+        """Whether its coordinates are unknowns in every model, because the class states no rows without them."""
         without = cls.states_rows() and (cls.states_motion() or cls.coordinate is not Joint.coordinate)
         return bool(cls.coordinates) and not without
 
@@ -336,6 +334,8 @@ class Coupling(TwoBodyLaw):
 
     def constraints(self) -> dict[str, Expr]:
         """Expressions of the coordinates that vanish, by name of the row."""
+        if type(self).velocity_constraints is not Coupling.velocity_constraints:
+            return {}
         raise LawError(f"coupling {type(self).__name__} does not state `constraints(self)`: return its rows, "
                        f"{{'name': expression that vanishes}}")
 

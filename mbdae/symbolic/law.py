@@ -46,8 +46,7 @@ AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), pe
 
 @dataclass(frozen=True, eq=False)
 class Structure(Exactly):
-    """What distinguishes two statements of one law class apart from numbers: options, parameters that are
-    absent or depend on time, feedback."""
+    """What tells two statements of one class apart but for numbers: options, absent or timed parameters, feedback."""
 
     absent: frozenset[str] = frozenset()
     timed: frozenset[str] = frozenset()
@@ -71,15 +70,13 @@ class Law:
     #: whether the law's parameters have to be numbers, not expressions of time, sensors or controllers
     timeless: ClassVar[bool] = False
     at_nodes: ClassVar[bool] = False  #: whether the law acts at its bodies' nodes along inertial axes, so that `axis` is not used
-    #: whether the law is a load: an equilibrium applies it step by step, and a joint has a sensor of it
-    loads: ClassVar[bool] = False
+    loads: ClassVar[bool] = False  #: whether it is a load: an equilibrium applies it step by step, a joint has a sensor of it
     dissipative: ClassVar[bool] = False  #: whether the power of the law's `wrench` counts as dissipated rather than as work
     #: whether bodies may stick by the law, as by friction (the equations are then stiff); None: they may if it has internal
     #: states of its own in use, other than `follows`. Its parts are asked in any case
     sticks: ClassVar[bool | None] = None
     follows: ClassVar[str] = ""  #: name of the internal state that follows the joint's angle to count whole turns, if any
-    #: whether the law's states are unknowns although nothing that the law states depends on them
-    keeps_states: ClassVar[bool] = False
+    keeps_states: ClassVar[bool] = False  #: whether its states are unknowns although nothing that it states depends on them
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -118,7 +115,7 @@ class Law:
         return [part for part in (getattr(self, key) for key in self.options) if isinstance(part, Part)]
 
     def may_stick(self, states: Collection[str]) -> bool:
-        """Whether bodies may stick by this law or by a part of it. states: names of the internal states that are in use."""
+        """Whether bodies may stick by this law or a part of it. states: names of the internal states in use."""
         own = any(name in type(self).states and name != self.follows for name in states) if self.sticks is None else self.sticks
         return own or any(part.may_stick() for part in self.parts)
 
@@ -127,7 +124,6 @@ class Law:
         return {name: scale for part in self.parts for name, scale in part.state_scales().items()}
 
     if TYPE_CHECKING:
-
         def __getattr__(self, name: str) -> Any:
             """Parameters, options and states are attributes by name."""
 
@@ -166,6 +162,10 @@ class Law:
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:
         """All constraint rows of the law, expressions that vanish, by name."""
+        return {}
+
+    def velocity_constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
+        """Expressions that are linear in the velocities of the frames and vanish, by name: rows of velocities."""
         return {}
 
     @classmethod

@@ -108,8 +108,9 @@ def kinematics(d: Derived) -> list[tuple[Target, Expr]]:
 def correction(d: Derived) -> list[tuple[Target, Expr]]:
     """- H(q) G^T mu: the stabilising correction on the kinematic rows."""
     out: list[tuple[Target, Expr]] = []
+    weights = [se.Integer(0) if row in d.by_rates else mu for row, mu in zip(d.rows, d.stabilisers, strict=True)]
     for f in d.frames if d.rows else ():
-        move, turn = weighted(d, d.stabilisers, f.side)
+        move, turn = weighted(d, weights, f.side)
         if f.kind.by_quaternion:
             n = f.kind.translations
             quaternion = rate_from_spatial_spin(f.q[n:], turn)
@@ -120,8 +121,19 @@ def correction(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def position(d: Derived) -> list[tuple[Target, Expr]]:
-    """g = 0."""
+    """g = 0; of rows of velocities 0 = 0."""
     return [(("g", i), c) for i, c in enumerate(d.g)]
+
+
+def lowest(d: Derived) -> list[tuple[Target, Expr]]:
+    """The rows on the level on which they are stated: g = 0, of rows of velocities G u + g_t = 0."""
+    return [(("g", i), c + v) for i, (c, v) in enumerate(zip(d.g, d.speeds, strict=True))]
+
+
+def beside_velocity(d: Derived) -> list[tuple[Target, Expr]]:
+    """What stands beside G u + g_t = 0: g = 0; of rows of velocities, which need no correction of positions, mu = 0."""
+    mu = dict(zip(d.rows, d.stabilisers, strict=True))
+    return [(("g", i), mu[row] if row in d.by_rates else c) for i, (row, c) in enumerate(zip(d.rows, d.g, strict=True))]
 
 
 def velocity(d: Derived) -> list[tuple[Target, Expr]]:
@@ -136,7 +148,10 @@ def scaled(d: Derived, rows: list[tuple[Target, Expr]]) -> list[tuple[Target, Ex
 
 def _velocity(d: Derived) -> list[Expr]:
     rows = []
-    for c, G in zip(d.g, d.G, strict=True):
+    for row, c, G, stated in zip(d.rows, d.g, d.G, d.speeds, strict=True):
+        if row in d.by_rates:
+            rows.append(stated)
+            continue
         total = sum((d.variation.diff(c, p) * dp for p, dp in d.variation.clock.items()), se.Integer(0))
         for f in d.frames:
             if f.kind.moves:
@@ -263,7 +278,7 @@ def fingerprint(d: Derived, rates: bool = False) -> str:
     memo: dict[Expr, str] = {}
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
     parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in reached]
-    parts += [f"{target}: {canonical(e, memo)}" for target, e in [*position(d), *dynamics(d), *state_rows(d), *further]]
+    parts += [f"{target}: {canonical(e, memo)}" for target, e in [*lowest(d), *dynamics(d), *state_rows(d), *further]]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
@@ -290,7 +305,7 @@ def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
 
 def _reached(d: Derived) -> set[Expr]:
     """Names of the intermediate results on which the outputs depend."""
-    outputs = [*position(d), *dynamics(d), *state_rows(d)]
+    outputs = [*lowest(d), *dynamics(d), *state_rows(d)]
     open_, found = symbols_of(e for _, e in outputs), set()
     while open_:
         name = open_.pop()

@@ -15,7 +15,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.errors import LawError
-from mbdae.symbolic.rebuild import substituted, symbols_of
+from mbdae.symbolic.rebuild import is_condition, substituted, symbols_of
 from mbdae.symbolic.vectors import Expr, Vec
 
 _ZERO = se.Integer(0)
@@ -101,8 +101,28 @@ class Program:
             tangent[name] = self._tangent(self.steps[name], tangent)
         return [self._tangent(e, tangent).get(one, _ZERO) for e in outputs]
 
+    def back(self, outputs: Sequence[Expr], weights: Sequence[Expr], inputs: Sequence[Expr]) -> list[Expr]:
+        """Weights of the inputs for weights of the outputs: the sums of weight * d output / d input, by reverse accumulation over
+        the steps."""
+        total: dict[Expr, Expr] = {}
+
+        def give(e: Expr, weight: Expr) -> None:
+            if type(e).__name__ in STEPPED or is_condition(e):
+                return
+            for x in sorted(e.free_symbols, key=str):
+                if not is_condition(self.steps.get(x, x)) and (slope := se.diff(e, x)) != 0:
+                    total[x] = self.let(total.get(x, _ZERO) + self.let(slope * weight))
+
+        steps = self.needed(outputs)
+        for e, weight in zip(outputs, weights, strict=True):
+            give(se.sympify(e), weight)
+        for name in reversed(steps):
+            if name in total:
+                give(self.steps[name], self.let(total[name]))
+        return [self.let(total.get(x, _ZERO)) for x in inputs]
+
     def _tangent(self, e: Expr, tangent: dict[Expr, dict[Expr, Expr]]) -> dict[Expr, Expr]:
-        if type(e).__name__ in STEPPED:
+        if type(e).__name__ in STEPPED or is_condition(e):
             return {}
         total: dict[Expr, Expr] = {}
         for x in sorted(e.free_symbols & tangent.keys(), key=str):

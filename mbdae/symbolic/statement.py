@@ -23,8 +23,8 @@ from mbdae.symbolic.vectors import Expr, Vec
 
 _TIME = se.Symbol("t")
 #: methods of a law that derivations call with its frames; of joints also `resistance`, `rubbing` and `pressing`
-QUESTIONS = ("rows", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach", "observed", "losses",
-             "rates", "initial", "kinetic_energy")
+QUESTIONS = ("rows", "velocity_constraints", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach",
+             "observed", "losses", "rates", "initial", "kinetic_energy")
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,17 @@ class LawStatement:
 
     @cached_property
     def rows(self) -> dict[str, Expr]:
-        """The rows of a joint as stated."""
-        return dict(self.law.rows(*self.sides))
+        """The rows of a joint as stated: those of positions, then those of velocities."""
+        rows = dict(self.law.rows(*self.sides))
+        if twice := rows.keys() & self.of_velocities.keys():
+            raise LawError(f"{type(self.law).__name__} states the row '{min(twice)}' twice, by positions and by velocities: "
+                           f"choose another name for one of them")
+        return rows | self.of_velocities
+
+    @cached_property
+    def of_velocities(self) -> dict[str, Expr]:
+        """The rows that are stated by velocities."""
+        return dict(self.law.velocity_constraints(*self.sides))
 
     def refuse_clashes(self) -> None:
         """Raise LawError where a parameter has the name of a symbol of the frames, the rows or the states."""
@@ -211,7 +220,8 @@ class LawStatement:
             stated += [(f"the branch '{name}'", e) for name, e in law.positives(*sides).items()]
         for what, e in stated:
             self.refuse(what, e)
-            self.refuse_speeds(what, e)
+            if what not in {f"row '{name}'" for name in self.of_velocities}:
+                self.refuse_speeds(what, e)
 
 
 _PLAIN = (bool, int, float, str, type(None))

@@ -86,7 +86,7 @@ def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
         yield law.dissipation(*sides), True
         yield from ((part, False) for part in (*(law.wrench(*sides) or ()), *(law.thrust(*sides) or ())))
     else:
-        yield from ((e, False) for row, e in law.rows(*sides).items() if row in d.rows)
+        yield from ((e, False) for row, e in {**law.rows(*sides), **law.velocity_constraints(*sides)}.items() if row in d.rows)
         yield from ((part, False) for part in law.resistance(*sides, d.reactions) or ())
         yield from ((part, False) for part in d.rubbing or ())
     if d.states:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import distinct, qr, sp, splu
 from mbdae.errors import SceneError
-from mbdae.native import Entries, Order
-from mbdae.native.sparse import Factors, Orders
+from mbdae.native import Entries, Order, Orders
+from mbdae.native.sparse import Factors
 from mbdae.system.base import Array
 from mbdae.system.dependent_rows import DEPENDENT, smallest, unit_rows
 from mbdae.system.model.numbering import Row

@@ -227,11 +227,10 @@ class ConsistentPositions:
 
     def _closure_jacobian(self, q: Array) -> Any:
         _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held(self.held_values))
-        return self.with_rows(q, C)
+        return self.below(self.mechanics.closing_matrix(self.t, q), C)
 
-    def with_rows(self, q: Array, C: Any) -> Any:
-        """Constraint Jacobian G (m, nu) at q with the rows C (j, nu) of held coordinates below it; sparse in large scenes."""
-        G = self.mechanics.constraint_matrix(self.t, q)
+    def below(self, G: Any, C: Any) -> Any:
+        """Rows G (m, nu) with the rows C (j, nu) of held coordinates below them; sparse in large scenes."""
         return sp.vstack([G, C], format="csr") if self.mechanics.large else np.vstack([G, C])
 
     def _least_change(self, A: Any, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:

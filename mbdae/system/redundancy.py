@@ -101,7 +101,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
             if mechanics.m > DENSE:
                 raise too_many(mechanics.m) from None
     closing = {row.name.rsplit(".", 1)[0] for row in mechanics.rows} - {joint.name for _, joint, _ in starter.tree.edges}
-    order = sorted(range(mechanics.m), key=lambda i: (mechanics.rows[i] not in always,
+    order = sorted(range(mechanics.m), key=lambda i: (mechanics.rows[i] not in always, mechanics.rows[i].by_rates,
                                                       mechanics.rows[i].name.rsplit(".", 1)[0] in closing))
     rows, first = [mechanics.rows[i] for i in order], range(sum(row in always for row in mechanics.rows))
     here = _rows_at(mechanics, starter.t, q)[order]

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.errors import ControllerError
+from mbdae.errors import ControllerError, DerivativeError
 from mbdae.inputs.breaks import SAME as ROUND_OFF
 from mbdae.inputs.sensed import symbol
 from mbdae.notation import counted
@@ -91,6 +91,8 @@ def _angle_between(P: Array, Q: Array) -> Array:
 #: difference of two instants, over the sampling period, up to which they count as one, if round-off of the time is not larger;
 #: also difference (absolute plus relative) up to which outputs count as those stored
 SAME = 1e-9
+#: differences of a controller's outputs over this share of its values, and how well the derivative stated has to agree with them
+SLIGHT, ALIKE = 1e-5, 1e-3
 #: the first FIRST calls of a controller and then every THEN-th are made twice, to check that it is a pure function: its outputs
 #: depend on its arguments alone
 FIRST, THEN = 4, 64
@@ -147,6 +149,24 @@ class _Called:
                                              f"and then {returned[1]}; a run is repeated to measure its error, so its function "
                                              "may remember things in `memory` only, and use no random numbers or "
                                              "clock")
+        return found
+
+    def derivative(self, t: float, values: Array) -> Array:
+        """Derivatives (outputs, values) of the outputs by the values of the sensors, as the user states them, compared with
+        differences; DerivativeError where they are not."""
+        of, shape = self.controller, (len(self.controller.sets), len(values))
+        try:
+            stated: Any = of.derivative(t, *values.tolist())  # type: ignore[misc]
+            found: Array = np.array(stated, dtype=np.float64).reshape(shape)
+        except (TypeError, ValueError) as error:
+            raise DerivativeError(f"derivative= of the controller '{of.name}' has to return {shape[0]} x {shape[1]} numbers, the "
+                                  f"derivatives of {', '.join(of.sets)} by its values: {error}") from error
+        steps = np.diag(SLIGHT * (1 + np.abs(values)))
+        sides = [[np.array(self._outputs(t, (values + side * h).tolist(), None)[0]) for side in (1, -1)] for h in steps]
+        true = np.array([(a - b) / (2 * h.max()) for (a, b), h in zip(sides, steps, strict=True)]).reshape(shape[::-1]).T
+        if not np.allclose(found, true, rtol=ALIKE, atol=ALIKE * float(np.abs(true).max(initial=SLIGHT))):
+            raise DerivativeError(f"derivative= of the controller '{of.name}' returns {found.tolist()} at t = {t:.9g} s, but "
+                                  f"differences of its function give {true.tolist()}: correct it")
         return found
 
     def check_held(self, t: float, values: Sequence[float], there: list[float]) -> None:

@@ -74,6 +74,11 @@ class SceneSystem(System):
         self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
 
     @property
+    def stated(self) -> FormSpec:
+        """What the form prescribes, with the multipliers that these equations may have eliminated."""
+        return self._asked[0]
+
+    @property
     def has_pattern(self) -> bool:
         return self.assembly.has_pattern
 
@@ -225,7 +230,7 @@ def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tup
     rate = state_rates(mechanics, state.t, state.q, state.u, state.s)
     blocks = {
         "q": (state.q[q], mechanics.rates(state.q, state.u)[q]), "v": (state.u[u], state.acceleration[u]),
-        "s": (state.s, rate), "z": (z, np.zeros_like(z)),
+        "s": (state.s, rate), "z": (z, np.zeros(len(z))),
     }
     if "lambda" in spec.blocks:
         zero, multipliers = np.zeros(nb.m), state.multipliers[nb.rows_among(mechanics.rows)] / nb.scaling()

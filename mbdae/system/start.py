@@ -191,7 +191,7 @@ class Starter(ConsistentPositions):
         `RigidMotions`. The change of the velocities that the user states (given) is minimised first, then that of all."""
         held = self._held(self.held_rates)
         _, _, C = self._coordinates(q, u, held)
-        A = self.with_rows(q, C)
+        A = self.below(self.mechanics.constraint_matrix(self.t, q), C)
         wanted = np.array([rate for _, _, rate in held], dtype=float)
         stated = self._rows_of([rows for item in given for rows in _stated(item)])
 

@@ -178,7 +178,7 @@ def test_laws_of_three_frames(law: Any, count: int) -> None:
         (NotObjective, {}, ["action = reaction, spatial - spatial: force x", "invariance, spatial - spatial: energy"]),
         (Pump, {}, ["power, spatial - spatial: dissipated power, which is negative,"]),
         (Gimbal, {}, ["singular states, spatial - spatial: values half turn"]),
-        (Nothing, {}, ["no variant can be derived", "states neither `motion(self, from_k)` nor `constraints(self, k, l)`"]),
+        (Nothing, {}, ["no variant can be derived", "states none of `motion(self, from_k)`, `constraints(self, k, l)`"]),
         (Optioned, {}, ["has the option 'power': say mb.selftest(Optioned, power=...)"]),
     ],
     ids=lambda value: getattr(value, "__name__", ""),

@@ -41,6 +41,7 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
+    **dict.fromkeys(("Result.gradient", "Result.sensitivity", "integral", "at_end", "largest", "number"), "tests/derivatives"),
     **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak", "Result.error"),
                     "tests/results"),
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
@@ -256,7 +257,8 @@ CALLS: dict[str, Call] = {
                           "mbdae.analysis.multipliers.prepare"),
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
-        "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None}, "mbdae.api.Job"),
+        "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
+        "derivatives": False}, "mbdae.api.Job"),
     "Scene.stepper": Call(lambda: scene().stepper, lambda: {
         "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "reads": ["hinge.angle"],
         "batch": None, "start": None},
@@ -336,7 +338,8 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},
     ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
     **{(f"Scene.{name}", "out_of_plane"): (FLAGS, "a switch") for name in ("equilibrium", "linearize")},
-    ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
+    **{("Scene.simulate", o): (FLAGS, why) for o, why in (("verify", "a switch"), ("derivatives", "a switch"))},
+    ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
     ("DAE.simulate", "progress"): (FLAGS, "a bar, or none"),
     ("audit", "quantities"): ({"a dict"}, "quantities that are numbers"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),

@@ -53,9 +53,9 @@ class Own(mb.Force):
 STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "rigid_body": ({"name": "x", "mass": 1.0, "inertia": (1.0, 1.0, 1.0)},
                    {"at": (0, 0, 1), "rotation": np.eye(3), "velocity": (1, 0), "angular_velocity": (0, 0, 1), "as_given": False,
-                    **LOOK}),
-    "point_mass": ({"name": "x", "mass": 1.0, "at": (0, 1)}, {"velocity": (1, 0), **LOOK}),
-    "link": ({"name": "x", "points": [(0, 1), (1, 1)]}, {"mass": 1.0, "mass_per_length": 1.0, **LOOK}),
+                    "gravity": (0, 0), **LOOK}),
+    "point_mass": ({"name": "x", "mass": 1.0, "at": (0, 1)}, {"velocity": (1, 0), "gravity": (0, 0), **LOOK}),
+    "link": ({"name": "x", "points": [(0, 1), (1, 1)]}, {"mass": 1.0, "mass_per_length": 1.0, "gravity": (0, 0), **LOOK}),
     "contact": ({"name": "x", "k": "ground", "l": "rod", "shape_k": mb.Plane(at=(0, -9), normal=(0, 1)), "shape_l": mb.Point(),
                  "normal": mb.Hertz(1e8)}, {"friction": None}),
     "beam": ({"name": "x", "points": [(0, 1), (1, 1)], "section": SECTION},
@@ -70,6 +70,9 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
                "spring": 1.0, "damper": 1.0, "load": 1.0, "friction": None, "rotor": 0.1, **LIMITED}),
     "cylindrical": (ALONG, {}), "screw": ({**ALONG, "lead": 1.0}, {}), "universal": (ALONG | {"axis": (0, 0, 1)},
                                                                                 {"axis_l": (0, 0, 1), "pin": (0, 1)}),
+    "generic": ({"name": "x", **HINGE}, {"axis": (0, 0, 1), "axis_x": (1, 0), "free": ("x", "angle_z")}),
+    "rolling": ({"name": "x", **HINGE, "axis": (0, 0, 1), "normal": (0, 1)}, {"radius": 1.0}),
+    "knife_edge": ({"name": "x", **HINGE, "along": (1, 0)}, {"normal": (0, 0, 1)}),
     "planar": (ALONG, {"axis_x": (0, 1)}), "point_on_line": (ALONG, {}), "point_on_plane": (ALONG, {"axis_x": (0, 1)}),
     "couple": ({"name": "x", "of": {"A.angle": 1.0, "B.angle": 1.0}}, {"value": 1.0}),
     "gear": ({"name": "x", "driving": "A", "driven": "B", "ratio": 1.0}, {}),
@@ -142,6 +145,9 @@ LEGITIMATE: dict[tuple[str, str], str] = (
     | {(f"bushing.{argument}", "a range"): "three numbers" for argument in ("stiffness", "damping")}
     | {(option, kind): "a switch" for option in ("damping_decay", "as_given") for kind in ("a truth value", "numpy's")}
     | {("elements", "a list"): "elements of two segments, which is told of this beam of one"}
+    | {(argument, kind): "a direction" for argument in ("knife edge.normal", "knife edge.along", "rolling.normal")
+       for kind in PLANE}
+    | {("start", "a range"): "start values, of which there are too many"}
     | {("rotary_inertia", "a range"): "three values, the first of which is refused as rotary_inertia[0]"}
     | {("inertia", "a range"): "three principal moments", ("elements", "one entry"): "the elements of one segment"}
     | {("friction", "none"): "no friction", ("radius", "text"): "a unit", ("radius", "digits as text"): "a unit"}
@@ -256,7 +262,7 @@ def cases() -> Iterator[tuple[str, Said, dict[str, Any], str, str, Any, Any]]:
     for item, said, always, once in targets():
         for argument, good in (always | once).items():
             others = {key: value for key, value in always.items() if key != argument}
-            if item == "link" and argument not in once:
+            if item == "link" and argument not in ("mass", "mass_per_length"):
                 others["mass"] = 1.0
             if argument in ("radius", "normal_force") and item in ("revolute", "prismatic"):
                 others["friction"] = DRY

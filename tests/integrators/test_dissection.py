@@ -6,11 +6,10 @@ from scipy.sparse import csr_matrix
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators import matrices
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import matrices, radau_table
 from mbdae.integrators.matrices import IterationMatrix
-from mbdae.native import largest_pivots
-from mbdae.native.sparse import Factors, Orders
+from mbdae.native import Orders, largest_pivots
+from mbdae.native.sparse import Factors
 from mbdae.system.prepare import prepare
 
 TABLE = radau_table(3)

@@ -11,7 +11,7 @@ from beam_scenes import slider_crank, steel_rod
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.integrators.matrices import IterationMatrix
 from mbdae.system.prepare import prepare
 

@@ -13,7 +13,7 @@ from own_methods import RK4, Dormand5, Dormand8, Euler, Gauss, Kutta3, Midpoint
 
 import mbdae as mb
 from mbdae.errors import OptionError, SolverError
-from mbdae.integrators.collocation_tables import collocation_table
+from mbdae.integrators import collocation_table
 from mbdae.integrators.dense import hermite
 
 ACCURACIES = {Euler: (3e-2,), Midpoint: (1e-3, 1e-5), Kutta3: (1e-4, 1e-6), RK4: (1e-4, 1e-8), Dormand5: (1e-6, 1e-9),

@@ -5,7 +5,7 @@ import pytest
 from dae_problems import pendulum, pendulum_exact
 
 from mbdae.errors import AccuracyWarning
-from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators import radau_table
 from mbdae.integrators.matrices import IterationMatrix
 from mbdae.integrators.radau import RadauIIA
 

@@ -9,8 +9,8 @@ import pytest
 import scipy.sparse as sp
 
 from mbdae.integrators.matrices import searches
-from mbdae.native import MANY, Entries, Order, by_counts, largest_pivots
-from mbdae.native.sparse import Factors, Matrix, Orders, SingularMatrixError
+from mbdae.native import MANY, Entries, Order, Orders, by_counts, largest_pivots
+from mbdae.native.sparse import Factors, Matrix, SingularMatrixError
 
 RNG = np.random.default_rng
 

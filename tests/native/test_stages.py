@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.integrators.collocation_tables import collocation_table, radau_table
+from mbdae.integrators import collocation_table, radau_table
 from mbdae.integrators.matrices import IterationMatrix
 from mbdae.native.collocation import STAGNATION, Stages
 from mbdae.native.equations import called

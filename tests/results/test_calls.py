@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import threading
 from functools import cache
@@ -98,6 +99,20 @@ def test_the_same_statement_is_prepared_once(closed: bool, prepared: list[mb.Sce
     assert len(prepared) == 1
     assert [end_of(swinging(closed=closed)) for _ in range(2)] == [first, first]
     assert len(prepared) == 1 + closed  # the scene of a loop is the user's own, so that a copy is prepared for others
+
+
+def test_a_large_scene_waits_as_long_as_a_result_of_it_is_used(prepared: list[mb.Scene],
+                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checkpoint, "NODES", 1)
+    s = swinging()
+    r = s.simulate(0.1)
+    r = s.simulate(0.1)
+    assert len(prepared) == len(checkpoint._waiting) == 1
+    del r
+    gc.collect()
+    assert not checkpoint._waiting
+    end_of(s)
+    assert len(prepared) == 2
 
 
 @pytest.mark.parametrize("changed", [{"length": 0.55}, {"mass": 0.5}, {"stiffness": 40.0}, {"stiffness": -0.0},

@@ -252,7 +252,7 @@ class Wordless(mb.Joint):
 def test_law_that_states_nothing() -> None:
     s = rod()
     s.add(Wordless("W", s.ground, "a", at=(0, 0), p=1.0))
-    assert problems(s) == ["'W': joint law Wordless states neither `motion(self, from_k)` nor `constraints(self, k, l)`: "
-                           "state one of these methods"]
+    assert problems(s) == ["'W': joint law Wordless states none of `motion(self, from_k)`, `constraints(self, k, l)`, "
+                           "`velocity_constraints(self, k, l)`: state one of these methods"]
     with pytest.raises(mb.LawError, match=r"Wordless 'W': unknown parameter 'q'; it has p"):
         Wordless("W", s.ground, "a", q=1)

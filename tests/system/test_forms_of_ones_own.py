@@ -15,9 +15,8 @@ import mbdae.formulations
 import mbdae.integrators.named
 from mbdae.compare.run import shipped_runs
 from mbdae.formulations import form_of, forms, system_for
-from mbdae.integrators import stored_runs
+from mbdae.integrators import collocation_table, stored_runs
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.collocation_tables import collocation_table
 from mbdae.integrators.constant import check_rates
 from mbdae.integrators.dense import hermite
 from mbdae.integrators.named import solver_of, solvers

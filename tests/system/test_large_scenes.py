@@ -173,7 +173,7 @@ def test_memory_of_a_run_does_not_grow_with_its_steps(monkeypatch):
     monkeypatch.setattr(kept_rows, "IN_MEMORY", 2**18)
     s, found = chain(1, (1.0, 0.0)), []
     s.simulate(1.0, accuracy=1e-4)  # what is made once
-    for t_end in (20.0, 80.0):
+    for t_end in (20.0, 160.0):
         tracemalloc.start()
         r = s.simulate(t_end, accuracy=1e-4, outputs=5)
         found.append((len(r.solution.t), tracemalloc.get_traced_memory()[1]))

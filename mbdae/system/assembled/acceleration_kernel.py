@@ -74,7 +74,7 @@ class AccelerationKernel(Workspace):
         nb, operations = full.numbering, self.operations
         self.m, self.nu, self.nq, self.whole = nb.m, nb.nu, nb.nq, whole
         self.differential = nb.start["lambda"]
-        self._part = part = operations.part()
+        self.part = part = operations.part()
         self._F = part.zeros(full.n + 1)
         cells = np.array(list(self._laws(part, full, row_of)), dtype=np.intp).reshape(-1, 2)
         self._rows, self._columns = cells[:, 0], cells[:, 1]

@@ -83,7 +83,7 @@ class EquationsOfScene(Workspace):
     def _jacobian(self, terms: JacobianTerms) -> Operations:
         operations, nnz, c, place, pattern = self.operations, self.nnz, terms.c, terms.place, terms.pattern
         staged = bool(terms.trees)  # then evaluate F first: derivatives of trees need the forces on their bodies
-        part = operations.part(self.residual_part) if staged else operations.part()
+        part = operations.part(self.residual_part if staged else self.motion)  # of bodies whose motion is given, too
         none = np.zeros(0, dtype=np.intp)
         emitted = [kernel.emit(part, gather).ravel()
                    for gather, kernel in zip(terms.laws.gathers, terms.laws.kernels, strict=True)]

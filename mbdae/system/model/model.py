@@ -164,8 +164,10 @@ def scene_length(scene: SceneData) -> float:
 def out_of_plane(scene: SceneData) -> str | None:
     """Reason why the scene is not planar: the first thing that leaves the plane z = 0; None where nothing does."""
     tolerance = FLAT * scene_length(scene)
-    if abs(scene.gravity[2]) > 0:
-        return f"gravity has the z component {scene.gravity[2]:g} m/s^2"
+    for b in (None, *scene.bodies):
+        g, of = (scene.gravity, "") if b is None else (b.gravity, f" of body '{b.name}'")
+        if g is not None and abs(g[2]) > 0:
+            return f"gravity{of} has the z component {g[2]:g} m/s^2"
     for b in scene.bodies:
         points = np.array([b.drawn.position, *b.outline])
         if np.max(np.abs(points[:, 2])) > tolerance:
@@ -294,8 +296,9 @@ def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str
     out: list[tuple[Any, tuple[Body, ...], str]] = []
     for b in nodes:
         out.append((element_of(b), (b,), b.name))
-        if np.any(scene.gravity) and b.mass:
-            field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), scene.gravity, strict=True) if g}
+        own = scene.gravity if b.gravity is None else b.gravity
+        if np.any(own) and b.mass:
+            field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), own, strict=True) if g}
             gravity = Gravity(b.name, scene.ground, b, b.drawn.position, mass=float(b.mass), **field_)
             out.append((gravity, (scene.ground, b), b.name))
     for c in scene.connections:

@@ -136,10 +136,12 @@ class MovedBodies:
 
     ordered: whether the trees are evaluated joint by joint instead of by kernels of whole trees: one of them is large, and there
     are no beams; alone: whether in addition no constraint row remains besides the joints of the trees; open: which parameters
-    are inputs of kernels, of laws outside of the trees too."""
+    are inputs of kernels, of laws outside of the trees too. ordered=False: by kernels of whole trees, however large."""
 
-    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, open: Open = Open.FEWEST) -> None:
-        self.ordered, self.open = not model.lines and any(_size(tree) > FUSED for tree in trees), open
+    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, open: Open = Open.FEWEST,
+                 ordered: bool | None = None) -> None:
+        large = not model.lines and any(_size(tree) > FUSED for tree in trees)
+        self.ordered, self.open = large if ordered is None else ordered, open
         self.nodes = dict.fromkeys(n for tree in trees for n in tree.moved_nodes)
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
@@ -165,9 +167,9 @@ class MovedBodies:
         for tree in self.trees:
             self._groups.setdefault(tree.structure, []).append(tree)
 
-    def opened(self, model: Model) -> MovedBodies:
+    def opened(self, model: Model, open: Open = Open.LAWS, ordered: bool | None = None) -> MovedBodies:
         """The same with the numbers of laws as inputs of kernels."""
-        return MovedBodies(model, [tree.opened() for tree in self.trees], open=Open.LAWS)
+        return MovedBodies(model, [tree.opened(open) for tree in self.trees], open=open, ordered=ordered)
 
     def written(self, model: Model) -> set[tuple[str, str]]:
         """Parameters (item, name) that are no inputs because their values are written into the kernels of a tree."""

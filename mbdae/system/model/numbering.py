@@ -44,19 +44,20 @@ def _names(node: Node) -> tuple[list[str], list[str]]:
 @dataclass(frozen=True)
 class Row:
     """A constraint row: numbers of its group and instance, its number in the law, its name "joint.row". prescribes: whether it
-    prescribes a coordinate."""
+    prescribes a coordinate; by_rates: whether it is stated by velocities, so that it restricts no positions."""
 
     group: int
     instance: int
     row: int
     name: str
     prescribes: bool = False
+    by_rates: bool = False
 
 
 def constraint_rows(model: Model) -> list[Row]:
     """All constraint rows of a model, in the order of the scene's items."""
     rows = [
-        Row(g, i, r, f"{instance.item}.{name}", name in group.derived.law.drives())
+        Row(g, i, r, f"{instance.item}.{name}", name in group.derived.law.drives(), name in group.derived.by_rates)
         for g, group in enumerate(model.groups) if group.derived.rows
         for i, instance in enumerate(group.instances)
         for r, name in enumerate(group.derived.rows)
@@ -297,15 +298,17 @@ class Numbering:
 
     def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:
         """(m,) for every row in force: its position in the list `rows`."""
+        if rows == self.rows:
+            return np.arange(self.m)
         at = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         return np.array([at[r.group, r.instance, r.row] for r in self.rows], dtype=np.intp)
 
-    @property
+    @cached_property
     def of_positions(self) -> NDArray[np.intp]:
         """(nq,) of every position unknown its number among the positions q of all nodes, some of which are no unknowns."""
         return np.concatenate([np.arange(n.q + self._own(n, "q"), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
 
-    @property
+    @cached_property
     def of_velocities(self) -> NDArray[np.intp]:
         """(nu,) of every velocity unknown its number among the velocities u of all nodes, some of which are no unknowns."""
         return np.concatenate([np.arange(n.u + self._own(n, "u"), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)

@@ -69,9 +69,9 @@ class Tree:
         numbers = tuple(j for j, n in enumerate(self.nodes) if j and n in nodes)
         return replace(self, structure=replace(self.structure, loaded=numbers))
 
-    def opened(self) -> Tree:
-        """This tree with the numbers of its laws as inputs of its kernels."""
-        inputs, of = Open.LAWS.inputs, self.structure
+    def opened(self, open: Open = Open.LAWS) -> Tree:
+        """This tree with numbers of its laws as inputs of its kernels."""
+        inputs, of = open.inputs, self.structure
         links = tuple(replace(link, numbers=inputs(link.numbers)) for link in of.links)
         members = tuple(replace(member, numbers=inputs(member.numbers)) for member in of.members)
         return replace(self, structure=replace(of, links=links, members=members))

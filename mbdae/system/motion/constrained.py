@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import entries_of, issparse, sp
 from mbdae.errors import internal
-from mbdae.native import Entries, address, largest_pivots
+from mbdae.native import Entries, Orders, address, largest_pivots
 from mbdae.native.program import Operations, Part, Scene, Tangent, core
-from mbdae.native.sparse import Factors, Orders, SingularMatrixError
+from mbdae.native.sparse import Factors, SingularMatrixError
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 from mbdae.threads import Owner
@@ -74,12 +74,11 @@ def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, 
     M (nu, nu) or (nt, nu, nu); slope (nt, nu, m): derivative of friction by lambda; E: see `unique_multipliers`; units (nu,):
     scale of u' in the norm that chooses a solution where the matrix is singular."""
     nu, n = f.shape[1], f.shape[1] + gamma.shape[1]
-    M = np.broadcast_to(M, (len(f), nu, nu))
-    scale, right, out = np.r_[units, np.ones(n - nu)], np.hstack([f, -gamma]), np.empty((len(f), n))
+    scale, right, out = np.append(units, np.ones(n - nu)), np.concatenate([f, -gamma], axis=1), np.empty((len(f), n))
     size = max(1, AT_ONCE // n**2)
     for part in (slice(i, i + size) for i in range(0, len(f), size)):
         K = np.zeros((len(f[part]), n, n))
-        K[:, :nu, :nu], K[:, :nu, nu:], K[:, nu:, :nu] = M[part], G[part].transpose(0, 2, 1), G[part]
+        K[:, :nu, :nu], K[:, :nu, nu:], K[:, nu:, :nu] = M if M.ndim == 2 else M[part], G[part].transpose(0, 2, 1), G[part]
         if slope is not None:
             K[:, :nu, nu:] -= slope[part]
         if E is not None:
@@ -90,28 +89,29 @@ def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, 
 
 def _solved(K: Array, right: Array, scale: Array) -> Array:
     """Solutions (nt, n) of K x = right for many states: all at once, and one by one where a K is singular, see `_solve`."""
+    if len(K) == 1:  # once more for what is left, as equations are linearised there: 2e-13 of a force where masses differ much
+        one, left = _solve(K[0], right[0], scale)
+        return np.asarray(one if left is None else one + np.linalg.solve(K[0], left))[None]
     try:
-        x = np.linalg.solve(K, right[:, :, None])
+        x = np.linalg.solve(K, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        return np.array([_solve(k, b, scale) for k, b in zip(K, right, strict=True)]).reshape(right.shape)
-    x = x[:, :, 0]
+        return np.array([_solve(k, b, scale)[0] for k, b in zip(K, right, strict=True)]).reshape(right.shape)
     off = np.linalg.norm(np.einsum("tij,tj->ti", K, x) - right, axis=1)  # nan where x is not finite
-    missed = ~(off <= 1e-8 * (np.linalg.norm(right, axis=1) + 1e-300))
-    for i in np.flatnonzero(missed):
-        x[i] = _solve(K[i], right[i], scale)
-    if len(x) == 1 and not missed[0]:  # one state, to which equations are linearised: 2e-13 of a force, where masses differ much
-        x[0] += np.linalg.solve(K[0], right[0] - K[0] @ x[0])
+    for i in np.flatnonzero(~(off <= CLOSE * (np.linalg.norm(right, axis=1) + 1e-300))):
+        x[i] = _solve(K[i], right[i], scale)[0]
     return np.asarray(x)
 
 
-def _solve(K: Array, right: Array, scale: Array) -> Array:
-    """Solution of K x = right; where K is singular, the least-squares solution with the smallest norm of x / scale."""
+def _solve(K: Array, right: Array, scale: Array) -> tuple[Array, Array | None]:
+    """Solution of K x = right, and what it leaves; of a singular K the one with the smallest norm of x / scale, and None."""
     try:
-        if np.linalg.norm(K @ (x := np.linalg.solve(K, right)) - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
-            return np.asarray(x)
+        x = np.linalg.solve(K, right)
+        left = right - K @ x
+        if np.linalg.norm(left) <= CLOSE * (np.linalg.norm(right) + 1e-300):
+            return np.asarray(x), left
     except np.linalg.LinAlgError:
         pass
-    return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float)
+    return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float), None
 
 
 #: where rows are redundant or K is singular, constraints get this small compliance, which makes K regular; relative to 1 / mass

@@ -16,7 +16,7 @@ from mbdae.kernels.plan import linearised_plan
 from mbdae.native.program import Operations
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
-from mbdae.symbolic.outputs import Target, dynamics, loads, scatter_pair
+from mbdae.symbolic.outputs import Target, acceleration, dynamics, loads, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
@@ -59,6 +59,11 @@ class Mechanics(States):
         if self.large:
             return self.sparse_constraint_jacobian(t, q[None])[0]
         return self.constraint_jacobian(t, q[None])[0]
+
+    def closing_matrix(self, t: Array, q: Array) -> Any:
+        """Derivatives (m, nu) of the constraints of positions, as `constraint_matrix`; rows of velocities are 0."""
+        G, kept = self.constraint_matrix(t, q), np.array([not row.by_rates for row in self.rows], dtype=float)
+        return G if kept.all() else sp.diags(kept) @ G if self.large else G * kept[:, None]
 
     @cached_property
     def mass(self) -> Any:
@@ -216,9 +221,22 @@ class Mechanics(States):
             return self._sparse(t, q, u)
         if not self.m:
             return lambda f, _: (np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, np.zeros((len(t), 0)))
-        G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
+        G, gamma = self.constraints_of_rates(t, q, u)
         E = self.unique(G)
         return lambda f, slope: solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units, slope, E)
+
+    def sparse_constraint_jacobian(self, t: Array, q: Array) -> list[sp.csr_matrix]:
+        """Constraint Jacobian G (m, nu) of every state, sparse."""
+        values, rows, columns = self.entries_of_G(t, q)
+        return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
+
+    def constraints_of_rates(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
+        """G (nt, m, nu) and gamma (nt, m), by one evaluation: d2g/dt2 = G u' + gamma."""
+        def both(part: Operations) -> Any:
+            return np.concatenate([self.emitted_G(part), self.added(part, acceleration, self.m, self.in_rows)])
+
+        found = self.at_states("rates", both, t, q, u)
+        return self.full_of_G(found[:, : -self.m]), found[:, -self.m :]
 
     def unique(self, G: Array, rows: Array | None = None, units: Any = 1.0) -> Array | None:
         """E (nt, m, m) of `unique_multipliers` for G (nt, m, nu), or None where no rows are redundant. rows (nt, m, n): these

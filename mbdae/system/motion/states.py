@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import distinct, sp
+from mbdae.deferred import distinct
 from mbdae.errors import SolverError
 from mbdae.kernels.plan import Outputs, Plan, plan
 from mbdae.native.program import Operations
@@ -148,7 +148,8 @@ class States:
         """(instances, outputs) numbers of the velocities to which outputs belong, see `Adding`."""
         return np.stack([self.numbering.velocities(target, g) for target in p.targets], axis=1)
 
-    def _in_rows(self, g: int, p: Plan) -> Index:
+    def in_rows(self, g: int, p: Plan) -> Index:
+        """(instances, outputs) numbers of the rows to which outputs belong."""
         return np.stack([self.numbering.row_numbers(g, target[1]) for target in p.targets], axis=1)
 
     def _in_states(self, g: int, p: Plan) -> Index:
@@ -156,35 +157,34 @@ class States:
 
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
         """Constraint Jacobian G (nt, m, nu)."""
-        values, rows, columns = self.entries_of_G(t, q)
-        G = np.zeros((len(t), self.m, self.nu))
-        G[:, rows, columns] = values
-        return G
+        return self.full_of_G(self.entries_of_G(t, q)[0])
 
-    def sparse_constraint_jacobian(self, t: Array, q: Array) -> list[sp.csr_matrix]:
-        """Constraint Jacobian G (m, nu) of every state, sparse."""
-        values, rows, columns = self.entries_of_G(t, q)
-        return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
+    def full_of_G(self, values: Array) -> Array:
+        """G (nt, m, nu) from its entries (nt, k)."""
+        G = np.zeros((len(values), self.m * self.nu))
+        G[:, self.cells_of_G] = values
+        return G.reshape(len(values), self.m, self.nu)
 
     def entries_of_G(self, t: Array, q: Array) -> tuple[Array, Index, Index]:
         """Values (nt, k) of the entries of G with their rows and columns (k,)."""
-        cells = self._cells_of_G
-
-        def numbers(g: int, p: Plan) -> Index:
-            at = self._in_G(g, p)
-            return np.where(at >= 0, np.searchsorted(cells, at), -1)
-
-        values = self.at_states("G", lambda part: self.added(part, jacobian_G, len(cells), numbers), t, q, None)
+        values, cells = self.at_states("G", self.emitted_G, t, q, None), self.cells_of_G
         return values, cells // self.nu, cells % self.nu
 
+    def emitted_G(self, part: Operations) -> Index:
+        """Append the entries of G; returns their slots (k,)."""
+        def numbers(g: int, p: Plan) -> Index:
+            return np.where((at := self._in_G(g, p)) >= 0, np.searchsorted(self.cells_of_G, at), -1)
+
+        return self.added(part, jacobian_G, len(self.cells_of_G), numbers)
+
     @cached_property
-    def _cells_of_G(self) -> Index:
+    def cells_of_G(self) -> Index:
         """(k,) row times nu plus column of every entry of G."""
         found = np.concatenate([np.zeros(0, np.intp), *(self._in_G(g, p).ravel() for g, p in self._planned(jacobian_G))])
         return distinct(found[found >= 0])
 
     def _in_G(self, g: int, p: Plan) -> Index:
-        rows = self._in_rows(g, p)
+        rows = self.in_rows(g, p)
         columns = np.stack([self.numbering.velocities(("u", *target[2:]), g) for target in p.targets], axis=1)
         return np.where(rows >= 0, rows * self.nu + columns, -1)
 
@@ -194,7 +194,7 @@ class States:
         return np.bincount(rows, ~np.isfinite(values[0]), self.m) > 0
 
     def _rows(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
-        return self.at_states((outputs, "rows"), lambda part: self.added(part, outputs, self.m, self._in_rows), t, q, u)
+        return self.at_states((outputs, "rows"), lambda part: self.added(part, outputs, self.m, self.in_rows), t, q, u)
 
     def of_states(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
         """Values (nt, ns) of outputs that belong to the internal states, such as their start values or rates."""

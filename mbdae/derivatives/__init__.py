@@ -1,0 +1,258 @@
+"""Derivatives of what a result shows by numbers of its scene: `Result.gradient` and `Result.sensitivity`.
+
+The derivative of a run is that of its steps (`steps.Derived`), along them by each number, or back over them once for all numbers
+where these are more than the unknowns; that of a sensor follows by differences of what the sensor reads, in the scene with the
+number changed too, so that every sensor and expression has one. Its error is estimated by a run at a tenth of the tolerance,
+whose derivative is returned; the tolerance falls until the accuracy of the run holds for its derivatives too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.derivatives.chart import Equations, chart_of, refused
+from mbdae.derivatives.reading import Along, Objective
+from mbdae.derivatives.reading import at_end as at_end
+from mbdae.derivatives.reading import integral as integral
+from mbdae.derivatives.reading import largest as largest
+from mbdae.errors import DerivativeError, OptionError, warn
+from mbdae.formulations import form_of, system_for
+from mbdae.integrators.base import Asked
+from mbdae.integrators.dop853 import DOP853
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.solution import Solution
+from mbdae.results.quantities import Quantity
+from mbdae.results.result import Result
+from mbdae.run.choice import choose, prepared_from
+from mbdae.scene.scene import SceneData
+from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
+from mbdae.values import option, sequence, shown, text
+
+FINER, LEVELS = 10.0, 6  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
+#: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-11 in an arm
+ROUNDED = 1e-10
+SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
+#: arguments of `simulate` and of solvers, which are no numbers of a scene
+OF_CALLS = ("accuracy", "t_end", "outputs", "solver", "form", "rtol", "atol", "step", "stages", "every", "max_wall")
+MORE = 1.05  #: a run that has not more steps than this times those of another one has the same ones
+NOTHING = 1e-10  #: share of a quantity, over the number, below which its derivative counts as none and needs no digits
+TOLD = 10.0  #: the error of a derivative, over the accuracy times its largest value, above which a warning is issued
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """value: of a gradient a number, of a sensitivity (outputs,) or (outputs, components), in units of the quantity over those of
+    the number; error: estimated largest error of the values, in the same unit."""
+
+    value: Any
+    error: float
+
+    def __repr__(self) -> str:
+        shape = np.shape(self.value)
+        said = f"{self.value:.9g}" if not shape else f"{' x '.join(map(str, shape))} values"
+        return f"<Derivative: {said}, error {self.error:.1e}>"
+
+
+class Derivatives(dict[Any, Derivative]):
+    """Derivatives by the names of the numbers, as they were given; of sensitivities by (quantity, name)."""
+
+    def __missing__(self, key: Any) -> Derivative:
+        raise OptionError(f"there is no derivative {shown(key)} among those asked for: {', '.join(map(str, self))}")
+
+
+Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
+
+# -- runs at falling tolerances
+
+
+class Refined:
+    """The run of a result and runs of the same equations with smaller tolerances."""
+
+    def __init__(self, result: Result, names: Sequence[str]) -> None:
+        refuse_run(result)
+        self.result, self.prepared, run = result, result.prepared, result.solution
+        self._first: Solution | None = run
+        self.solver, self.system = result.info.solver, self._system_of(run)
+        if not isinstance(self.solver, DOP853 | RadauIIA):
+            self._with_other_method()
+        base = Equations.of(self.prepared, self.system.stated, isinstance(self.solver, DOP853))
+        for name in names:
+            refuse_number(name, self.prepared.model.scene)
+        self.charts = [chart_of(name, base, float(run.t[-1])) for name in names]
+        for chart in self.charts:
+            chart.refuse_moving_breaks(float(run.t[0]))
+
+    def _system_of(self, run: Solution) -> SceneSystem:
+        """The equations of the run; made again where it was stored."""
+        if run.systems and isinstance(run.systems[0][1], SceneSystem):
+            system = run.systems[0][1]
+            if not system.numbering.stresses or system.stated.waves:
+                return system
+        form = form_of(self.result.info.form)
+        # derivatives follow all vibrations of beams, which steps may leave out of a run: velocities and forces contain them
+        if self.prepared.model.lines and hasattr(form, "waves"):
+            form, self._first = replace(form, waves=True), None  # type: ignore[type-var]
+        return system_for(self.prepared, form, self.result.info.solver.highest_index)
+
+    def _with_other_method(self) -> None:
+        """Methods without derivatives: the run is repeated by one that has them."""
+        accuracy = self.result.accuracy.asked or 1e-6
+        choice = choose(self.prepared, self.prepared.model.scene, accuracy)
+        solver, form = choice.solver, choice.form
+        if not isinstance(solver, DOP853 | RadauIIA):
+            solver, form = RadauIIA(3), form
+        self.system = system_for(self.prepared, form, solver.highest_index)
+        self.solver, self._first = solver.at_accuracy(accuracy, self.system.label), None
+
+    def level(self, k: int) -> Along:
+        """The run at the tolerance of the result divided by FINER^k, with its derivatives."""
+        run, solver = self._first, self.solver
+        if k or run is None:
+            if solver.fixed:
+                solver = replace(solver, step=solver.step / FINER ** (k / 2))
+            else:
+                limit = solver.tightest.get(self.system.label, solver.tightest.get("", 1e-13))
+                solver = replace(solver, rtol=max(solver.tolerance / FINER**k, limit))
+            run = solver.run(self.system, Asked(float(self.result.solution.t[-1])))
+        return Along(self.result, run, self.charts, self.system.scale)
+
+    def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
+        """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
+        accuracy, (before, steps) = self.result.accuracy.asked, self._read(0, reads)
+        for level in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
+            (now, more), found = self._read(level, reads), Derivatives()
+            same = more < MORE * steps  # where sampling instants or breaks make the steps, runs differ by less than their error
+            for key, (value, doubt) in now.items():
+                off = max(_largest(value - before[key][0]), same * (accuracy or 0.0) * _largest(value))
+                found[key] = Derivative(value, off + _largest(doubt) + ROUNDED * _largest(value))
+            wrong = {key: one.error / (max(_largest(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
+            if accuracy is None or (max(wrong.values()) <= accuracy and not same):
+                break
+            before, steps = now, more
+        for (what, name), share in wrong.items():
+            if accuracy is not None and share > TOLD * accuracy:
+                warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
+                     f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
+        return found
+
+    def _slight(self, what: Any, name: str) -> float:
+        """A derivative that counts as none: this share of the quantity over the number."""
+        varied = next(chart.varied for chart in self.charts if chart.name == name)
+        with self.result._silently():
+            return NOTHING * _largest(np.asarray(self.result.value(what))) * varied.share / varied.distance
+
+    def _read(self, level: int, reads: Mapping[Any, Read]) -> tuple[dict[Any, tuple[Array, Array]], int]:
+        along = self.level(level)
+        found = {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
+        return found, len(along.run.t)
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values), initial=0.0))
+
+
+def gradient(result: Result, of: Any, to: Any) -> Derivatives:
+    """`Result.gradient`."""
+    names = names_of(to)
+    if not isinstance(of, Objective):
+        raise OptionError(f"of = {shown(of)}: give an objective, mb.integral(...), mb.at_end(...) or mb.largest(...) of a "
+                          "quantity; derivatives over time are r.sensitivity(...)")
+    of.read(result, result.t[:1])  # raises the error of a quantity that is none
+
+    def read(along: Along, k: int) -> tuple[Array, Array]:
+        if len(names) > along.run.y.shape[1]:
+            return along.sums(of)[k]
+        times, weights = of.points(along.result)
+        found, doubt = along.of(k, lambda one: of.read(one, times))
+        return np.asarray(weights @ found), np.asarray(np.abs(weights) @ doubt)
+
+    found = Refined(result, names).derivatives({of.quantity: read})
+    return Derivatives((name, Derivative(float(one.value), one.error)) for (_, name), one in found.items())
+
+
+def sensitivity(result: Result, of: Sequence[Quantity], to: Any) -> Derivatives:
+    """`Result.sensitivity`."""
+    names = names_of(to)
+    if not of:
+        raise OptionError("name one or more quantities, such as 'L8.force', whose derivatives over time are wanted")
+    with result._silently():
+        for quantity in of:
+            result(result.t[:1]).value(quantity)  # raises the error of a quantity that is none
+
+    def reader(quantity: Quantity) -> Read:
+        return lambda along, k: along.of(k, lambda one: np.asarray(one.value(quantity)))
+
+    return Refined(result, names).derivatives({quantity: reader(quantity) for quantity in of})
+
+
+def names_of(to: Any) -> list[str]:
+    """Names of numbers, from one text or a list of them."""
+    remedy = "give the name of a number, such as 'C.spring', or a list of names"
+    names = [to] if isinstance(to, str) else list(option("to", to, sequence, remedy, each=text))
+    if not names or len(set(names)) < len(names):
+        raise OptionError(f"to = {shown(to)}: give one or more names of numbers, each once")
+    return names
+
+
+# -- what is refused
+
+
+def refuse_scene(prepared: Prepared, continued: Any = None, ends: bool = False) -> None:
+    """Raise DerivativeError for a scene whose runs have no derivatives; for runs that begin where another ended (`continued`), or
+    that end at an event."""
+    if continued is not None:
+        raise DerivativeError("there are no derivatives of a run that begins where another one ended (start=): what that state "
+                              "depends on is not known; run the scene from its own start")
+    if ends:
+        raise DerivativeError("there are no derivatives of a run that ends at an event (until=), whose time would move with the "
+                              "numbers; run to a fixed time, and record= the event")
+    scene = prepared.model.scene
+    if prepared.contacts:
+        names = ", ".join(f"'{name}'" for name in dict.fromkeys(contact.item for contact in prepared.contacts))
+        raise DerivativeError(f"there are no derivatives of runs with contacts ({names}): steps do not move with the instants "
+                              "at which bodies touch yet, and derivatives would be wrong by per cents; take the contact or stop "
+                              "away where it does not touch, or compare runs")
+    for one in scene.controllers:
+        if one.memory is not None:
+            raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{one.name}', whose memory may "
+                                  "depend on the motion: state what it remembers by expressions (s.state), or compare runs")
+        if one.derivative is None:
+            raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{one.name}': what its function "
+                                  "does is not known; give derivative=, a function of the same arguments that returns the "
+                                  "derivatives of the outputs by the values, (outputs, values), or state the control law by "
+                                  "expressions (s.state, s.signal)")
+
+
+def refuse_number(name: str, scene: SceneData) -> None:
+    """Raise DerivativeError for what is no number of the equations of a scene."""
+    if name in [f"{one.name}.every" for one in scene.controllers]:
+        refused(name, "it moves the instants at which the controller is called, and steps do not move with these; compare runs")
+    if name in OF_CALLS and name not in scene.numbers:
+        refused(name, "it is no number of the scene, but of the call of simulate; compare runs")
+
+
+def refuse_run(result: Result) -> None:
+    """Raise DerivativeError for a run without derivatives."""
+    prepared, run = result.prepared, result.solution
+    refuse_scene(prepared)
+    if len(run.t) < 2:
+        raise DerivativeError("a state at rest has no derivatives yet; compare states at rest of two values")
+    if len(run.systems) > 1:
+        raise DerivativeError(f"there are no derivatives of this run: the constraint rows in force change at t = "
+                              f"{run.systems[1][0]:.6g} s; leave redundant joints out, or compare runs")
+    end = float(run.t[-1])
+    ended = [event.name for event in result.events if abs(event.time - end) <= 1e-12 * max(abs(end), 1.0)]
+    if ended:
+        refuse_scene(prepared, ends=True)
+    fresh = prepared_from(prepared.model.scene, None, end).start
+    for a, b in ((prepared.start.q, fresh.q), (prepared.start.u, fresh.u), (prepared.start.s, fresh.s)):
+        if prepared.start.t != fresh.t or np.any(np.abs(a - b) > SAME * np.max(np.abs(b), initial=1.0)):
+            refuse_scene(prepared, continued=True)
+    if not run.complete:
+        raise DerivativeError("there are no derivatives of a run that was stopped before its end: let it end")

@@ -1,0 +1,349 @@
+"""What a named number of a scene changes: the numbers in its equations, its inputs of time and its start (the chart).
+
+The scene is stated again with the number a little smaller and larger, twice where what assembly makes of it is a straight line,
+else eight times; that is differentiated by differences of order 8. Nothing is integrated for this, and nothing is left out:
+whatever a number changes is among the slots and data of the lists of operations, the values of the clock and the start, or it
+changes the equations themselves and is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.deferred import as_full
+from mbdae.derivatives.lists import Listed, Lists, structure_of
+from mbdae.errors import DerivativeError, MbdaeError
+from mbdae.inputs import timed
+from mbdae.run.choice import prepared_from
+from mbdae.study.statements import changed
+from mbdae.symbolic.tree_motion import Open
+from mbdae.system.assembled.acceleration_kernel import acceleration_kernel
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.jacobian_entries import FormSpec
+from mbdae.system.base import Array
+from mbdae.system.model.moved_bodies import MovedBodies, timeline
+from mbdae.system.model.numbering import Row
+from mbdae.system.prepare import Prepared
+
+#: nodes of the differences: three where what the scene makes of a number is a straight line, as of most; else for order 8, on
+#: both sides, or on one side only where a scene cannot have smaller (larger) numbers
+LINE = (0, 1, -2)
+BOTH, ABOVE, BELOW = (1, -1, 2, -2, 3, -3, 4, -4), (0, 1, 2, 3, 4, 5, 6, 7, 8), (0, -1, -2, -3, -4, -5, -6, -7, -8)
+#: distance of the nodes, relative to the number, or to the scene's length where that is smaller than 1 and the number is 0
+DISTANCE, CLOSER, ATTEMPTS = 4e-3, 8.0, 4
+#: the difference of the differences of order 8 and 6, relative to the derivative, up to which they are taken; rounding of what is
+#: differentiated counts ROUNDING times its size, over the distance
+AGREED, ROUNDING = 1e-8, 3e-15
+ALIKE = 1e-7  #: share of a derivative of what is read up to which the orders have to agree, else nodes are taken closer
+KEPT = 64  #: charts that a scene keeps, each with the scenes of eight other values: 5 MB for ten bodies
+
+
+def difference_weights(nodes: Sequence[int]) -> Array:
+    """Weights of values at whole nodes by which their sum is the derivative at 0 (of the polynomial through them)."""
+    x, found = [*nodes] if 0 in nodes else [0, *nodes], []
+    for node in x:
+        others = [other for other in x if other != node]
+        scale = np.prod([float(node - other) for other in others])
+        slope = sum(np.prod([float(-b) for b in others if b != a]) for a in others)
+        found.append(slope / scale)
+    return np.array(found if 0 in nodes else found[1:])
+
+
+def differenced(function: Callable[[int], Array], nodes: Sequence[int], distance: float) -> tuple[Array, Array]:
+    """The derivative at 0 of a function of values at whole nodes that are `distance` apart, and its estimated error: the
+    difference to that of the order that is lower by two."""
+    values = np.array([function(node) for node in nodes])
+    weights, count = difference_weights(nodes), max(len(nodes) - 2, 2)
+    less = np.zeros(len(weights))
+    less[:count] = difference_weights(nodes[:count])
+    # the middle value is subtracted where it is known, so that rounding is that of the changes
+    values -= values[0] if 0 in nodes else values[:2].mean(axis=0)
+    found = np.tensordot(weights, values, 1) / distance
+    return found, np.abs(found - np.tensordot(less, values, 1) / distance)
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The equations of a prepared scene in the form of a run, with every number open: spec and rows are those of the run; rates:
+    those of y' are differentiated (`has_rates`), not F."""
+
+    prepared: Prepared
+    spec: FormSpec
+    rows: tuple[Row, ...]
+    rates: bool = False
+    charts: dict[tuple[str, float], Chart] = field(default_factory=dict)
+    _lists: dict[bytes, Lists] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, prepared: Prepared, spec: FormSpec, explicit: bool) -> Equations:
+        """The equations of a scene, made once, with the charts that are known; explicit: for a method that takes y' = f(t, y)."""
+        made: dict[Any, Equations] = prepared.__dict__.setdefault("derivatives", {})  # a copy or pickle of the scene has none
+        if (key := (repr(spec), explicit)) not in made:
+            found = cls(prepared, spec, tuple(prepared.mechanics.rows))
+            made[key] = replace(found, rates=True) if explicit and found.has_rates else found
+        return made[key]
+
+    def at(self, prepared: Prepared) -> Equations:
+        """The same equations of another scene."""
+        return Equations(prepared, self.spec, self.rows, self.rates)
+
+    def lists(self, active: Any) -> Lists:
+        """The list with its tangent and pullback, by the data that are `active` (inputs,)."""
+        if (key := active.tobytes()) not in self._lists:
+            self._lists[key] = Lists(self.fresh(), active)
+        return self._lists[key]
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Residual form, with all numbers of laws as inputs of kernels."""
+        return self._assembled(lambda ordered: self.prepared.all_bodies.moved.opened(self.prepared.model, Open.ALL, ordered))
+
+    def _assembled(self, moved: Callable[[bool | None], MovedBodies]) -> Assembly:
+        """Large trees joint by joint, whose kernels are small; by kernels of whole trees where laws outside add inertia."""
+        spec = replace(self.spec, eliminated=False)
+        made = Assembly(self.prepared.model, list(self.rows), spec, None, moved(None))
+        if made.has_pattern or not made._inert:
+            return made
+        return Assembly(self.prepared.model, list(self.rows), spec, None, moved(False))
+
+    @cached_property
+    def listed(self) -> Listed:
+        """The list of operations that is differentiated: of y' where `rates` says so, else of F."""
+        return self.fresh()
+
+    def fresh(self) -> Listed:
+        """The same list on an array of its own, to which operations may be appended."""
+        if self.rates:
+            found = self._without_constraints() if not self.assembly.numbering.m else self._with_constraints()
+            assert found is not None
+            return found
+        ev, n = self.assembly.operations(), self.assembly.n
+        if ev.explicit:  # F = y' - f
+            part, rows = ev.operations.part(ev.rates_part), ev.operations.slots(n) + np.arange(n)
+            part.load(rows[0], np.zeros(n))
+            part.add(np.r_[rows, rows], np.r_[n + np.arange(n), ev.rates + np.arange(n)], np.repeat((1.0, -1.0), n))
+            return Listed.with_matrices(ev, part, int(rows[0]), n, n)
+        return Listed.with_matrices(ev, ev.residual_part, ev.rows, self.assembly.n, self.assembly.n)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether there is a list for y'."""
+        if self.prepared.model.lines:
+            return False
+        return not self.assembly.numbering.m or self._with_constraints() is not None
+
+    def _without_constraints(self) -> Listed:
+        """y' of trees and of free bodies, whose constant mass matrix is factorised anew in the list."""
+        model = self.prepared.model
+        trees = [tree.opened(Open.ALL) for tree in self.prepared.all_bodies.moved.trees]
+        assembly = self._assembled(lambda ordered: MovedBodies(model, trees, ordered=ordered))
+        ev = assembly.operations()
+        if not (assembly._inert or ev.explicit):
+            ev.with_rates(assembly._inertia, assembly.columns)
+        once = [] if ev._steady is None else [ev._steady[0]]
+        return Listed.with_matrices(ev, ev.operations.part(*once, ev.rates_part), ev.rates, assembly.n, assembly.n)
+
+    def _with_constraints(self) -> Listed | None:
+        """y' of constrained bodies, where the multipliers are eliminated by a compiled function."""
+        model, start = self.prepared.model, self.prepared.start
+        if any(group.derived.reactive for group in model.groups) or not self.spec.eliminated:
+            return None
+        full = Assembly(model, list(self.rows), replace(self.spec, eliminated=False), None, self.prepared.all_bodies.moved)
+        kernel = acceleration_kernel(full, as_full(full.constant_mass), full.row_of, (start.t, self.start))
+        n = full.numbering.start["lambda"]
+        return None if kernel is None else Listed.with_matrices(kernel, kernel.part, kernel.rates, n, n)
+
+    @cached_property
+    def inputs(self) -> Array:
+        """The numbers in all slots, and the data, in the order of `lists.Lists`."""
+        return self.listed.inputs()
+
+    @cached_property
+    def start(self) -> Array:
+        """The unknowns q, u, s and stresses at the start."""
+        start, nb = self.prepared.start, self.assembly.numbering
+        z = [line.stress(start.q, start.u) for line in self.prepared.model.lines if nb.stresses]
+        return np.concatenate([start.q[nb.of_positions], start.u[nb.of_velocities], start.s, *z])
+
+    def same_as(self, other: Equations) -> bool:
+        """Whether both have equations that differ in numbers alone."""
+        if (other.rates and not other.has_rates) or (self.rates and not self.has_rates):
+            return False
+        a, b = self.listed, other.listed
+        if (a.n, a.of.numbering.names(), a.of.numbering.width) != (b.n, b.of.numbering.names(), b.of.numbering.width):
+            return False
+        return structure_of(a.part) == structure_of(b.part)
+
+
+@dataclass(eq=False)
+class Varied:
+    """A number of a scene, by its name, and the scene with other values of it. t_end: end of the run, s."""
+
+    name: str
+    base: Equations
+    t_end: float
+    nodes: tuple[int, ...] = LINE
+    value: float | None = None  # known when a scene has been made
+    share: float = DISTANCE
+    _known: dict[float, Equations] = field(default_factory=dict)
+
+    @property
+    def distance(self) -> float:
+        """Distance of the nodes, in the unit of the number."""
+        return self.share * (abs(self.value or 0.0) or min(self.base.prepared.length, 1.0))
+
+    def at(self, node: int) -> Equations:
+        """The equations with the number `node` distances away from its value."""
+        if not node:
+            return self.base
+        if node not in self._known:
+            scene, _ = changed(self.base.prepared.model.scene, self.name, lambda stated: self._near(stated, node), self.t_end)
+            self._known[node] = self.base.at(prepared_from(scene, None, self.t_end))
+        return self._known[node]
+
+    def _near(self, stated: float, node: int) -> float:
+        self.value = stated
+        return stated + node * self.distance
+
+    def with_nodes(self, nodes: tuple[int, ...], closer: float = 1.0) -> Varied:
+        """The same number at other nodes, nearer to its value by the factor `closer`."""
+        return replace(self, nodes=nodes, share=self.share / closer, _known=self._known if closer == 1.0 else {})
+
+    def finer(self) -> Varied:
+        """The same number for differences of a higher order, or nearer to its value."""
+        return _reached(self.with_nodes(BOTH)) if self.nodes == LINE else self.with_nodes(self.nodes, CLOSER)
+
+    def sum_of(self, function: Callable[[Equations, int], Array]) -> tuple[Array, Array]:
+        """The derivative by the number of what a function makes of the equations at a node, and its estimated error."""
+        for node in self.nodes:
+            self.at(node)  # the distance is known from here on
+        return differenced(lambda node: function(self.at(node), node), self.nodes, self.distance)
+
+    def explicit(self, function: Callable[[Equations], Array]) -> tuple[Array, Array]:
+        """As `sum_of`, with nodes at which orders agree, where there are such."""
+        varied = self
+        for _ in range(ATTEMPTS):
+            found, doubt = varied.sum_of(lambda one, _node: function(one))
+            if agree(found, doubt):
+                break
+            varied = varied.finer()
+        return found, doubt
+
+    def with_jump(self, function: Callable[[Equations], Array]) -> tuple[Array, Array]:
+        """As `sum_of`; the error contains how far the value is from the polynomial through those beside it: some numbers of
+        exactly 0 stand for none."""
+        found, doubt = self.sum_of(lambda one, _: function(one))
+        if 0 not in self.nodes:
+            weights = [np.prod([b / (b - a) for b in self.nodes if b != a]) for a in self.nodes]
+            beside = np.tensordot(weights, np.array([function(self.at(node)) for node in self.nodes]), 1)
+            doubt = doubt + np.abs(function(self.base) - beside) / self.distance
+        return found, doubt
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Derivatives by a number: of the inputs of the lists, and of the start; of the clock see `prescribed`."""
+
+    varied: Varied
+    inputs: Array
+    start: Array
+
+    @property
+    def name(self) -> str:
+        """Name of the number."""
+        return self.varied.name
+
+    @cached_property
+    def _moves(self) -> bool:
+        base, other = self.varied.base, self.varied.at(self.varied.nodes[-1])
+        return base.assembly.numbering.clock.expressions != other.assembly.numbering.clock.expressions
+
+    def prescribed(self, t: Array, sides: Array) -> Array:
+        """Derivative (k, values) of the prescribed values at times (k,), conditions being read at the times `sides` (k,)."""
+        if not self._moves:
+            return np.zeros((len(t), len(self.varied.base.assembly.numbering.clock.expressions)))
+
+        def values(one: Equations) -> Array:
+            return np.column_stack([timed.values(se.sympify(e), t, sides) for e in one.assembly.numbering.clock.expressions])
+
+        return self.varied.explicit(values)[0]
+
+    def refuse_moving_breaks(self, t0: float) -> None:
+        """Raise DerivativeError where the number moves an instant at which an input of time jumps or has a kink."""
+        if not self._moves:
+            return
+        lines = [timeline(one.prepared.model, t0, self.varied.t_end)
+                 for one in (self.varied.base, *(self.varied.at(node) for node in self.varied.nodes[-2:]))]
+        edges = [None if line is None else np.concatenate([line.edges, line.stretches.kinks]) for line in lines]
+        if any((a is None) != (edges[0] is None) or (a is not None and not np.array_equal(a, edges[0])) for a in edges):  # type: ignore[arg-type]
+            refused(self.name, "it moves an instant at which an input of time jumps or has a kink, and steps do not move with "
+                               "such instants yet; give the input a smooth form, or compare runs")
+
+
+def refused(name: str, why: str) -> None:
+    """Raise the error that says why there is no derivative by a number."""
+    raise DerivativeError(f"there is no derivative by '{name}': {why}")
+
+
+def chart_of(name: str, base: Equations, t_end: float) -> Chart:
+    """The chart of a number by its name, made once for a scene; DerivativeError where it has none."""
+    if (name, t_end) not in base.charts:
+        made = _chart_of(name, base, t_end)
+        if len(base.charts) >= KEPT:
+            del base.charts[next(iter(base.charts))]
+        base.charts[name, t_end] = made
+    return base.charts[name, t_end]
+
+
+def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
+    varied = _reached(Varied(name, base, t_end))
+    for _ in range(1 + ATTEMPTS):
+        if not all(varied.at(node).same_as(base) for node in varied.nodes):
+            refused(name, "with another value the scene has other equations, not only other numbers in them")
+        found = [varied.with_jump(lambda one, what=what: getattr(one, what)) for what in ("inputs", "start")]  # type: ignore[misc]
+        # the start is found by iteration: where it hardly depends on the number, its digits need not fit together
+        if (_agree(*found[0], np.abs(base.inputs), varied.distance)
+                and _agree(*found[1], np.abs(base.start), varied.distance,
+                           _largest(base.start) * varied.share / varied.distance)):
+            return Chart(varied, found[0][0], found[1][0])
+        varied = varied.finer()
+    refused(name, f"what the scene makes of it is not smooth at its value {varied.value or 0.0:g}; vary it from another value")
+    raise AssertionError
+
+
+def agree(found: Array, doubt: Array) -> bool:
+    """Whether differences of two orders agree, or cannot."""
+    return not doubt.size or bool(doubt.max() <= ALIKE * np.abs(found).max()) or not np.isfinite(doubt).all()
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values), initial=0.0))
+
+
+def _agree(found: Array, doubt: Array, size: Array, distance: float, slight: float = 0.0) -> bool:
+    """Whether differences agree; slight: derivatives that are smaller need no digits."""
+    return bool(np.all(doubt <= AGREED * (np.abs(found) + slight) + ROUNDING / distance * (1 + size)))
+
+
+def _reached(varied: Varied) -> Varied:
+    """The same with nodes on one side where the scene cannot be made on both; DerivativeError where it can on none."""
+    problem: MbdaeError | None = None
+    for nodes in (varied.nodes, ABOVE, BELOW):
+        one = varied.with_nodes(nodes)
+        try:
+            for node in nodes:
+                one.at(node)
+        except MbdaeError as error:
+            if one.value is None:  # there is no such number
+                raise DerivativeError(str(error).replace("vary:", "derivatives:")) from error
+            problem = problem or error
+        else:
+            return one
+    refused(varied.name, f"the scene cannot be made with a value near its own ({problem})")
+    raise AssertionError

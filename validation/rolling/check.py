@@ -1,0 +1,58 @@
+"""Rolling without slip and knife edges: motions against own equations, roots of a bicycle against those published."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rolling.own import PUBLISHED, bicycle_roots
+from rolling.scenes import PROBLEMS, T_END, bicycle, times
+from runner import Case, Claim, Found
+
+import mbdae as mb
+
+ACCURACY = 1e-6
+claim = Claim("rolling", "scenes that roll without slip or move along blades keep the accuracy asked, in every joint model, form "
+              "and solver; all roots of the benchmark bicycle are those published", 3 * ACCURACY, "of the largest position",
+              "equations of Lagrange and d'Alembert by SymPy, of Newton and Euler for the disc, DOP853 of SciPy at rtol 1e-12; a "
+              "circle in closed form; Meijaard, Papadopoulos, Ruina, Schwab (2007)")
+WAYS: dict[str, dict[str, Any]] = {
+    "default": {}, "RadauIIA(3), GGL": {"solver": mb.RadauIIA(3), "form": mb.GGL()},
+    "RadauIIA(5), Index3": {"solver": mb.RadauIIA(5), "form": mb.Index3()}, "RadauIIA(2), Index1": {
+        "solver": mb.RadauIIA(2), "form": mb.Index1()}, "IDA, GGL": {"solver": mb.IDA()},
+    "IDA, Index1": {"solver": mb.IDA(), "form": mb.Index1()}, "CVODE": {"solver": mb.CVODE()}, "DOP853": {"solver": mb.DOP853()},
+}
+MODELS = {"kinematic": mb.Kinematic(), "classical": mb.Classical(), "recursive": mb.Recursive()}
+
+
+def motion(problem: str, model: Any, way: dict[str, Any]) -> Found:
+    """Largest error of the positions over the largest position."""
+    scene, read, found = PROBLEMS[problem](model)
+    r = scene.simulate(T_END, accuracy=ACCURACY, outputs=times(), **way)
+    error = float(np.max(np.abs(read(r) - found)) / np.max(np.abs(found)))
+    return Found(error if r.reliable else 0.0, note="" if r.reliable else "said to be unreliable")
+
+
+def roots(speed: float) -> Found:
+    """Largest distance of a published root from the nearest one found, 1/s."""
+    found = bicycle(speed).linearize().eigenvalues
+    wanted = [*bicycle_roots(speed), *PUBLISHED.get(speed, ())]
+    return Found(max(float(np.min(np.abs(found - root))) for root in wanted), 2e-9, "1/s")
+
+
+def energy(model: Any, way: dict[str, Any]) -> Found:
+    """Change of the energy of a bicycle that wobbles freely, over its kinetic energy in the wobble's bodies."""
+    r = bicycle(4.6, 0.5, model).simulate(T_END, accuracy=ACCURACY, **way)
+    total = r.energy.total
+    return Found(float(np.ptp(total) / abs(total[0])) if r.reliable else 0.0, unit="relative")
+
+
+def cases() -> list[Case]:
+    quick = [("coin", "kinematic", "default"), ("ball_on_turntable", "recursive", "RadauIIA(3), GGL"),
+             ("snakeboard", "classical", "IDA, GGL")]
+    found = [Case(f"{p}, {m}", w, partial(motion, p, MODELS[m], WAYS[w]), slow=(p, m, w) not in quick)
+             for p in PROBLEMS for m in MODELS for w in WAYS]
+    found += [Case(f"bicycle at {v:g} m/s", "linearize", partial(roots, float(v)), slow=v not in (5,)) for v in range(11)]
+    return found + [Case(f"energy of the bicycle, {m}", w, partial(energy, MODELS[m], WAYS[w]), slow=w != "default")
+                    for m in MODELS for w in WAYS]
