@@ -155,6 +155,15 @@ class Scene(SceneData):
 
         return Tree(self)
 
+    def write_mjcf(self, path: Any) -> tuple[str, ...]:
+        """Write the scene as an MJCF file, by MuJoCo (extra `robots`): bodies, hinges, slides, balls, free joints, springs,
+        dampers, friction, limits, rotors, loops, couplings, frames as sites. The file is read back, and its mass matrix and bias
+        compared with those of the scene. Returns what the file says otherwise. Raises SceneError with the names of all that MJCF
+        cannot say, and writes nothing then; OptionError where it cannot be written."""
+        from mbdae.robots.writing import write
+
+        return write(self, path, partial(read_mjcf, keep_inertias=True))
+
     def stepper(self, dt: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                 form: Form | type[Form] | str | None = None, inputs: Sequence[str] | None = None, reads: Sequence[str] = (),
                 batch: int | None = None, start: Result | None = None) -> Stepper:

@@ -146,6 +146,7 @@ class Link:
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
     shapes: list[tuple[str, Pose, tuple[float, ...]]] = field(default_factory=list)
     color: Any = None
+    gravity: Any = None  #: (3,) its own, m/s^2; None: that of the scene
 
 
 @dataclass
@@ -181,6 +182,7 @@ class Robot:
     joints: list[Joint] = field(default_factory=list)
     closing: list[Callable[[Any, dict[str, Pose]], Any]] = field(default_factory=list)
     roots: dict[str, Pose] = field(default_factory=dict)  #: links that float, with their poses in the drawing
+    frames: dict[str, tuple[str, Pose]] = field(default_factory=dict)  #: further frames: link ("": the ground), pose on it
     told: list[str] = field(default_factory=list)
     heard: list[str] = field(default_factory=list)
 
@@ -241,10 +243,13 @@ def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
         else:
             bodies[link.name] = s.rigid_body(link.name, link.mass, link.inertia, at=pose.point(link.centre), rotation=pose.R,
                                              shape=[_shape(pose @ at, kind, size) for kind, at, size in link.shapes] or None,
-                                             color=link.color, as_given=True)
+                                             color=link.color, as_given=True, gravity=link.gravity)
         s.frame(link.name, bodies[link.name], at=pose.p, rotation=pose.R)
         if joint is not None and bodies[link.name] is not on:
             _joint(s, robot, joint, on, bodies[link.name], pose)
+    for name, (on, at) in robot.frames.items():
+        pose = poses[on] @ at
+        s.frame(name, bodies[on], at=pose.p, rotation=pose.R)
     for make_closing in robot.closing:
         make_closing(s, poses)
     _massless(s, robot, moved)

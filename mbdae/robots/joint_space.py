@@ -316,7 +316,7 @@ def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folde
         law = c.laws[0]
         if not isinstance(law, Gear | Rack | WeightedSum):
             continue
-        pair, value = _pair(law)
+        pair, value = couples(law)
         if len(pair) != 2 or not isinstance(value, int | float) or any(key[0] not in inside for key, _ in pair):
             continue
         (one, f), (other, g) = pair
@@ -331,7 +331,7 @@ def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folde
     return found, names
 
 
-def _pair(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
+def couples(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
     """Coordinates with their factors and the value of the sum; the first is the one that follows."""
     if isinstance(law, Gear):
         return [(law.of["driven"], 1.0), (law.of["driving"], -float(law.ratio))], 0.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +71,7 @@ def _outermost(data: bytes) -> str:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """MuJoCo writes warnings to the standard streams and a file in the working folder: both are kept away."""
     import sys
     import tempfile
@@ -97,7 +96,7 @@ def _quiet() -> Iterator[None]:
 def _compiled(mujoco: Any, path: Path) -> Any:
     file = str(path.resolve())
     try:
-        with _quiet():
+        with quiet():
             return mujoco.MjModel.from_xml_path(file)
     except (ValueError, RuntimeError, mujoco.FatalError, MemoryError, UnicodeError) as error:
         said = " ".join(str(error).split())
@@ -107,11 +106,6 @@ def _compiled(mujoco: Any, path: Path) -> Any:
 def _name(model: Any, array: str, i: int) -> str:
     at = int(getattr(model, array)[i]) if array != "names" else 0
     return str(model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace"))
-
-
-def _pushed(body: str, force: tuple[float, ...], s: Any, _: Any) -> None:
-    """Compensate gravity on a body in part or in whole."""
-    s.force(f"gravity compensation of {body}", body, force)
 
 
 class _Reader:
@@ -194,9 +188,14 @@ class _Reader:
             made.inertia = (made.inertia + made.inertia.T) / 2
             self._shapes(b, made)
             self._carried(b, made)
-            if m.body_gravcomp[b] and made.mass:
-                force = tuple(float(x) for x in -m.body_gravcomp[b] * made.mass * m.opt.gravity)
-                robot.closing.append(partial(_pushed, made.name, force))
+            if m.body_gravcomp[b]:
+                made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity)
+        taken = {*self.names, *self.joint_names}
+        for i in range(m.nsite):
+            name = _name(m, "name_siteadr", i)
+            if name:
+                robot.frames[f"{name} site" if name in taken else name] = (self.names[int(m.site_bodyid[i])],
+                                                                           self._pose(m.site_pos[i], m.site_quat[i]))
 
     def _carried(self, b: int, link: Link) -> None:
         m, robot = self.m, self.robot

@@ -118,3 +118,67 @@ def test_what_mjcf_cannot_have_is_refused(tmp_path: Path) -> None:
         mb.read_mjcf(written(tmp_path, MODEL.replace("<compiler", '<include file="/etc/passwd"/><compiler'), "include.xml"))
     with pytest.raises(mb.OptionError, match="fetched"):
         mb.read_mjcf(written(tmp_path, MODEL.replace("<compiler", '<include file="http://x.y/z"/><compiler'), "net.xml"))
+
+
+def test_what_is_written_moves_as_the_scene(tmp_path: Path) -> None:
+    """URDF with a mimic joint, a floating base with two joints on one body: written, read back, and MuJoCo's own mass matrix."""
+    for s in (mb.read_urdf(written(tmp_path, ARM)), mb.read_mjcf(written(tmp_path, MODEL, "model.xml"))):
+        told = s.write_mjcf(tmp_path / "out.xml")
+        assert not [text for text in told if "not drawn" in text]
+        again = mb.read_mjcf(tmp_path / "out.xml")
+        one, other, rng = s.tree(), again.tree(), np.random.default_rng(1)
+        assert one.names == other.names
+        assert one.follows == other.follows
+        q, v = one.zero + 0.0, rng.normal(size=one.nv)
+        q[-2:] = rng.normal(size=2)
+        assert other.mass_matrix(q) == pytest.approx(one.mass_matrix(q), abs=1e-12)
+        assert other.bias(q, v) == pytest.approx(one.bias(q, v), abs=1e-11)
+        assert set(s.frames) <= set(again.frames)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data.qpos[-2:] = q[-2:]
+    mujoco.mj_forward(model, data)
+    for column, unit in zip(M, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    assert pytest.approx(one.mass_matrix(q), abs=1e-12) == M.T
+
+
+def test_forces_limits_loops_and_starts_are_written(tmp_path: Path) -> None:
+    s = mb.Scene("bars", gravity=(0, 0, -9.81))
+    left = s.rigid_body("left", 1.0, (0.1, 0.1, 0.01), at=(0, 0, 0.5), shape=mb.Box(size=(0.1, 0.1, 1)))
+    top = s.rigid_body("top", 2.0, (0.01, 0.2, 0.2), at=(0.5, 0, 1), gravity=(0, 0, -4.905))
+    right = s.rigid_body("right", 1.0, (0.1, 0.1, 0.01), at=(1, 0, 0.5))
+    s.joint(mb.Revolute, "A", s.ground, left, at=(0, 0, 0), axis=(0, 1, 0), spring=3.0, load=0.6, damper=0.7, rotor=0.4,
+            start=0.1, limits=(-1, 2), stop=mb.Stop(1e4), friction=mb.Coulomb(0.5, 1e-3), radius=0.1, normal_force=20.0)
+    s.revolute("B", top, left, at=(0, 0, 1), axis=(0, 1, 0))  # from outside inwards: MJCF counts the other way
+    s.revolute("C", top, right, at=(1, 0, 1), axis=(0, 1, 0))
+    s.spherical("D", s.ground, right, at=(1, 0, 0))
+    told = s.write_mjcf(tmp_path / "bars.xml")
+    assert [text for text in told if "'D' closes a loop" in text]
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "bars.xml"))
+    joint = model.joint("A")
+    assert (joint.stiffness[0], joint.armature[0], joint.frictionloss[0]) == pytest.approx((3.0, 0.4, 1.0))
+    assert model.qpos_spring[joint.qposadr[0]] == pytest.approx(0.2)
+    assert joint.range == pytest.approx([-1, 2])
+    assert model.key("start").qpos[joint.qposadr[0]] == pytest.approx(0.1)
+    assert model.body_gravcomp[model.body("top").id] == pytest.approx(0.5)
+    assert mb.read_mjcf(tmp_path / "bars.xml").tree().closing == ("D",)
+
+
+def test_what_mjcf_cannot_say_is_refused_by_name(tmp_path: Path) -> None:
+    s = mb.Scene("many", gravity=(0, 0, -9.81))
+    a, b = (s.rigid_body(name, 1.0, (1, 1, 1), at=(x, 0, 0)) for name, x in (("a", 0), ("b", 1)))
+    s.universal("hook", s.ground, a, at=(0, 0, 0), axis=(1, 0, 0))
+    s.revolute("drive", a, b, at=(0.5, 0, 0), axis=(0, 0, 1), angle=mb.t)
+    s.spring("rubber", a, b, at_k=(0, 0, 0), at_l=(1, 0, 0), stiffness=3.0)
+    with pytest.raises(mb.SceneError) as caught:
+        s.write_mjcf(tmp_path / "many.xml")
+    assert all(name in str(caught.value) for name in ("'hook'", "'drive'", "'rubber'"))
+    assert not (tmp_path / "many.xml").exists()
+
+
+def test_sites_are_frames(tmp_path: Path) -> None:
+    text = MODEL.replace("<freejoint/>", '<freejoint/><site name="eye" pos="0.1 0.2 0.3"/>')
+    s = mb.read_mjcf(written(tmp_path, text, "model.xml"))
+    tree = s.tree()
+    assert tree.pose("eye", tree.zero)[:, 3] == pytest.approx([0.1, 0.2, 1.3])
