@@ -46,6 +46,7 @@ ELSEWHERE = {
                     "tests/results"),
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
     "read_table": "tests/inputs", "read_urdf": "tests/robots", "read_mjcf": "tests/robots",
+    "Scene.write_mjcf": "tests/robots",
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
     "Solver.between_breaks": "between modules", "State.save": "files",
