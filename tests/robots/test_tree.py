@@ -98,3 +98,16 @@ def test_frames_stay_with_copies_of_a_scene() -> None:
     s.frame("tool", "b3", at=(1, 2, 3))
     J = [one.tree().jacobian("tool", np.full(4, 0.2)) for one in (s, s.recursive())]
     assert J[0] == pytest.approx(J[1], abs=EXACT)
+
+
+@pytest.mark.parametrize("model", [mb.Recursive(), mb.Classical()])
+def test_rows_of_joints_turn_the_linear_equations_into_theirs(model: mb.Recursive | mb.Classical) -> None:
+    """Near rest M of the linear equations, in coordinates of the joints, is the mass matrix of the tree."""
+    s = mb.Scene("two rods", gravity=(0, 0, -9.81))
+    upper = s.rigid_body("upper", 2.0, (0.2, 0.2, 0.01), at=(0, 0, -0.5))
+    lower = s.rigid_body("lower", 1.0, (0.1, 0.1, 0.01), at=(0, 0, -1.5))
+    s.revolute("A", s.ground, upper, at=(0, 0, 0), axis=(0, 1, 0), model=model)
+    s.revolute("B", upper, lower, at=(0, 0, -1), axis=(0, 1, 0), model=model)
+    found, tree = s.linearize(), s.tree()
+    N = np.linalg.inv(found.basis[[found.basis_names.index(f"{name}.rate") for name in tree.names]])
+    np.testing.assert_allclose(N.T @ found.M @ N, tree.mass_matrix(tree.zero), atol=EXACT)
