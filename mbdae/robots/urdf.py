@@ -161,6 +161,10 @@ def _joints(robot: Robot, raw: Any, limits: bool, stop: Any) -> None:
     wrong: list[str] = []
     children: dict[str, str] = {}
     names: set[str] = set()
+    for one in raw.joints:  # links and joints may share names in URDF, items of a scene may not
+        for named, key in ((one, "name"), *(((one.mimic, "joint"),) if one.mimic is not None else ())):
+            if getattr(named, key) in robot.links:
+                setattr(named, key, f"{getattr(named, key)} joint")
     for one in raw.joints:
         head = f"joint '{one.name}'"
         wrong += [f"{head}: there is no link '{link}'" for link in (one.parent, one.child) if link not in robot.links]

@@ -182,3 +182,8 @@ def test_sites_are_frames(tmp_path: Path) -> None:
     s = mb.read_mjcf(written(tmp_path, text, "model.xml"))
     tree = s.tree()
     assert tree.pose("eye", tree.zero)[:, 3] == pytest.approx([0.1, 0.2, 1.3])
+
+
+def test_a_joint_may_have_the_name_of_a_link(tmp_path: Path) -> None:
+    text = ARM.replace('"elbow"', '"lower"').replace('"shoulder"', '"upper"')
+    assert mb.read_urdf(written(tmp_path, text)).tree().names == ("upper joint", "lower joint")
