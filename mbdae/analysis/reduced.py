@@ -12,11 +12,21 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from mbdae.analysis.pencil import ROUNDED, Pencil, acting_states
+from mbdae.errors import OptionError
 from mbdae.system.base import Array
+from mbdae.system.motion.mechanics import Mechanics
 
 #: a constraint row counts as dependent on others where its part independent of them is at most this times that of the most
 #: independent row (rows of length 1)
 DEPENDENT = 1e-9
+
+
+def refuse_rolling(mechanics: Mechanics, analysis: str, instead: str) -> None:
+    """Raise OptionError where a scene has rows of velocities, which this analysis does not know; instead: what to do."""
+    for row in mechanics.rows:
+        if row.by_rates:
+            raise OptionError(f"{analysis}: '{row.name}' is a row of velocities (rolling, a blade), which restricts motions and "
+                              f"no places; {instead}")
 
 
 def free_basis(G: Array, units: Array) -> Array:
