@@ -27,7 +27,7 @@ from mbdae.process import (
 )
 
 if TYPE_CHECKING:
-    from mbdae.api import Scene
+    from mbdae.api import Scene, read_mjcf, read_urdf
     from mbdae.audit import Audit, audit
     from mbdae.compare import compare
     from mbdae.compare.run import Run
@@ -80,8 +80,9 @@ _HOME = {
     "Weld": "mbdae.laws.joints", "at_end": "mbdae.derivatives", "audit": "mbdae.audit", "compare": "mbdae.compare",
     "curve": "mbdae.inputs.measured", "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives",
     "largest": "mbdae.derivatives", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
-    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured",
-    "report": "mbdae.reports", "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
+    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "read_mjcf": "mbdae.api",
+    "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
+    "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
 
 __all__ = [
@@ -92,13 +93,13 @@ __all__ = [
     "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section",
     "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
     "at_end", "audit", "compare", "curve", "export", "extremes", "integral", "largest", "load", "measure_order", "number",
-    "params", "read_table", "report", "selftest", "sweep", "t", "table",
+    "params", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
 ]
 
 
 def __getattr__(name: str) -> Any:
     if name == "t":
-        from mbdae.inputs.deferred_time import time_symbol
+        from mbdae.inputs import time_symbol
 
         return time_symbol()
     if name in _HOME:

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from mbdae.deferred import later
-from mbdae.errors import SceneError, with_text_when_interrupted
+from mbdae.errors import SceneError, naming_arguments, with_text_when_interrupted
 from mbdae.formulations import Form, default_form, form_of, system_for
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
@@ -39,6 +39,7 @@ from mbdae.values import flag, number, of_class, option, optional, sequence, tex
 
 if TYPE_CHECKING:
     from mbdae.analysis import Equilibrium, Floquet, Linearization
+    from mbdae.robots.joint_space import Tree
     from mbdae.run.stepper import Stepper
 else:
     (Stepper,) = later("mbdae.run.stepper", "Stepper")
@@ -62,6 +63,32 @@ READERS["color"] = _by("plots", "hexadecimal")
 DEFAULT_OUTPUTS = 201
 MOST_STATES = 1_000_000  #: largest number of states that a stepper takes together
 START = "give a Result of this scene (mb.load reads one), an equilibrium, or None for the start of the scene"
+
+
+@naming_arguments
+def read_urdf(path: Any, floating: bool = False, gravity: Sequence[float] = (0, 0, -9.81), packages: Any = None,
+              keep_inertias: bool = False, limits: bool = True, stop: Any = None, meshes: bool = True) -> Scene:
+    """The robot of a URDF file as a scene, every joint recursive; see docs/robots.md. Needs the extra `robots`.
+
+    floating: True lets the root link float, False holds it on the ground. gravity (3,), m/s^2. packages: folders of packages
+    in `package://name/...` are, a list, or a mapping by name; by default the folders above the file. keep_inertias: True keeps
+    inertias that no body has. limits: False leaves them out; stop: mb.Stop(stiffness, damping) of all of them. meshes: whether
+    they are read, for pictures, as the boxes about them. `scene.told` lists what the scene says otherwise than the file, or not.
+    Raises OptionError where the file cannot be read, SceneError with what it cannot mean."""
+    from mbdae.robots.urdf import options, read
+
+    field = option("gravity", gravity, sequence, "give three numbers, m/s^2", each=number)
+    return read(Scene, path, bool(floating), field, packages, bool(keep_inertias), bool(limits), options(stop), bool(meshes))  # type: ignore[no-any-return]
+
+
+@naming_arguments
+def read_mjcf(path: Any, keep_inertias: bool = False, limits: bool = True, stop: Any = None) -> Scene:
+    """The model of an MJCF file as a scene, every joint recursive, as MuJoCo's compiler resolves it; see docs/robots.md. Needs
+    the extra `robots`. Options and errors as of `read_urdf`; gravity is that of the file."""
+    from mbdae.robots.mjcf import read
+    from mbdae.robots.urdf import options
+
+    return read(Scene, path, bool(keep_inertias), bool(limits), options(stop))  # type: ignore[no-any-return]
 
 
 class Scene(SceneData):
@@ -120,6 +147,22 @@ class Scene(SceneData):
         from mbdae.analysis import floquet
 
         return floquet(self, period, at, count, accuracy)
+
+    def tree(self) -> Tree:
+        """Joint-space dynamics of the scene: mass matrix, bias, gravity, inverse and forward dynamics, Jacobians at given states;
+        see `mbdae.robots.joint_space.Tree`. Raises SceneError."""
+        from mbdae.robots.joint_space import Tree
+
+        return Tree(self)
+
+    def write_mjcf(self, path: Any) -> tuple[str, ...]:
+        """Write the scene as an MJCF file, by MuJoCo (extra `robots`): bodies, hinges, slides, balls, free joints, springs,
+        dampers, friction, limits, rotors, loops, couplings, frames as sites. The file is read back, and its mass matrix and bias
+        compared with those of the scene. Returns what the file says otherwise. Raises SceneError with the names of all that MJCF
+        cannot say, and writes nothing then; OptionError where it cannot be written."""
+        from mbdae.robots.writing import write
+
+        return write(self, path, partial(read_mjcf, keep_inertias=True))
 
     def stepper(self, dt: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                 form: Form | type[Form] | str | None = None, inputs: Sequence[str] | None = None, reads: Sequence[str] = (),

@@ -51,7 +51,7 @@ COMMANDS = sorted({line.split("  #")[0].strip() for page in PAGES for text, _ in
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_is_understood(command: str) -> None:
-    from mbdae.cli.parser import make_parser
+    from mbdae.cli import make_parser
 
     with pytest.raises(SystemExit, match=r"^0$") if command == "mbdae --version" else nullcontext():  # which only prints
         make_parser().parse_args(shlex.split(command)[1:])

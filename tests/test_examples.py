@@ -64,6 +64,16 @@ def test_bicycle_has_its_published_roots_and_rights_itself():
     assert abs(r["steer"].angle[-1]) < 0.3 * np.max(np.abs(r["steer"].angle))
 
 
+def test_robot_arm_needs_the_torques_that_its_drives_exert():
+    import robot_arm as example
+
+    r = example.scene().simulate(example.t_end, accuracy=1e-8)
+    drives = np.array([r[name].drive for name in example.NAMES]).T
+    np.testing.assert_allclose(drives, example.torques(r.t), atol=1e-7 * np.max(np.abs(drives)))
+    weight = -9.81 * np.array([0, 3.0 * 0.2 + 1.5 * 0.58, 1.5 * 0.18])  # at rest as drawn, about axes whose angles lower the arm
+    np.testing.assert_allclose(example.torques([0.0])[0], weight, atol=1e-12)
+
+
 def test_arm_under_computed_torque_forgets_its_error():
     import arm_control as example
 

@@ -17,7 +17,7 @@ ROOT = Path(mbdae.__file__).parent
 #: folders and files of the package from the top down: each imports from its own entry and from those behind it
 LAYERS = [
     {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit", "export"}, {"reports", "compare"},
-    {"sweep", "documents"}, {"analysis"}, {"show"}, {"derivatives"}, {"run"},
+    {"sweep", "documents"}, {"robots"}, {"analysis"}, {"show"}, {"derivatives"}, {"run"},
     {"study"}, {"results"}, {"integrators"}, {"formulations"},
     {"system"}, {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},
     {"deferred", "disk"}, {"threads"}, {"notation", "errors"},
@@ -29,7 +29,7 @@ SYSTEM = ["base", "shown_index", "dae", "model", "motion", "changes", "start_of_
           "prepare", "sampling", "scene_system", "without_multipliers"]
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: the System interface is all an integrator sees; kernels are called by these alone
-KERNELS_CALLED_BY = {"system", "results", "run", "contracts", "export"}
+KERNELS_CALLED_BY = {"system", "results", "run", "contracts", "export", "robots"}
 ALONE: dict[str, set[str]] = {"sksundae": set(), "matplotlib": {"show", "compare", "reports"}}
 MOST_FILES, MOST_LINES = 25, 350
 

@@ -78,7 +78,7 @@ def test_laws_of_the_contributing_guide_work(monkeypatch):
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("mbdae ")])
 def test_commands_are_understood(command, monkeypatch, tmp_path):
     """Parsed and their files found; `check` runs, the others are run by `.ci/run` and tests/test_cli.py."""
-    from mbdae.cli.parser import make_parser
+    from mbdae.cli import make_parser
 
     if command == "mbdae --version":
         with pytest.raises(SystemExit, match=r"^0$"):

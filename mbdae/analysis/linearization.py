@@ -38,7 +38,8 @@ class Linearization(OnMesh, Modes[Mode]):
 
     Arrays over the modes: `eigenvalues` (1/s), `frequencies` (Hz), `angular_frequencies` (rad/s), `damping` (ratios),
     `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K` (freedoms, freedoms): the equations
-    M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes.
+    M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes and
+    named by `basis_names`; columns of `basis` are orthonormal, no coordinates of joints (`Scene.tree` has M of these).
     With beams `mesh` names the mesh, and `mesh_error` (modes,) is the error of the eigenvalues that this mesh causes.
 
     errors (modes,): bounds of the errors of the eigenvalues that rounding causes, 1/s. stable: False where a real part exceeds
@@ -95,6 +96,14 @@ class Linearization(OnMesh, Modes[Mode]):
     def basis(self) -> Array:
         """Basis (nu, freedoms) of the displacements that the constraints allow."""
         return self.equations.N
+
+    @property
+    def basis_names(self) -> tuple[str, ...]:
+        """Names (nu,) of the velocities whose small displacements the rows of `basis` are, such as "J.rate". Rows of joints, N
+        (freedoms, freedoms), turn M into that of their coordinates: inv(N).T @ M @ inv(N)."""
+        nb = self.prepared.mechanics.numbering
+        first = nb.start["u"]
+        return nb.names()[first : first + self.prepared.mechanics.nu]
 
     @property
     def eigenvalues(self) -> Array:

@@ -117,7 +117,7 @@ LETTERS = 13.5  #: number of characters of small text per inch, by which legend 
 
 def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
     """Two panels, side by side or stacked, one line per run; filled markers lie on the Pareto front of error and CPU time."""
-    from mbdae.show.figure import Figure
+    from mbdae.show import Figure
 
     labels = list(dict.fromkeys(row.label for row in w.runs))
     names = [_name(label, [row for row in w.runs if row.label == label]) for label in labels]

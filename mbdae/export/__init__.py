@@ -1,8 +1,12 @@
-"""`mbdae.export`: the equations of a scene or of a law as C, CasADi, SymPy or LaTeX."""
+"""`mbdae.export`: the equations of a scene or of a law as C, CasADi, SymPy or LaTeX.
+
+Exported functions of a single law: of x (unknowns of its frames, multipliers, states) and of its parameters p.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,16 +17,194 @@ from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, naming_arguments
 from mbdae.export import languages, text
-from mbdae.export.law import law_program
-from mbdae.export.program import Entry, Program
+from mbdae.export.program import RATES, Entry, Program, force_of, node_units, rate_of
 from mbdae.export.scene import scene_program
 from mbdae.files import write_file
 from mbdae.formulations import form_of
-from mbdae.notation import rows, titled
+from mbdae.kernels import Kernel
+from mbdae.kernels.plan import linearised_plan, plan
+from mbdae.laws.friction import Friction
+from mbdae.laws.journal import JournalContact
+from mbdae.native.program import Operations
+from mbdae.notation import counted, rows, titled
+from mbdae.reports.scene_equations import row_unit
+from mbdae.reports.statement import OPTIONS, structure_of
+from mbdae.results.sensors import power_outputs, reaction_outputs
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
-from mbdae.values import option, shown, word
+from mbdae.symbolic import outputs as of
+from mbdae.symbolic.derive import Derived, Side, derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.law import Element, Force, Law, Structure
+from mbdae.symbolic.line import LineLaw, derive_line
+from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.part import Part, PartStructure
+from mbdae.symbolic.tree_motion import Open
+from mbdae.symbolic.vectors import Expr
+from mbdae.values import option, sequence, shown, word
 from mbdae.values import path as path_named
+
+OutputTable = list[tuple[Target, Expr]]
+MadeFunctions = dict[str, tuple[Any, Sequence[Entry], str]]  #: name of a function -> kernel, outputs, meaning
+
+
+def _equations(d: Derived) -> OutputTable:
+    return [*of.dynamics(d), *(of.kinematics(d) if isinstance(d.law, Element) else ()), *of.lowest(d), *of.state_rows(d)]
+
+
+#: name of a function -> its outputs and their meaning
+FUNCTIONS: dict[str, tuple[Callable[[Derived], OutputTable], str]] = {
+    "forces": (of.dynamics, "generalised forces of the law on the velocities of its frames, left-hand side of M u' + ... = 0"),
+    "energy": (lambda d: [(("energy",), d.energy)], "potential energy; of a body its kinetic energy"),
+    "rows": (of.position, "constraint rows g = 0"),
+    "row_rates": (of.velocity, "dg/dt = G u + g_t"),
+    "row_accelerations": (lambda d: of.acceleration(d) if d.rows else [], "d2g/dt2 at zero accelerations"),
+    "G": (of.jacobian_G, "entries of the constraint Jacobian by the velocities"),
+    "states": (of.state_rows, "s' - rate = 0 of the internal states"),
+    "kinematics": (lambda d: of.kinematics(d) if isinstance(d.law, Element) else [], "q' - H(q) u = 0"),
+    "coordinates": (of.coordinate, "coordinates of the joint and their rates"),
+    "joint_forces": (reaction_outputs, "force and torque (about the joint) on body l, inertial components"),
+    "power": (power_outputs, "power that the law delivers to its bodies"),
+}
+
+
+def law_program(what: Any, frames: Any, options: Mapping[str, Any]) -> Program:
+    """The functions of a law class, a law with values, or a friction or normal law (in the contact of a pin in its race)."""
+    law, structure, values = _law(what, options)
+    title = law.__name__
+    if issubclass(law, LineLaw):
+        kind = NodeKind.PLANAR if frames and "planar" in frames[0] else NodeKind.SPATIAL
+        return _of_line(title, derive_line(law, structure, kind), values, law)
+    d = derive(law, structure, _sides(law, structure, frames))
+    found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
+    made: MadeFunctions = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
+                  if any(e != 0 for e in p.expressions)}
+    derived, symbols = linearised_plan(d, _equations, Open.ALL), of.input_symbols(d)
+    if derived.jacobian_places:
+        stated, by = _named(d, derived.targets), dict(symbols)
+        entries = [Entry(f"d {stated[row].name} / d {by[t]}", "") for row, t in derived.jacobian_places]
+        meaning = "derivatives of forces, kinematics, rows and states by x, where they do not vanish"
+        made["jacobian"] = derived.jacobian, entries, meaning
+    units = _units(d)
+    return _program(title, made, {str(s): units.get(t, "") for t, s in symbols}, d.law, values)
+
+
+def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, Mapping[str, Any]]:
+    if isinstance(what, Law):
+        if options:
+            name = next(iter(options))
+            raise OptionError(f"{name}: a law with values takes no options, which only classes of laws do; leave it out")
+        timed = frozenset(p for p in what.params if hasattr(getattr(what, p), "free_symbols"))
+        return type(what), what.structure(timed), {p: getattr(what, p) for p in what.params}
+    if isinstance(what, Part) or (isinstance(what, type) and issubclass(what, Part)):
+        role = "friction" if issubclass(what if isinstance(what, type) else type(what), Friction) else "normal"
+        typical = OPTIONS[role]  # of mbdae's own laws LuGre has options, without which it has no formulas: it gets typical ones
+        part = typical if what is typical.cls else PartStructure(what, frozenset(), ()) if isinstance(what, type) else what
+        return JournalContact, structure_of(JournalContact, {role: part, **options}), {}
+    if isinstance(what, type) and issubclass(what, Law):
+        return what, structure_of(what, options), {}
+    raise OptionError(f"what = {shown(what)}: give a scene, a class of a law or part such as mb.Revolute, or one with values")
+
+
+def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...]:
+    """Kinds of the nodes: as requested, else bodies in space, with the ground as k of an external force."""
+    count = len(law.frames)
+    ground = NodeKind.GROUND.value if issubclass(law, Force) and law.external else NodeKind.SPATIAL.value
+    words = [kind.value for kind in NodeKind if not kind.of_joint]
+    usual = [ground, *[NodeKind.SPATIAL.value] * (count - 1)][:count]
+    asked = option("frames", frames if frames is not None else usual, sequence, f"give {count} words", each=word, words=words)
+    if len(asked) != count:
+        raise OptionError(f"frames = {shown(frames)}: {law.__name__} has {counted(count, 'frame')} ({', '.join(law.frames)}); "
+                          f"give one word for each")
+    kinds = [NodeKind(one) for one in asked]
+    law_ = law.symbolic(structure)
+    units = getattr(law_, "coordinates", {})
+    own = [NodeKind.ROTATION if name in units and units[name].unit == "rotation" else NodeKind.COORDINATE
+           for name in law_.own_coordinates]
+    return tuple((kind, Axes.NORMAL if kind.flat else Axes.GENERAL) for kind in kinds) + tuple((k, Axes.GENERAL) for k in own)
+
+
+def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:
+    """Outputs with names and units."""
+    rows = [row_unit(d, r) for r in range(len(d.rows))]
+    found = []
+    for head, *place in targets:
+        if head in ("u", "q"):
+            node = next(f.kind for f in d.frames if f.side == place[0])
+            unit = node_units(node, "m")[head == "u"][place[1]]
+            found.append(Entry(f"{place[0]}.{'force' if head == 'u' else 'kinematics'}[{place[1]}]",
+                               force_of(unit) if head == "u" else rate_of(unit)))
+        elif head in RATES:
+            unit, word_ = rows[place[0]], {"g": "", "gd": " rate", "gdd": " acceleration"}[head]
+            found.append(Entry(d.rows[place[0]] + word_, unit and unit + RATES[head]))
+        elif head == "G":
+            found.append(Entry(f"{d.rows[place[0]]} by {place[1]}[{place[2]}]", ""))
+        elif head == "s":
+            found.append(Entry(f"state {d.states[place[0]]}", rate_of(d.law.states[d.states[place[0]]].unit)))
+        elif head == "reaction":
+            found.append(Entry(f"{'force' if place[0] < 3 else 'torque'}[{place[0] % 3}]", "N" if place[0] < 3 else "N m"))
+        else:
+            words = [*map(str, place), {"cd": "rate", "c": ""}.get(str(head), str(head))]
+            found.append(Entry(" ".join(words).strip(), {"energy": "J", "power": "W"}.get(head, "")))
+    return found
+
+
+def _units(d: Derived) -> dict[Target, str]:
+    """Units of the unknowns of a law."""
+    found: dict[Target, str] = {}
+    for f in d.frames:
+        for head, units in zip("qu", node_units(f.kind, "m"), strict=True):
+            found |= {(head, f.side, i): unit for i, unit in enumerate(units)}
+            found |= {(f"{head}p", f.side, i): rate_of(unit) for i, unit in enumerate(units)}
+    found |= {("lambda", r): row_unit(d, r, effort=True) for r in range(len(d.rows))}
+    for j, name in enumerate(d.states):
+        unit = d.law.states[name].unit
+        found |= {("s", j): unit, ("sp", j): rate_of(unit)}
+    return found
+
+
+def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> Program:
+    """Functions of a law at a point of a line: generalised forces of the interpolated fields, rows of the stresses, energy."""
+    tables: dict[str, tuple[str, list[Any]]] = {
+        "forces": ("forces dual to the fields, times the weight of the point", [(f"dual of {f.symbol}", e) for f, e in d.duals]),
+        "rows": ("rows of the stresses", [(f"row of {name}", e) for name, e in zip(d.stresses, d.rows, strict=True)]),
+        "resultants": ("stress resultants", list(d.resultants)),
+        "energy": ("elastic energy of the point", [("energy", d.energy)]),
+        "dissipated": ("dissipated power", [("dissipated", d.dissipated)]),
+        "mass": ("inertia per length between velocities", [(f"[{i}, {j}]", e) for (i, j), e in d.mass.items()]),
+        "jacobian": ("derivatives of forces, then rows",
+                     [(f"output {o} by {d.variables[i]}", e) for (o, i), e in d.derivatives.items()]),
+    }
+    made: MadeFunctions = {}
+    for name, (meaning, table) in tables.items():
+        if any(e != 0 for _, e in table):
+            symbols = sorted(set().union(*(e.free_symbols for _, e in table)), key=str)
+            made[name] = Kernel(symbols, [e for _, e in table]), [Entry(n, "") for n, _ in table], meaning
+    return _program(title, made, {str(s): "" for s in d.variables}, law, values)
+
+
+def _program(title: str, made: MadeFunctions, x: Mapping[str, str], law: Any, values: Mapping[str, Any]) -> Program:
+    """A program with one kernel call for each function. x: units of the unknowns by name."""
+    used = {str(s) for kernel, _, _ in made.values() for s in kernel.symbols}
+    unknown = [name for name in x if name in used]
+    parameters = sorted(used - set(unknown))
+    slot = {name: i for i, name in enumerate((*unknown, *parameters))}
+    units, entries = {"ds": "m", "weight": "m"} | {n: p.unit for n, p in law.params.items()}, []
+    for name in parameters:
+        stated, _, dots = re.sub(r"_(d?dot)$", r"|\1", name).partition("|")
+        unit = units.get(stated, "m" if re.search(r"_p\d$", name) else "rad" if name.endswith("theta0") else "1")
+        value = values.get(name)
+        entries.append(Entry(name, unit + {"": "", "dot": "/s", "ddot": "/s^2"}[dots],
+                             float(value) if isinstance(value, int | float) else float("nan")))
+    slots = {"x": [(i, i) for i in range(len(unknown))], "p": [(i, len(unknown) + i) for i in range(len(parameters))]}
+    program = Program(title, Operations(len(slot)), {"x": tuple(Entry(name, x[name]) for name in unknown), "p": tuple(entries)},
+                      slots)
+    for name, (kernel, outputs, meaning) in made.items():
+        part = program.operations.part()
+        at = kernel.emit(part, np.array([[slot[str(s)] for s in kernel.symbols]], dtype=np.intp).reshape(1, -1))
+        program.add(name, meaning, ("x", "p"), outputs, at.ravel(), part)
+    return program
+
 
 __all__ = ["Entry", "Export", "export"]
 

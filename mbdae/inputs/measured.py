@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
 from mbdae.errors import OptionError, naming_arguments
-from mbdae.inputs import tables
-from mbdae.inputs.deferred_time import sympy_time
+from mbdae.inputs import sympy_time, tables
 from mbdae.inputs.sensed import symbol_name
 from mbdae.inputs.tables import OF_SENSOR, Table
 from mbdae.inputs.timed import after

@@ -17,8 +17,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.disk.entries import code_key, keep, recall
-from mbdae.inputs import tables
-from mbdae.inputs.deferred_time import Timed
+from mbdae.inputs import Timed, tables
 from mbdae.inputs.sensed import is_plain, named_by, refuse_symbols, rewritten
 from mbdae.inputs.text import TIME as TIME
 from mbdae.inputs.text import canonical

@@ -53,10 +53,15 @@ class RigidBody(Element):
 
 
 class JointCoordinate(Element):
-    """An unknown without mass: its equation of motion says that the forces on it add to zero."""
+    """An unknown of its own: its equation of motion says that the forces on it add to zero, or to what a rotor needs that moves
+    with it alone.
+
+    T = rotor c'^2 / 2 of a coordinate c."""
+
+    params = params(rotor=("kg m^2 or kg", "inertia of the coordinate's own, such as a motor's times its gear ratio squared"))
 
     def kinetic_energy(self, b: Frame) -> Expr:
-        return se.Integer(0)
+        return se.Integer(0) if self.rotor is None else self.rotor * b.center_velocity[0] ** 2 / 2
 
 
 class BeamNode(Element):

@@ -1,33 +1,213 @@
 """`mb.report`: the report of a law, a joint model or a scene.
+
+Reports of laws without constraint rows: forces by an energy, a dissipation function or a wrench; bodies by kinetic energy.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import symengine as se
+
 from mbdae import laws
 from mbdae.documents import Document
-from mbdae.documents.blocks import Paragraph, Section
+from mbdae.documents.blocks import Block, Paragraph, Section
 from mbdae.errors import LawError, OptionError, meant, naming_arguments
+from mbdae.kernels.plan import plan
 from mbdae.laws.contact import Hertz, Normal
 from mbdae.laws.friction import Coulomb, Friction, LuGre
 from mbdae.laws.joint_rows import ClearanceRevolute
 from mbdae.laws.joints import Revolute
 from mbdae.laws.journal import JournalContact
-from mbdae.reports.force_page import ElementPage, ForceReport
-from mbdae.reports.joint_page import JointReport
+from mbdae.reports.calculus import summed
+from mbdae.reports.joint_page import CONVENTION, JointReport, effort, want_efforts
+from mbdae.reports.law_page import LawPage
+from mbdae.reports.letters import Letter, letters
 from mbdae.reports.line_page import LinePage
-from mbdae.reports.parts_page import PartPage
+from mbdae.reports.page import BALANCE, DERIVED, KERNEL, Page, described, document, provenance, title_of
+from mbdae.reports.parts_page import PartPage, part_section
 from mbdae.reports.recursive_page import recursive_report
 from mbdae.reports.scene_sheet import scene_sheet
-from mbdae.reports.statement import structure_of
+from mbdae.reports.sections import figure_of, planar_pages, power_blocks, state_blocks, thrust_blocks
+from mbdae.reports.statement import ReportedLaw, structure_of
+from mbdae.reports.states import POINTS
+from mbdae.reports.vectors import NamedQuantities
+from mbdae.reports.writer import Writer
 from mbdae.scene.components import Classical, Clearance, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
+from mbdae.symbolic.derive import derive
+from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.line import LineLaw
+from mbdae.symbolic.outputs import dynamics
 from mbdae.symbolic.part import Part
 from mbdae.values import shown
+
+
+class ForceReport(LawPage):
+    """The report of one force law."""
+
+    def __init__(self, law: type[Force], structure: Structure) -> None:
+        s = ReportedLaw(law, structure)
+        _ = s.energy, s.dissipation, s.wrench
+        self.losses = {name: s.scalar(e) for name, e in s.law.losses(*s.frames).items()}
+        self.gaps = [(s.scalar(g), s.scalar(rate)) for g, rate in s.law.gaps(*s.frames)]
+        super().__init__(s, "law")
+        self.elastic = s.gradient(s.energy)
+        self.external = bool(s.law.external)
+        self.kernel = self.compiled(dynamics)
+        for letter, side, i in self.letters():
+            self.want(letter, -self.at_point(side, self.kernel)[i], KERNEL)
+        want_efforts(self)
+
+    def document(self) -> Document:
+        """The whole report."""
+        sections = [self._law(), self._forces(), *self._states(), *self._gaps(), self._power(), *part_section(self.s)]
+        planar, none, flat = planar_pages(self)
+        pages: list[tuple[Any, list[Block]]] = [(self, [*sections, *none]), *flat]
+        head = [*described(self.s.cls), *figure_of(self.s)]
+        return document(title_of(self.s.cls), head, pages, CONVENTION, [provenance(self.d, planar)])
+
+    def _derived(self, e: Any) -> Any:
+        """Values of an expression of the derived law at the random states."""
+        return self.state.scalar(self.d.variation.resolve(self.d.variation.name(e)))
+
+    def _law(self) -> Section:
+        """Energy, dissipation function, force and torque as the law states them."""
+        s, law, sides, blocks = self.s, self.d.law, self.d.sides, list[Block]()
+        if s.energy != 0:
+            blocks += self.told("Potential energy, J:", self.line("V", s.energy, self.state.scalar(self.d.energy), DERIVED))
+        if s.dissipation != 0:
+            line = self.line("D", s.dissipation, self._derived(law.dissipation(*sides)), DERIVED)
+            blocks += self.told("Rayleigh dissipation function, half the dissipated power, W:", line)
+        if s.wrench is not None:
+            parts = zip("FT", s.wrench, law.wrench(*sides), strict=True)
+            lines = [self.line(rf"\mathbf{{{letter}}}", part, np.stack([self._derived(c) for c in stated], -1), DERIVED)
+                     for letter, part, stated in parts]
+            on_k = "" if self.external else "; the opposite acts on k at the same point"
+            text = f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"
+            blocks += self.told(text, *lines)
+        return Section("Law", [*blocks, *thrust_blocks(self)])
+
+    def _forces(self) -> Section:
+        """Forces and moments on the bodies, and terms of the law in the equations of joint coordinates."""
+        total, partials = self.all_pairs(), (self.elastic[1], self._drag(), self.stated_partials)
+        lines = [self.line(letter, -total[side][i]) for letter, side, i in self.letters()]
+        lines += [self.line(effort(name), sum((part[symbol] for part in partials), se.Integer(0)))
+                  for name, symbol in self.s.coordinates.items()]
+        text = (
+            "Forces and moments on the bodies at their points, from $-\\delta V$,"
+            " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is"
+            " $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+        )
+        if self.s.coordinates:
+            text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
+        blocks = self.told(text, *lines)
+        if not self.external:
+            sums, _ = self.balance({side: (-pair[0], -pair[1]) for side, pair in total.items()}, must=True)
+            blocks += [Paragraph("Balance:"), *sums]
+        return Section("Forces on the bodies", blocks)
+
+    def _drag(self) -> dict[Any, Any]:
+        """Derivatives of the dissipation function by the rates of the coordinates."""
+        return {symbol: self.s.drag[1][self.s.clock[symbol]] for symbol in self.s.coordinates.values()}
+
+    def _states(self) -> list[Section]:
+        return [Section("Internal states", state_blocks(self))] if self.d.states else []
+
+    def _gaps(self) -> list[Section]:
+        """Section on the gaps of a law that acts where they are negative; empty without gaps."""
+        if not self.gaps:
+            return []
+        lines, several = list[str](), len(self.gaps) > 1
+        for i, (pair, stated) in enumerate(zip(self.gaps, self.d.law.gaps(*self.d.sides), strict=True)):
+            below = f"_{{{i + 1}}}" if several else ""
+            for mark, e, wanted in zip((f"g{below}", rf"\dot g{below}"), pair, stated, strict=True):
+                lines.append(self.line(mark, e, self.state.scalar(self.d.variation.name(wanted)), DERIVED))
+        self.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
+        self.writer.used.add("gap")
+        text = "The law acts where the gap is negative; no step of a solver passes over a change of its sign."
+        return [self.section("Gap", text, *lines)]
+
+    def _power(self) -> Section:
+        """Section on the dissipated power and its sign."""
+        d, s, blocks, title = self.d, self.s, list[Block](), "Power"
+        dissipated: Any = np.asarray(self.state.scalar(d.dissipated_power))
+        if not np.any(dissipated != 0):
+            nothing = "The law dissipates nothing." if s.energy != 0 else "The power of the law counts as work."
+            return Section(title, [Paragraph(nothing)])
+        if self.losses:
+            stated = d.law.losses(*d.sides)
+            letters = {name: f"P_{{\\text{{{name}}}}}" for name in self.losses}
+            for name, e in self.losses.items():
+                blocks += self.lines(self.line(letters[name], e, self._derived(stated[name]), DERIVED))
+            self.want("P_d", dissipated, BALANCE)
+            blocks += self.lines(f"P_d = {' + '.join(letters.values())}")
+            sign = "never negative" if np.min(dissipated) >= -1e-12 else "of either sign: internal states store energy"
+            return Section(title, [Paragraph(f"Dissipated power: {sign} at {POINTS} random states."), *blocks])
+        pairs, partials = s.drag[0], self._drag()
+        if d.law.dissipative:
+            pairs = summed(s.record, [pairs, self.stated_pairs])
+            partials = {symbol: e + self.stated_partials[symbol] for symbol, e in partials.items()}
+        bodies = {side: pairs[side] for side in s.sides}
+        return Section(title, [Paragraph("Power of what dissipates, on the bodies:"), *power_blocks(self, bodies, partials)])
+
+
+class ElementPage(Page):
+    """The page of a body's law."""
+
+    def __init__(self, law: type[Element], structure: Structure) -> None:
+        self.d, self.flat = (derive(law, structure, ((k, Axes.GENERAL),)) for k in (NodeKind.SPATIAL, NodeKind.PLANAR))
+        self.known = letters(law, structure, self.d.law)
+        for i, axis in enumerate("xyz"):
+            self.known |= {
+                f"b_v{i + 1}": Letter(f"v_{axis}", "m/s", f"velocity of the centre, inertial {axis}"),
+                f"b_W{i + 1}": Letter(f"\\Omega_{axis}", "rad/s", f"angular velocity about body {axis}"),
+                f"b_w{i + 1}": Letter(f"\\omega_{axis}", "rad/s", f"angular velocity about inertial {axis}"),
+                f"b_up{i + 1}": Letter(f"\\dot v_{axis}", "m/s^2", f"acceleration of the centre, inertial {axis}"),
+                f"b_up{i + 4}": Letter(f"\\dot\\Omega_{axis}", "rad/s^2", f"angular acceleration about body {axis}"),
+            }
+        self.writer, self.wanted = Writer(NamedQuantities(), {name: letter.latex for name, letter in self.known.items()}), {}
+        rng = np.random.default_rng(2)
+        self.values: dict[str, Any] = {name: rng.uniform(0.5, 1.5, POINTS) for name in self.known}
+
+    def given(self) -> dict[str, Any]:
+        return {self.known[n].latex: v for n, v in self.values.items()}
+
+    def document(self) -> Document:
+        """The whole report."""
+        cls = type(self.d.law)
+        return document(title_of(cls), described(cls), [(self, self.blocks())], "", [provenance(self.d, self.flat)])
+
+    def _run(self, values: dict[str, Any]) -> dict[Any, Any]:
+        """Outputs of the compiled kernel by target; inputs without a letter are set to 0.3."""
+        p = plan(self.d, dynamics)
+        x = np.stack([values.get(str(s), np.full(POINTS, 0.3)) for s in p.all_inputs.symbols], -1)
+        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
+
+    def blocks(self) -> list[Block]:
+        """Sections on the kinetic energy and the equations of motion that follow from it."""
+        rows = dynamics(self.d)
+        if not rows:
+            return [Section("Kinetic energy", [Paragraph("The node has no inertia of its own.")])]
+        speeds = [f"b_{'v' if i < 3 else 'W'}{i % 3 + 1}" for i in range(6)]
+        still = {f"b_up{i + 1}": self.values[name] for i, name in enumerate(speeds)}
+        linear = self._run(self.values | still | {f"b_W{i}": np.zeros(POINTS) for i in (1, 2, 3)})
+        energy = sum(row * self.values[speeds[target[2]]] for target, row in linear.items()) / 2
+        first = self.lines(self.line("T", self.d.energy, energy, "the compiled mass"))
+        kernel, lines = self._run(self.values), []
+        for target, e in rows:
+            latex = f"{'f' if target[2] < 3 else 'm'}_{'xyz'[target[2] % 3]}"
+            lines.append(self.line(latex, se.expand(e), kernel[target], KERNEL))
+        text = (
+            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\mathbf{v}}$ in inertial axes, and "
+            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}} + \\boldsymbol{\\Omega}\\times"
+            "\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}}$ in body axes, on the left-hand side of the rows:"
+        )
+        return [Section("Kinetic energy", first), self.section("Rows of the equations of motion", text, *lines)]
+
 
 #: friction and normal laws with typical values; a report of their class uses only their structure
 _TYPICAL: dict[type[Part], Part] = {

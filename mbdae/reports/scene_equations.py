@@ -15,10 +15,9 @@ import numpy as np
 import symengine as se
 
 from mbdae.reports.letters import of_name, unit_on
-from mbdae.reports.scene_solution import ZERO, Coefficients, solved
 from mbdae.reports.states import POINTS, value
 from mbdae.reports.units import Unit, dimensions, unit, unit_in
-from mbdae.reports.vectors import NamedQuantities
+from mbdae.reports.vectors import ZERO, Coefficients, NamedQuantities, solved
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind

@@ -17,9 +17,9 @@ from mbdae.reports.letters import unit_text
 from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash
 from mbdae.reports.reading import key_of
 from mbdae.reports.scene_equations import Said, SceneEquations
-from mbdae.reports.scene_solution import ZERO, Coefficients, determinant, total
 from mbdae.reports.states import value
 from mbdae.reports.units import Unit, unit
+from mbdae.reports.vectors import ZERO, Coefficients, determinant, total
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
 

@@ -265,7 +265,6 @@ class Clearance(JointModel):
 class Stop:
     """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt where that pushes back, else 0; p:
     excess over the limit, rad or m. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
-
     stiffness: float
     damping: float = 0.0
 
@@ -289,6 +288,7 @@ class Connection(AsStated):
     model: JointModel | None = None
     left_open: bool = False  #: True only where the user named no joint model
     as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: laws of the ideal kinematic joint in place of another model
+    rotor: dict[str, float] = field(default_factory=dict)  #: inertia of a coordinate's own, by coordinate
     others: dict[str, Any] = field(default_factory=dict)  #: bodies of further frames than k and l, by frame
     shapes: tuple[Shape, ...] = ()  #: of a contact, the shapes of k and of l; empty for all others
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn

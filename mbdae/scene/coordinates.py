@@ -137,6 +137,7 @@ READERS: dict[str, tuple[Reader, Reader]] = {
     "friction": (friction_law, friction_law),
     "radius": (reading.quantity("m", "positive"),) * 2,
     "normal_force": (reading.quantity("N", "not negative"),) * 2,
+    "rotor": (reading.quantity("kg m^2", "not negative"), reading.quantity("kg", "not negative")),
 }
 LawArguments = tuple[type[TwoBodyLaw], dict[str, Any]]  #: class of a law, and its arguments by name
 
@@ -157,6 +158,8 @@ class OnCoordinates:
     def unreadable(self) -> bool:
         """Whether something acts on a coordinate that can only be read where it is an unknown of its own."""
         acted = any(self.of(option) for option in ("spring", "damper", "load", "friction", "limits"))
+        if self.of("rotor"):
+            return True
         tied = self.law.ties is not Joint.ties
         return (acted and self.law.coordinate is Joint.coordinate) or bool(self.of("prescribed") and not tied)
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 else:
     JournalContact = Later("mbdae.laws.journal", "JournalContact")
 
-OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
+OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction", "rotor")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
 #: law -> remedy in the message about a missing parameter, where another statement takes the parameter from the drawing
@@ -46,7 +46,7 @@ class JointStatements(ConnectionStatements):
     def joint(self, joint: type[Joint], name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), axis_x: Any = None,
               model: Any = None, prescribed: Any = None, start: Any = None, start_rate: Any = None, spring: Any = None,
               damper: Any = None, load: Any = None, limits: Any = None, stop: Any = None, friction: Any = None,
-              **further: Any) -> Connection:
+              rotor: Any = None, **further: Any) -> Connection:
         """A joint of a class derived from mb.Joint between k and l at a point (m, as drawn), with its parameters by name.
 
         `model`: mb.Kinematic(), mb.Classical(), mb.Recursive() or, for joints with a pin, mb.Clearance(...). The other options
@@ -54,9 +54,11 @@ class JointStatements(ConnectionStatements):
         value (rad or m, number or expression of mb.t); `start`, `start_rate`: at the start; `spring` (N m/rad or N/m), `damper`
         (N m s/rad or N s/m), `load` (N m or N, on l); `limits` (lowest, highest) with `stop=mb.Stop(stiffness, damping)`;
         `friction` (mb.Coulomb, mb.LuGre or one's own) with `radius` (m) for angles, and `normal_force` (N), by default the
-        joint's reaction normal to the axis. `axis_x`: direction of the joint's x axis, by default any normal to `axis`."""
+        joint's reaction normal to the axis; `rotor` (kg m^2 or kg) an inertia that moves with the coordinate alone, of a
+        motor i^2 times that of its rotor (i its gear ratio). `axis_x`: direction of the joint's x axis, by default any normal
+        to `axis`."""
         options = {"prescribed": prescribed, "start": start, "start_rate": start_rate, "spring": spring, "damper": damper,
-                   "load": load, "limits": limits, "stop": stop, "friction": friction}
+                   "load": load, "limits": limits, "stop": stop, "friction": friction, "rotor": rotor}
         point = where(self, f"joint '{name}'", l, at)
         return self._joint("joint", joint, name, k, l, point, axis, axis_x, model, options, further)
 
@@ -254,6 +256,7 @@ class JointStatements(ConnectionStatements):
 
         found = Connection(name, kind, k, l, laws(modelled, extra), True, given.of("start"), given.of("start_rate"),
                            given.of("prescribed"), model or Kinematic(), left_open=model is None)
+        found.rotor = given.of("rotor")
         found.as_kinematic = laws(law, {}) if found.recursive or found.loose else []
         if isinstance(model, Clearance) and modelled is law.loose:
             found.laws.append(JournalContact(name, outer=model.outer, inner=model.inner, normal=model.normal,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, wraps
 from inspect import Signature, signature
 from itertools import count
@@ -33,6 +33,16 @@ F = TypeVar("F", bound=Callable[..., Any])
 Statement = list[Any]  #: [method, positional arguments, keyword arguments], of values that JSON can store
 Own = dict[str, Any]  #: classes and functions by the names that statements give them
 PACKAGE = __name__.partition(".")[0]
+
+@dataclass(frozen=True, eq=False)
+class FrameOnBody:
+    """A frame fixed to a body: point (3,), m, and axes (3, 3) by columns, as drawn."""
+
+    name: str
+    body: Body
+    point: np.ndarray[Any, Any]
+    axes: np.ndarray[Any, Any]
+
 
 STATEMENTS: dict[str, Callable[..., Any]] = {}  #: methods that are statements, by name: all that a stored scene may call
 
@@ -207,6 +217,8 @@ class SceneItems(NamesAttributes):
         self.controllers: list[Controller] = []
         self._known: dict[str, Any] = {"ground": self.ground}  #: items by name, as far as `_by_name` has read the lists
         self._read = [0] * 5  #: how many entries of each list `_by_name` has read
+        self.frames: dict[str, FrameOnBody] = {}  #: named frames on bodies
+        self.told: list[str] = []  #: what a scene that was read from a file says otherwise than the file
         self._wanted: dict[str, set[str]] = {}  #: joint's name -> its quantities that sensors read, see `keep_read_coordinates`
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
 

@@ -39,7 +39,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "over": (list,), "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,), "shape_k": (Shape,), "shape_l": (Shape,),
     "shape": (Shape, list), "color": (str, list), "normal": (Normal, list), "free": (list, str),
-    "curve": (str, FunctionType), **dict.fromkeys(("f", "derivative", "memory"), (AsGiven,)),
+    "curve": (str, FunctionType), "as_given": (bool,), **dict.fromkeys(("f", "derivative", "memory"), (AsGiven,)),
     **dict.fromkeys(("reads", "sets"), (list, str)), "of": (dict,),
     **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)),
 }

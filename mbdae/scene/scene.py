@@ -34,7 +34,7 @@ from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.models import replaced, with_recursive_tree
 from mbdae.scene.reading import FEEDS, Argument, reads
-from mbdae.scene.record import encode, statement, tables_in
+from mbdae.scene.record import FrameOnBody, encode, statement, tables_in
 from mbdae.scene.replay import Known, replay
 from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
@@ -167,6 +167,19 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         center, J = mass_properties.of_rods(outline, total)
         body = Body(name, total, J, center, np.eye(3), np.zeros(3), np.zeros(3), outline=outline, gravity=gravity)
         return self._add_body(looking(body, shape, color))
+
+    @reads(name=reading.name, body=reading.body, at=reading.point, rotation=reading.rotation)
+    @statement
+    def frame(self, name: str, body: Any, at: Any = None, rotation: Any = None) -> Body:
+        """A named frame on a body, which moves nothing: `s.tree()` gives its Jacobian. `at`: its origin, m, as drawn, by default
+        the centre of mass; `rotation` 3x3, its axes as drawn, by default those of the body. The frame of a link of a robot file
+        has the name of the link. Returns the body."""
+        owner = body.body if isinstance(body, Place) else body
+        if name in self.frames:
+            self.problems.append(f"two frames have the name '{name}'; give each its own")
+        point = where(self, f"frame '{name}'", body, at)
+        self.frames[name] = FrameOnBody(name, owner, point, owner.drawn.rotation if rotation is None else rotation)
+        return owner
 
     # -- forces
 

@@ -12,8 +12,8 @@ from mbdae.errors import OptionError
 from mbdae.files import replacing, write_file
 from mbdae.notation import framed, picture
 from mbdae.scene.components import Body, Connection, Place
+from mbdae.show import fitting
 from mbdae.show.drawing import LETTERS, Picture, axes_for, entitled, figure_size, show_gravity
-from mbdae.show.figure import fitting
 from mbdae.show.player import page
 from mbdae.show.plots import PLACE, checked, dress, names_of, numbers, steady, style, track
 from mbdae.show.shapes import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.results.stored_parts import started
-from mbdae.show import symbols
-from mbdae.show.figure import Namer, fitting
+from mbdae.show import Namer, fitting, symbols
 from mbdae.show.geometry import INK, Geometry, Outline
 from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
@@ -204,7 +203,7 @@ def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:
 
 def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = ()) -> Any:
     """Drawing of the scene at its start, as a matplotlib figure: bodies, joints, forces, ground, names and gravity."""
-    from mbdae.show.figure import Figure
+    from mbdae.show import Figure
 
     seen = geometry(started(prepared), hide)
     figure = Figure(figsize=figure_size(seen), layout="constrained" if seen.planar else None)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.show import WIDE, fitting
 from mbdae.show.drawing import LOOKS
-from mbdae.show.figure import WIDE, fitting
 from mbdae.show.geometry import Geometry, Outline
 from mbdae.show.player_view import VIEW
 from mbdae.show.plots import COLOURS

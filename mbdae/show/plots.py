@@ -31,7 +31,7 @@ PICTURES = (".png", ".svg", ".pdf")
 
 def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any, list[Any]]:
     """A figure with `rows` axes one below the other; matplotlib's backend is left as it is."""
-    from mbdae.show.figure import Figure
+    from mbdae.show import Figure
 
     figure = Figure(figsize=(width, 0.6 + height * rows), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]

@@ -18,8 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from mbdae.cli import main
-from mbdae.cli.parser import make_parser
+from mbdae.cli import main, make_parser
 
 CHECKOUT = Path(__file__).parents[2]
 FILE = """

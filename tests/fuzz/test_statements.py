@@ -67,7 +67,7 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
                                                            **SLID, **LIMITED}),
     "joint": ({"joint": mb.Revolute, "name": "x", **HINGE},
               {"axis": (0, 0, 1), "axis_x": (1, 0), "model": None, "prescribed": 0.1, "start": 0.1, "start_rate": 0.1,
-               "spring": 1.0, "damper": 1.0, "load": 1.0, "friction": None, **LIMITED}),
+               "spring": 1.0, "damper": 1.0, "load": 1.0, "friction": None, "rotor": 0.1, **LIMITED}),
     "cylindrical": (ALONG, {}), "screw": ({**ALONG, "lead": 1.0}, {}), "universal": (ALONG | {"axis": (0, 0, 1)},
                                                                                 {"axis_l": (0, 0, 1), "pin": (0, 1)}),
     "generic": ({"name": "x", **HINGE}, {"axis": (0, 0, 1), "axis_x": (1, 0), "free": ("x", "angle_z")}),
@@ -86,6 +86,7 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
               "axis": (0, 0, 1)}),
     "spring": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0), "stiffness": 1.0}, {"damping": 1.0, "length": 1.0}),
     "bushing": ({"name": "x", **HINGE, "stiffness": (1.0, 1.0, 1.0)}, {"damping": (1.0, 1.0, 1.0)}),
+    "frame": ({"name": "x", "body": "rod"}, {"at": (0, 0), "rotation": np.eye(3)}),
     "force": ({"name": "x", "body": "rod", "value": (1.0, 0, 0)}, {"at": (0, 0), "frame": "body"}),
     "torque": ({"name": "x", "body": "rod", "value": (0, 0, 1.0)}, {"frame": "body"}),
     "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {"model": None}),
@@ -363,6 +364,6 @@ def _told(text: str, item: str, argument: str, value: Any, given: Any) -> bool:
     """Whether one sentence names the item (or its kind), the argument and the value."""
     words = {"points": "point 1"}.get(argument, argument)
     names = {item, "'x'", item.partition(" ")[0].lower(), item.partition(".")[0]}
-    several = isinstance(value, list | tuple | np.ndarray) and np.asarray(value, dtype=object).ndim
+    several = isinstance(value, list | tuple | range | np.ndarray) and np.asarray(value, dtype=object).ndim
     seen = [shown(v) for v in (value, given, *(value if several else ()))]
     return any(words in line and any(n in line for n in names) and any(v in line for v in seen) for line in text.splitlines())

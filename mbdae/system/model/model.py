@@ -20,7 +20,7 @@ from mbdae.scene.scene import SceneData, refuse_other_laws
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.law import Element, Structure
+from mbdae.symbolic.law import Element
 from mbdae.system.base import Kept
 from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into
 from mbdae.system.model.nodes import (
@@ -249,8 +249,10 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     if refused:
         raise SceneError(refused)
     for n in by_coordinate.values():
-        key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
-        groups.of(key).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
+        rotor = joints[n.joint].rotor.get(n.coordinate) or None
+        law = JointCoordinate(n.name, rotor=rotor)
+        key = (JointCoordinate, law.structure(frozenset()), ((n.kind, Axes.GENERAL),))
+        groups.of(key).instances.append(Instance(law, (n,), {} if rotor is None else {"rotor": rotor}, {}, n.name))
     return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
 
 

@@ -1,0 +1,340 @@
+"""Robots: files read into scenes, joint-space dynamics.
+
+Files of robots, read with bounds: no entities, no network, nothing outside of the folders that were given.
+
+A robot as its file says it, and the scene that states it: what readers of files fill, whatever the format.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.errors import OptionError, SceneError, warn
+from mbdae.laws.friction import Coulomb
+from mbdae.laws.joint_rows import Free
+from mbdae.laws.joints import Planar, Prismatic, Revolute, Spherical
+from mbdae.scene.components import Recursive, Stop
+from mbdae.scene.shapes import Box, Cylinder, Sphere
+
+EXTRA = "pip install 'mbdae[robots]'"
+#: bytes of a file of XML, of a mesh, and how many elements one may have and how deep
+LARGEST, LARGEST_MESH, MOST_ELEMENTS, DEEPEST = 32_000_000, 256_000_000, 200_000, 200
+ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1")
+
+
+def library(name: str, what: str) -> Any:
+    """A library of the extra `robots`."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise OptionError(f"{what} needs {name.partition('.')[0]}, which is not installed: {EXTRA}") from error
+
+
+def text_of(path: Any, what: str) -> tuple[Path, bytes]:
+    """A file as bytes, which are XML in UTF-8 without declarations of types and entities."""
+    try:
+        found = Path(path)
+    except TypeError as error:
+        raise OptionError(f"{what}: path = {path!r} is no path of a file") from error
+    if not found.is_file():
+        raise OptionError(f"{what}: there is no file {str(found)!r}")
+    size = found.stat().st_size
+    if size > LARGEST:
+        raise OptionError(f"{what}: {found.name} has {size} bytes, more than the {LARGEST} that are read")
+    data = found.read_bytes()
+    return found, clean(data, found.name)
+
+
+def clean(data: bytes, name: str) -> bytes:
+    """The bytes as they are, after checks; OptionError where they may hide something from these."""
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    declared = re.match(rb"\s*<\?xml[^>]*encoding\s*=\s*[\"']([^\"']*)[\"']", data[:400])
+    encoding = declared.group(1).decode("ascii", "replace").lower() if declared else "utf-8"
+    if encoding not in ENCODINGS or b"\0" in data:
+        raise OptionError(f"{name}: its encoding is not UTF-8; save it as UTF-8")
+    if encoding == "utf-8":
+        try:
+            data.decode()
+        except UnicodeDecodeError as error:
+            raise OptionError(f"{name}: byte {error.start} is no UTF-8; save the file as UTF-8") from error
+    if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data, re.IGNORECASE):
+        raise OptionError(f"{name}: it declares types or entities (<!DOCTYPE, <!ENTITY), which are not read; remove them")
+    return data
+
+
+def parsed(data: bytes, name: str, root: str) -> Any:
+    """The root element of XML, without comments; OptionError with the place of the mistake."""
+    etree = library("lxml.etree", f"reading {name}")
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, remove_comments=True,
+                             remove_pis=True, recover=False)
+    try:
+        found = etree.fromstring(data, parser)
+    except etree.XMLSyntaxError as error:
+        raise OptionError(f"{name}: no XML: {error}") from error
+    if found.tag != root:
+        raise OptionError(f"{name}: its outermost element is <{found.tag}>; <{root}> is needed")
+    count = 0
+    stack = [(found, 1)]
+    while stack:
+        element, depth = stack.pop()
+        count += 1
+        if depth > DEEPEST or count > MOST_ELEMENTS:
+            raise OptionError(f"{name}: more than {MOST_ELEMENTS} elements, or more than {DEEPEST} inside each other")
+        stack += [(child, depth + 1) for child in element]
+    return found
+
+
+def bounds_of(path: Path, scale: Any) -> Any:
+    """Middle and edges (2, 3), m, of the box about a mesh; None where it cannot be read."""
+    import numpy as np
+
+    trimesh = library("trimesh", "drawing meshes")
+    if not path.is_file() or path.stat().st_size > LARGEST_MESH:
+        return None
+    try:
+        found = np.asarray(trimesh.load_scene(str(path), allow_remote=False).bounds, dtype=float)
+    except Exception:  # a picture alone: what a mesh reader raises depends on the format
+        return None
+    if found.shape != (2, 3) or not np.all(np.isfinite(found)):
+        return None
+    found = np.sort(found * np.asarray(1.0 if scale is None else scale), axis=0)
+    return np.array([found.mean(axis=0), np.maximum(found[1] - found[0], 1e-9)])
+
+
+Array = NDArray[np.float64]
+LAWS: dict[str, Any] = {"revolute": Revolute, "prismatic": Prismatic, "planar": Planar, "spherical": Spherical, "free": Free}
+#: speed (rad/s or m/s) at which dry friction of a file, which jumps at rest, reaches its value
+SMOOTH = 1e-3
+#: how far (rad or m) a stop yields under the largest effort of its joint, or under 1 N m or N where none is stated
+YIELD = 1e-3
+#: share of its largest principal moment by which a moment may exceed the sum of the others, from rounded files
+ROUNDED = 1e-6
+#: inertia about a body's centre, over mass times the square of 1 m, below which it counts as none
+NONE = 1e-15
+
+
+@dataclass
+class Pose:
+    """A frame in another one: axes R (3, 3) by columns, origin p (3,)."""
+
+    R: Array = field(default_factory=lambda: np.eye(3))
+    p: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.R @ other.R, self.p + self.R @ other.p)
+
+    def point(self, p: Any) -> Array:
+        """A point given in this frame, in the frame that this one is given in."""
+        return np.asarray(self.p + self.R @ np.asarray(p, dtype=float))
+
+
+@dataclass
+class Link:
+    """A body: centre of mass (3,) and inertia (3, 3) about it, in axes of the link; shapes: kind, pose and sizes for pictures."""
+
+    name: str
+    mass: float = 0.0
+    centre: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    shapes: list[tuple[str, Pose, tuple[float, ...]]] = field(default_factory=list)
+    color: Any = None
+    gravity: Any = None  #: (3,) its own, m/s^2; None: that of the scene
+
+
+@dataclass
+class Joint:
+    """How a child is carried: its frame in that of its parent at the file's zero; point and axis in axes of the child. kind: of
+    `LAWS`, or "fixed". parent "": the ground. ref: value of the coordinate in the file at the drawing."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    pose: Pose = field(default_factory=Pose)
+    at: Array = field(default_factory=lambda: np.zeros(3))
+    axis: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    limits: tuple[float | None, float | None] | None = None
+    effort: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    rotor: float = 0.0
+    spring: float = 0.0
+    rest: float = 0.0
+    start: float = 0.0
+    stop: Stop | None = None
+
+
+@dataclass
+class Robot:
+    """Links and joints in the order of the file, parents first; closing: statements that close loops or tie coordinates, made
+    after all joints; told: what the scene says otherwise than the file, or not at all; heard: those of them that change a run."""
+
+    name: str
+    links: dict[str, Link] = field(default_factory=dict)
+    joints: list[Joint] = field(default_factory=list)
+    closing: list[Callable[[Any, dict[str, Pose]], Any]] = field(default_factory=list)
+    roots: dict[str, Pose] = field(default_factory=dict)  #: links that float, with their poses in the drawing
+    frames: dict[str, tuple[str, Pose]] = field(default_factory=dict)  #: further frames: link ("": the ground), pose on it
+    told: list[str] = field(default_factory=list)
+    heard: list[str] = field(default_factory=list)
+
+
+def impossible(J: Array) -> bool:
+    """Whether no body has this inertia: a principal moment exceeds the sum of the others, or is negative."""
+    moments = np.sort(np.linalg.eigvalsh(J))
+    return bool(moments[0] < -ROUNDED * moments[2] or moments[2] > moments[0] + moments[1] + ROUNDED * moments[2])
+
+
+def checked(robot: Robot, keep: bool) -> None:
+    """Refuse numbers that no body has; inertias that violate the triangle inequality are kept where that was asked for."""
+    wrong = []
+    for link in robot.links.values():
+        if np.max(np.abs(link.inertia), initial=0.0) < NONE * max(link.mass, 1.0):
+            link.inertia = np.zeros((3, 3))
+        if not (np.isfinite(link.mass) and np.all(np.isfinite(link.inertia)) and np.all(np.isfinite(link.centre))):
+            wrong.append(f"link '{link.name}': its mass, centre or inertia is not finite")
+        elif link.mass < 0:
+            wrong.append(f"link '{link.name}': its mass {link.mass:g} kg is negative")
+        elif impossible(link.inertia):
+            values = np.linalg.eigvalsh(link.inertia)
+            moments = ", ".join(f"{m:.4g}" for m in values)
+            text = f"link '{link.name}': no body has principal moments of inertia {moments} kg m^2: one exceeds the others' sum"
+            if not keep or values[0] < -ROUNDED * abs(values[2]):
+                wrong.append(f"{text}, or is negative; correct the file" + ("" if keep else ", or pass keep_inertias=True"))
+            else:
+                robot.heard.append(f"{text}; it was kept, as asked")
+    for joint in robot.joints:
+        numbers = [*joint.pose.R.ravel(), *joint.pose.p, *joint.at, *joint.axis, joint.damping, joint.friction, joint.rotor]
+        if not np.all(np.isfinite(numbers)):
+            wrong.append(f"joint '{joint.name}': a number of it is not finite")
+        elif joint.kind in ("revolute", "prismatic", "planar") and not np.linalg.norm(joint.axis) > 0:
+            wrong.append(f"joint '{joint.name}': its axis is zero; correct the file")
+        elif min(joint.damping, joint.friction, joint.rotor, joint.spring) < 0:
+            wrong.append(f"joint '{joint.name}': its damping, friction, armature or stiffness is negative; correct the file")
+    if wrong:
+        raise SceneError(wrong)
+
+
+def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
+    """The scene of a robot. make: the class of scenes."""
+    checked(robot, keep)
+    s = make(robot.name, gravity=tuple(gravity))
+    poses: dict[str, Pose] = {"": Pose()}
+    carried = {j.child: j for j in robot.joints}
+    bodies: dict[str, Any] = {"": s.ground}
+    moved = {j.parent for j in robot.joints if j.kind != "fixed"} | {j.child for j in robot.joints if j.kind != "fixed"}
+    for link in robot.links.values():
+        joint = carried.get(link.name)
+        poses[link.name] = pose = poses[joint.parent] @ joint.pose if joint else robot.roots.get(link.name, Pose())
+        fixed = joint is None or joint.kind == "fixed"
+        on = bodies[joint.parent] if joint else s.ground
+        held = joint is not None and fixed and on is s.ground
+        empty = not link.mass and not np.any(link.inertia)
+        if fixed and (held or empty) and (joint is not None or empty):
+            bodies[link.name] = on  # no body of its own: a frame on what carries it
+        else:
+            bodies[link.name] = s.rigid_body(link.name, link.mass, link.inertia, at=pose.point(link.centre), rotation=pose.R,
+                                             shape=[_shape(pose @ at, kind, size) for kind, at, size in link.shapes] or None,
+                                             color=link.color, as_given=True, gravity=link.gravity)
+        s.frame(link.name, bodies[link.name], at=pose.p, rotation=pose.R)
+        if joint is not None and bodies[link.name] is not on:
+            _joint(s, robot, joint, on, bodies[link.name], pose)
+    for name, (on, at) in robot.frames.items():
+        pose = poses[on] @ at
+        s.frame(name, bodies[on], at=pose.p, rotation=pose.R)
+    for make_closing in robot.closing:
+        make_closing(s, poses)
+    _massless(s, robot, moved)
+    if s.problems:
+        raise SceneError(list(s.problems))
+    s.told.extend(robot.told + robot.heard)
+    for text in robot.heard:
+        warn(text)
+    return s
+
+
+def _massless(s: Any, robot: Robot, moved: set[str]) -> None:
+    """Refuse a moving link at the end of a chain without any mass: nothing says how it accelerates."""
+    heavy = {name for name, link in robot.links.items() if link.mass}
+    rotors = {j.child for j in robot.joints if j.rotor > 0}
+    for joint in reversed(robot.joints):
+        if joint.child in heavy or joint.child in rotors:
+            heavy.add(joint.parent)
+    for joint in robot.joints:
+        if joint.kind != "fixed" and joint.child not in heavy and joint.child not in rotors:
+            s.problems.append(f"joint '{joint.name}': link '{joint.child}' and all that it carries have no mass, so that nothing "
+                              f"says how it moves; give it a mass, or make the joint fixed")
+
+
+def _joint(s: Any, robot: Robot, joint: Joint, k: Any, l: Any, pose: Pose) -> None:
+    at = pose.point(joint.at)
+    if joint.kind == "fixed":
+        s.weld(joint.name, k, l, at=at)
+        return
+    law = LAWS[joint.kind]
+    if joint.kind == "free":  # displacements along the axes of the parent
+        s.joint(law, joint.name, k, l, at=at, axis=(pose.R @ joint.pose.R.T)[:, 2], axis_x=(pose.R @ joint.pose.R.T)[:, 0],
+                model=Recursive())
+        return
+    options: dict[str, Any] = {}
+    if joint.kind in ("revolute", "prismatic"):
+        options = _options(robot, joint)
+    elif joint.kind == "planar" and joint.damping:
+        options["damper"] = dict.fromkeys(("x", "y", "angle"), joint.damping)
+    axis = pose.R @ joint.axis
+    if joint.kind in ("revolute", "prismatic", "planar"):
+        axis = axis / np.linalg.norm(axis)
+    s.joint(law, joint.name, k, l, at=at, axis=(0, 0, 1) if joint.kind == "spherical" else axis, model=Recursive(), **options)
+    if joint.kind == "spherical" and joint.damping:
+        s.bushing(f"damping of {joint.name}", k, l, at=at, stiffness=(0, 0, 0), damping=(0, 0, joint.damping))
+
+
+def _options(robot: Robot, joint: Joint) -> dict[str, Any]:
+    unit, effort = ("rad", "N m") if joint.kind == "revolute" else ("m", "N")
+    options: dict[str, Any] = {}
+    start = joint.start
+    if joint.limits is not None:
+        low, high = joint.limits
+        options["limits"] = joint.limits
+        options["stop"] = joint.stop or Stop(max(joint.effort, 1.0) / YIELD, 0.0)
+        inside = float(np.clip(start, -np.inf if low is None else low, np.inf if high is None else high))
+        if inside != start:
+            robot.told.append(f"joint '{joint.name}': its start {start:g} {unit} is outside of its limits; it starts at "
+                              f"{inside:g}")
+            start = inside
+        if joint.stop is None:
+            robot.told.append(f"joint '{joint.name}': its limits are elastic stops of {options['stop'].stiffness:g} "
+                              f"{effort}/{unit} without damping, which the file does not say; limits=False leaves them out, "
+                              f"or pass stop=")
+    if start:
+        options["start"] = start
+    if joint.damping:
+        options["damper"] = joint.damping
+    if joint.spring:
+        options["spring"] = joint.spring
+        if joint.rest:
+            options["load"] = joint.spring * joint.rest
+    if joint.rotor:
+        options["rotor"] = joint.rotor
+    if joint.friction:
+        options |= {"friction": Coulomb(1.0, SMOOTH), "normal_force": joint.friction} | (
+            {"radius": 1.0} if joint.kind == "revolute" else {})
+        robot.told.append(f"joint '{joint.name}': its dry friction of {joint.friction:g} {effort} is smoothed below {SMOOTH:g} "
+                          f"{unit}/s")
+    return options
+
+
+def _shape(pose: Pose, kind: str, size: tuple[float, ...]) -> Any:
+    if kind == "sphere":
+        return Sphere(tuple(pose.p), radius=size[0])
+    if kind == "cylinder":
+        return Cylinder(tuple(pose.p), axis=tuple(pose.R[:, 2]), radius=size[0], length=size[1])
+    return Box(tuple(pose.p), size=size, rotation=pose.R)

@@ -1,0 +1,346 @@
+"""What `s.tree()` returns: compiled functions of (q, v, a) over batches of states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import ArrayLike, NDArray
+
+from mbdae.disk.entries import key_of
+from mbdae.errors import OptionError, SceneError, unknown_name
+from mbdae.kernels import Kernel
+from mbdae.laws.joint_rows import Free
+from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
+from mbdae.robots.tree import UNIT, Coordinate, Folded, JointSpaceProgram
+from mbdae.scene.models import spanning_tree
+from mbdae.symbolic.joint import Coupling
+from mbdae.symbolic.program import Program
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.model.model import Model, build
+from mbdae.system.model.trees import find_trees
+from mbdae.threads import single_threaded
+
+Array = NDArray[np.float64]
+BLOCK = 1500  #: steps of a program that are compiled together
+SLICE = 32  #: states that pass through all blocks of a program together
+LEVEL = 2  #: LLVM's level of optimisation
+FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+class Tree:
+    """Joint-space dynamics of a scene: M(q) a + bias(q, v) = tau. Arrays are one state (n,) or batches (..., n).
+
+    names: joints in the order of q, base outwards, in the order of the scene; a body that no joint carries stands there
+    by its name. coordinates: names of the entries of v, "J.angle"; q differs where a joint turns freely: it then has a quaternion
+    (w, x, y, z) and v the angular velocity (3,) in axes of the moving body. A floating body has x, y, z of its point in inertial
+    axes, then this quaternion; v its velocity and angular velocity likewise. zero (nq,): q of the drawing or the file's zero.
+    follows: coordinates that a coupling (a mimic joint) makes multiples of others, folded in and left out; closing: joints that
+    close loops, which are no part of the tree.
+
+    tau: forces (N) and torques (N m) along v. Of the scene's forces gravity alone counts; springs, dampers, friction, limits and
+    loads act in runs. Where `at` is asked: in the axes of the link from its origin in the file, or from the centre as drawn."""
+
+    @single_threaded
+    def __init__(self, scene: Any) -> None:
+        origins = {name: f.point for name, f in scene.frames.items() if f.body.name == name}
+        moving = moving_scene(scene, origins)
+        model = build(moving)
+        trees = find_trees(model)
+        order = ordered(moving, trees)
+        folded, couplings = folded_of(moving, set(order))
+        self._coordinates = coordinates_of(model, order, folded)
+        if not self._coordinates:
+            raise SceneError([f"scene '{scene.name}': no joint moves, so that there is no joint space; state joints with "
+                              f"coordinates"])
+        self._program = JointSpaceProgram(model, self._coordinates, folded)
+        self.scene = scene
+        moved = list(dict.fromkeys(c.joint for c in self._coordinates))
+        self.names = tuple(name.removesuffix(FLOATS.format("")) for name in moved)
+        self.coordinates = tuple(entry for c in self._coordinates for entry in (
+            [f"{c.joint}.{c.name}"] if c.nv == 1 else [f"{c.joint}.{c.name}[{i}]" for i in range(c.nv)]))
+        self.nq, self.nv = sum(c.nq for c in self._coordinates), sum(c.nv for c in self._coordinates)
+        self.zero = neutral(self._coordinates)
+        self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
+        inside = {name for tree in trees for name in tree.names} | couplings
+        ties = [c for c in moving.connections if c.is_joint or isinstance(c.laws[0], Coupling)]
+        self.closing = tuple(c.name for c in ties if c.name not in inside)
+        self._frames, self._bodies = scene.frames, {b.name: b for b in scene.bodies}
+        self._made: dict[Any, tuple[Any, Any, int, tuple[int, ...]]] = {}
+        self._firsts = [c.q for c in self._coordinates if c.nq == 4]
+        self._quaternions = np.array([range(c.q, c.q + 4) for c in self._coordinates if c.nq == 4], dtype=np.intp)
+
+    def __repr__(self) -> str:
+        return f"<Tree of scene '{self.scene.name}': {self.nv} degrees of freedom, joints {', '.join(self.names)}>"
+
+    # -- dynamics
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """M(q) (..., nv, nv), kg m^2, kg m or kg by the coordinates."""
+        return self._at("mass_matrix", lambda p: [e for row in p.mass() for e in row], "q", (self.nv, self.nv), q)
+
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """tau (..., nv) that gives accelerations a at q and v."""
+        return self._at("inverse_dynamics", lambda p: p.inverse(), "qva", (self.nv,), q, v, a)
+
+    def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """`inverse_dynamics` without accelerations: Coriolis, centrifugal and gravity terms, (..., nv)."""
+        return self._at("bias", lambda p: p.at_rest(p.inverse(), p.a), "qv", (self.nv,), q, v)
+
+    def gravity(self, q: ArrayLike) -> Array:
+        """tau (..., nv) that holds the bodies at rest against gravity."""
+        return self._at("gravity", lambda p: p.at_rest(p.inverse(), [*p.a, *p.v]), "q", (self.nv,), q)
+
+    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
+        """Accelerations a (..., nv) for forces tau at q and v."""
+        return self._at("forward_dynamics", lambda p: p.forward(), "qvt", (self.nv,), q, v, tau)
+
+    # -- frames
+
+    def jacobian(self, link: str, q: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
+        """J(q) (..., 6, nv) of a point of a link: J v is its velocity (m/s), then the angular velocity (rad/s), inertial axes. at
+        (3,) m, in the axes of the link from its origin in the file, or of the body from its centre."""
+        return self._at(("jacobian", self._link(link)), lambda p: [e for row in p.jacobian(*self._frame(link)) for e in row],
+                        "qp", (6, self.nv), q, at)
+
+    def jacobian_rate(self, link: str, q: ArrayLike, v: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
+        """dJ/dt (..., 6, nv) along v: the acceleration of the point is J a + dJ/dt v."""
+        def rate(p: JointSpaceProgram) -> list[Expr]:
+            entries = [e for row in p.jacobian(*self._frame(link)) for e in row]
+            return p.made.program.along(entries, p.changes(self._coordinates))
+
+        return self._at(("jacobian_rate", self._link(link)), rate, "qvp", (6, self.nv), q, v, at)
+
+    def pose(self, link: str, q: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
+        """(..., 3, 4): axes of the link as columns, then the position (m) of its point `at`, inertial."""
+        def placed(p: JointSpaceProgram) -> list[Expr]:
+            _, axes, point = p.motion(*self._frame(link))
+            return [e for row, x in zip(axes, point, strict=True) for e in (*row, x)]
+
+        return self._at(("pose", self._link(link)), placed, "qp", (3, 4), q, at)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links: bodies of the scene, and links of the file without mass."""
+        return tuple(dict.fromkeys([*self._bodies, *self._frames]))
+
+    def _link(self, link: Any) -> str:
+        name = getattr(link, "name", link)
+        if not isinstance(name, str) or (name not in self._frames and name not in self._bodies):
+            raise OptionError(f"link = {unknown_name(str(name), self.links)}")
+        return name
+
+    def _frame(self, link: Any) -> tuple[str, Array, Array]:
+        """Body that carries a link, place of its origin from the centre of the body and its axes, in axes of the body."""
+        name = self._link(link)
+        if name in self._frames:
+            f = self._frames[name]
+            R = f.body.drawn.rotation
+            return f.body.name, R.T @ (f.point - f.body.drawn.position), R.T @ f.axes
+        return name, np.zeros(3), np.eye(3)
+
+    # -- evaluation
+
+    def _at(self, key: Any, outputs: Any, heads: str, shape: tuple[int, ...], *given: ArrayLike) -> Array:
+        found = self._made.get(key)
+        if found is None:
+            found = self._made[key] = self._compiled(outputs, heads, shape)
+        one, many, width, sizes = found
+        try:
+            x = np.concatenate(given, dtype=float)
+            if x.ndim > 1 or tuple(map(len, given)) != sizes:  # type: ignore[arg-type]
+                raise ValueError
+        except (ValueError, TypeError):
+            x = self._batch(heads, sizes, given)
+        if self._firsts:
+            self._refuse_lengths(x)
+        if x.ndim == 1:
+            out = np.empty(width)
+            one(x, out)
+            return out.reshape(shape)
+        out = np.empty((*x.shape[:-1], width))
+        if out.size:
+            many(x, out=out)
+        return out.reshape(*x.shape[:-1], *shape)
+
+    def _batch(self, heads: str, sizes: Sequence[int], given: Sequence[ArrayLike]) -> Array:
+        """One row (..., inputs) for every state; what is given once counts for all."""
+        words = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}
+        parts: list[Array] = []
+        for head, n, value in zip(heads, sizes, given, strict=True):
+            try:
+                part = np.asarray(value, dtype=float)
+            except (ValueError, TypeError) as error:
+                raise OptionError(f"{words[head]} is no array of numbers; give ({n},), or (..., {n}) for several "
+                                  f"states") from error
+            if part.ndim == 0 or part.shape[-1] != n:
+                raise OptionError(f"{words[head]} has the shape {part.shape}; give ({n},), or (..., {n}) for several states, in "
+                                  f"the order of {'names' if head == 'q' else 'coordinates' if head != 'p' else 'the axes'}")
+            parts.append(part)
+        try:
+            many = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+        except ValueError as error:
+            shapes = ", ".join(f"{words[h]} {p.shape}" for h, p in zip(heads, parts, strict=True))
+            raise OptionError(f"numbers of states differ: {shapes}; give as many of each, or one") from error
+        return np.ascontiguousarray(np.concatenate([np.broadcast_to(p, (*many, p.shape[-1])) for p in parts], axis=-1))
+
+    def _refuse_lengths(self, x: Array) -> None:
+        if x.ndim == 1:  # without NumPy, which takes microseconds
+            for first in self._firsts:
+                w, i, j, k = x[first : first + 4].tolist()
+                if not abs(w * w + i * i + j * j + k * k - 1) <= 2 * UNIT:
+                    break
+            else:
+                return
+        off = np.abs(np.sqrt((x[..., self._quaternions] ** 2).sum(axis=-1)) - 1)
+        if np.any(off > UNIT):
+            raise OptionError(f"q holds a quaternion whose length differs from 1 by {np.max(off):.3g}; divide it by its length "
+                              f"(entries {self._quaternions[0].tolist()} of q, in the order w, x, y, z)")
+
+    @single_threaded
+    def _compiled(self, outputs: Any, heads: str, shape: tuple[int, ...]) -> tuple[Any, Any, int, tuple[int, ...]]:
+        p = self._program
+        known = {"q": p.q, "v": p.v, "a": p.a, "t": p.tau, "p": p.at}
+        symbols, program = [s for head in heads for s in known[head]], p.made.program
+        kernels = blocks(program, symbols, [se.sympify(e) for e in outputs(p)])
+        sizes = tuple(len(known[head]) for head in heads)
+        if len(kernels) == 1:
+            return kernels[0].compiled.unsafe_real, kernels[0].compiled, kernels[0].width, sizes
+        chain = Chain(kernels)
+        return chain.one, chain.many, kernels[-1].width, sizes
+
+
+class Chain:
+    """Compiled functions one after the other: each reads what the one before it wrote."""
+
+    def __init__(self, kernels: list[Kernel]) -> None:
+        self._compiled, self._widths = [k.compiled for k in kernels], [k.width for k in kernels]
+
+    def one(self, x: Array, out: Array) -> None:
+        """Of one state."""
+        for compiled, width in zip(self._compiled[:-1], self._widths, strict=False):
+            found = np.empty(width)
+            compiled.unsafe_real(x, found)
+            x = found
+        self._compiled[-1].unsafe_real(x, out)
+
+    def many(self, x: Array, out: Array) -> None:
+        """Of many states, SLICE at a time, so that what is handed on stays in the cache."""
+        x, rows = x.reshape(-1, x.shape[-1]), out.reshape(-1, out.shape[-1])
+        for first in range(0, len(x), SLICE):
+            part = x[first : first + SLICE]
+            for compiled, width in zip(self._compiled[:-1], self._widths, strict=False):
+                found = np.empty((len(part), width))
+                compiled(part, out=found)
+                part = found
+            self._compiled[-1](part, out=rows[first : first + SLICE])
+
+
+def blocks(program: Program, inputs: list[Expr], outputs: list[Expr]) -> list[Kernel]:
+    """Kernels that evaluate outputs of a program one after the other, each at most BLOCK steps: the search for common
+    subexpressions of long programs may take forever. Each hands on what later ones read."""
+    needed = program.needed(outputs)
+    found: list[Kernel] = []
+    for first in range(0, max(len(needed), 1), BLOCK):
+        here, later = needed[first : first + BLOCK], needed[first + BLOCK :]
+        used = set().union(*(program.steps[name].free_symbols for name in later), *(e.free_symbols for e in outputs))
+        handed = [s for s in (*inputs, *here) if s in used] if later else outputs
+        part = Program()
+        part.steps = {name: program.steps[name] for name in here}
+        said = [f"{name} = {e}" for name, e in part.steps.items()]  # closed, they would be written out in full
+        key = key_of("joint space", str(inputs), *said, str(handed))
+        found.append(Kernel(inputs, partial(part.closed, handed), LEVEL, len(handed), key))
+        inputs = list(handed)
+    return found
+
+
+def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
+    """A copy of a scene whose joints are recursive where they form trees; bodies that no joint carries move by a free joint.
+    origins: points of bodies, as drawn, at which such a joint is; by default the centre."""
+    if scene.problems:
+        raise SceneError(list(scene.problems))
+    made = scene._copied()
+    for root in spanning_tree(made).roots:
+        if root is not made.ground:
+            at = origins.get(root.name, root.drawn.position)
+            made.joint(Free, FLOATS.format(root.name), made.ground, root, at=at, axis=(0, 0, 1), axis_x=(1, 0, 0))
+    if made.problems:
+        raise SceneError(list(made.problems))
+    return made.recursive()
+
+
+def coordinates_of(model: Model, order: list[str], folded: dict[tuple[str, str], Folded]) -> list[Coordinate]:
+    """The coordinates of joints named in their order; folded ones are left out."""
+    found: list[Coordinate] = []
+    q = v = 0
+    for name in order:
+        joint = model.scene[name]
+        for c in joint.coordinates:
+            if (name, c) in folded:
+                continue
+            nq, nv = (4, 3) if joint.unit(c) == "rotation" else (1, 1)
+            found.append(Coordinate(name, c, q, v, nq, nv))
+            q, v = q + nq, v + nv
+    return found
+
+
+def ordered(scene: Any, trees: list[Any]) -> list[str]:
+    """Names of the joints of trees, base outwards, in the order of the scene."""
+    carried: dict[str, str] = {}  #: joint -> the joint that carries its parent
+    for tree in trees:
+        for name, link in zip(tree.names, tree.structure.links, strict=True):
+            carried[name] = tree.names[link.parent - 1] if link.parent else ""
+    done: dict[str, None] = {}
+
+    def take(name: str) -> None:
+        if name and name not in done:
+            take(carried[name])
+            done[name] = None
+
+    floats = [name for name in carried if name.endswith(FLOATS.format(""))]
+    for name in (*floats, *(c.name for c in scene.joints if c.name in carried)):
+        take(name)
+    return list(done)
+
+
+def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folded], set[str]]:
+    """Coordinates that couplings of two coordinates make multiples of others, and the names of these couplings. inside: names of
+    the joints of trees."""
+    found: dict[tuple[str, str], Folded] = {}
+    names: set[str] = set()
+    for c in scene.connections:
+        law = c.laws[0]
+        if not isinstance(law, Gear | Rack | WeightedSum):
+            continue
+        pair, value = couples(law)
+        if len(pair) != 2 or not isinstance(value, int | float) or any(key[0] not in inside for key, _ in pair):
+            continue
+        (one, f), (other, g) = pair
+        if one in found or f == 0 or one in {x.of for x in found.values()}:
+            continue
+        if other in found:
+            via = found[other]
+            other, g, value = via.of, g * via.factor, value - g * via.offset
+        if other != one:
+            found[one] = Folded(other, -g / f, value / f)
+            names.add(c.name)
+    return found, names
+
+
+def couples(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
+    """Coordinates with their factors and the value of the sum; the first is the one that follows."""
+    if isinstance(law, Gear):
+        return [(law.of["driven"], 1.0), (law.of["driving"], -float(law.ratio))], 0.0
+    if isinstance(law, Rack):
+        return [(law.of["displacement"], 1.0), (law.of["angle"], -float(law.radius))], 0.0
+    terms = [(law.of[f"c{n + 1}"], float(getattr(law, f"factor{n + 1}"))) for n in range(len(law.of))]
+    return terms, law.value
+
+
+def neutral(coordinates: list[Coordinate]) -> Array:
+    """q of the drawing."""
+    return np.concatenate([np.eye(4)[0] if c.nq == 4 else np.zeros(1) for c in coordinates] or [np.zeros(0)])

@@ -1,0 +1,305 @@
+"""MJCF into a scene: MuJoCo's own compiler resolves the file, this module says what its model means."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError, SceneError
+from mbdae.robots import Joint, Link, Pose, Robot, build, clean, library, parsed, text_of
+
+MOST_INCLUDED = 100  #: files that a model may include
+CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
+FREE, BALL, SLIDE, HINGE = range(4)
+SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 2, 3, 4, 5, 6, 7
+
+
+def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any) -> Any:
+    """The scene of an MJCF file; arguments as of `mb.read_mjcf`, make: the class of scenes."""
+    mujoco = library("mujoco", "reading MJCF")
+    found, data = text_of(path, "read_mjcf")
+    _included(parsed(data, found.name, "mujoco"), found.resolve(), [found.resolve().parent.parent, set()])
+    model = _compiled(mujoco, found)
+    robot = Robot(_name(model, "names", 0) or found.stem)
+    reader = _Reader(mujoco, model, robot, limits, stop)
+    reader.refuse()
+    reader.bodies()
+    reader.equalities()
+    reader.tell()
+    return build(make, robot, tuple(map(float, model.opt.gravity)), keep)
+
+
+def _included(root: Any, path: Path, bounds: list[Any]) -> None:
+    """Check what a file and those that it includes name: no plugins, nothing from elsewhere than the folders around the file."""
+    for element in root.iter():
+        if not isinstance(element.tag, str):
+            continue
+        if element.tag in ("plugin", "extension"):
+            raise OptionError(f"{path.name}, line {element.sourceline}: plugins are code, which is not run; remove "
+                              f"<{element.tag}>")
+        wrong = [value for value in element.attrib.values() if "://" in value]
+        if wrong:
+            raise OptionError(f"{path.name}, line {element.sourceline}: {wrong[0]!r} is no file of this machine; nothing is "
+                              f"fetched")
+    for element in root.iter("include"):
+        file = (path.parent / element.get("file", "")).resolve()
+        if not file.is_relative_to(bounds[0]) or not file.is_file():
+            file = (bounds[0] / path.parent.name / element.get("file", "")).resolve()
+        if not file.is_relative_to(bounds[0]) or not file.is_file():
+            raise OptionError(f"{path.name}, line {element.sourceline}: includes {element.get('file')!r}, which is no file in "
+                              f"the folder of the model or beside it")
+        if file in bounds[1]:
+            continue
+        bounds[1].add(file)
+        if len(bounds[1]) > MOST_INCLUDED:
+            raise OptionError(f"{path.name}: more than {MOST_INCLUDED} files are included")
+        data = clean(file.read_bytes(), file.name)
+        _included(parsed(data, file.name, _outermost(data)), file, bounds)
+
+
+def _outermost(data: bytes) -> str:
+    """Name of the first element: an included file may begin with any of them."""
+    import re
+
+    found = re.search(rb"<\s*([A-Za-z_][\w.-]*)", re.sub(rb"<!--.*?-->|<\?.*?\?>", b"", data, flags=re.DOTALL))
+    return found.group(1).decode() if found else "mujoco"
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """MuJoCo writes warnings to the standard streams and a file in the working folder: both are kept away."""
+    import sys
+    import tempfile
+
+    sys.stdout.flush()
+    sys.stderr.flush()
+    before, kept = Path.cwd(), [os.dup(1), os.dup(2)]
+    with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nothing:
+        try:
+            os.chdir(folder)
+            os.dup2(nothing.fileno(), 1)
+            os.dup2(nothing.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept[0], 1)
+            os.dup2(kept[1], 2)
+            for descriptor in kept:
+                os.close(descriptor)
+            os.chdir(before)
+
+
+def _compiled(mujoco: Any, path: Path) -> Any:
+    file = str(path.resolve())
+    try:
+        with quiet():
+            return mujoco.MjModel.from_xml_path(file)
+    except (ValueError, RuntimeError, mujoco.FatalError, MemoryError, UnicodeError) as error:
+        said = " ".join(str(error).split())
+        raise OptionError(f"{path.name}: MuJoCo does not compile it: {said}") from error
+
+
+def _name(model: Any, array: str, i: int) -> str:
+    at = int(getattr(model, array)[i]) if array != "names" else 0
+    return str(model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace"))
+
+
+class _Reader:
+    """A compiled model into a `Robot`."""
+
+    def __init__(self, mujoco: Any, model: Any, robot: Robot, limits: bool, stop: Any) -> None:
+        self.mujoco, self.m, self.robot, self.limits, self.stop = mujoco, model, robot, limits, stop
+        self.data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self.data)
+        self.names = ["", *(_name(model, "name_bodyadr", i) or f"body {i}" for i in range(1, model.nbody))]
+        self.joint_names = [_name(model, "name_jntadr", i) or self._unnamed(i) for i in range(model.njnt)]
+        for names, what in ((self.names, "bodies"), (self.joint_names, "joints")):
+            if len(set(names)) < len(names):
+                raise SceneError([f"{what} without names would have names that others have; name all"])
+        taken = set(self.names)
+        self.joint_names = [f"{name} joint" if name in taken else name for name in self.joint_names]
+
+    def _unnamed(self, i: int) -> str:
+        return f"joint {i} of {self.names[int(self.m.jnt_bodyid[i])]}"
+
+    # -- what cannot be said
+
+    def refuse(self) -> None:
+        m, wrong = self.m, []
+        for i in range(m.ntendon):
+            acts = [getattr(m, f"tendon_{what}")[i] for what in ("stiffness", "damping", "limited", "frictionloss", "armature")]
+            name = _name(m, "name_tendonadr", i) or f"{i}"
+            if any(map(np.any, acts)):
+                wrong.append(f"tendon '{name}': tendons are not modelled; state s.spring or s.rope, and remove it from the file")
+            else:
+                self.robot.told.append(f"tendon '{name}' is not read; alone it exerts no force")
+        wrong += [f"{what}: not modelled; remove them from the file" for what, n in (("flexible bodies (flex)", m.nflex),
+                  ("plugins", m.nplugin)) if n]
+        for i in range(m.njnt):
+            kind, dof, name = int(m.jnt_type[i]), int(m.jnt_dofadr[i]), self.joint_names[i]
+            count = {FREE: 6, BALL: 3}.get(kind, 1)
+            if kind in (FREE, BALL):
+                for what, values in (("armature", m.dof_armature), ("frictionloss", m.dof_frictionloss)):
+                    if np.any(values[dof : dof + count]):
+                        wrong.append(f"joint '{name}': {what} of a {'free' if kind == FREE else 'ball'} joint is not modelled; "
+                                     f"set it to 0")
+                if m.jnt_stiffness[i] or np.any(m.dof_damping[dof : dof + count]):
+                    self.robot.heard.append(f"joint '{name}': stiffness and damping of a free or ball joint are left out")
+                if kind == BALL and m.jnt_limited[i]:
+                    self.robot.heard.append(f"joint '{name}': the limit of a ball joint is left out")
+            for what in ("dof_dampingpoly", "jnt_stiffnesspoly"):
+                values = getattr(m, what, None)
+                at = dof if what.startswith("dof") else i
+                if values is not None and np.any(values[at]):
+                    word = what[4:].removesuffix("poly")
+                    wrong.append(f"joint '{name}': a polynomial of its {word} is not modelled; make it linear")
+        if wrong:
+            raise SceneError(wrong)
+
+    def tell(self) -> None:
+        m, told, heard = self.m, self.robot.told, self.robot.heard
+        if m.nu:
+            names = ", ".join(f"'{_name(m, 'name_actuatoradr', i) or i}'" for i in range(min(m.nu, 8)))
+            told.append(f"actuators ({m.nu}: {names}{', ...' if m.nu > 8 else ''}) are not read: state loads on the joints")
+        if np.any(m.geom_contype) and np.any(m.geom_conaffinity):
+            told.append("contacts between geoms are not read: state them by s.contact")
+        if m.opt.density or m.opt.viscosity or np.any(m.opt.wind):
+            heard.append("the medium (density, viscosity, wind) around the bodies is left out")
+        if m.nmocap:
+            told.append("mocap bodies stay where they are")
+
+    # -- bodies and joints
+
+    def _pose(self, p: Any, quat: Any) -> Pose:
+        R = np.zeros(9)
+        self.mujoco.mju_quat2Mat(R, np.asarray(quat, dtype=float))
+        return Pose(R.reshape(3, 3), np.array(p, dtype=float))
+
+    def bodies(self) -> None:
+        m, robot = self.m, self.robot
+        for b in range(1, m.nbody):
+            made, inner = Link(self.names[b]), self._pose(m.body_ipos[b], m.body_iquat[b])
+            made.mass, made.centre = float(m.body_mass[b]), inner.p
+            made.inertia = inner.R @ np.diag(m.body_inertia[b]) @ inner.R.T
+            made.inertia = (made.inertia + made.inertia.T) / 2
+            self._shapes(b, made)
+            self._carried(b, made)
+            if m.body_gravcomp[b]:
+                made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity)
+        taken = {*self.names, *self.joint_names}
+        for i in range(m.nsite):
+            name = _name(m, "name_siteadr", i)
+            if name:
+                robot.frames[f"{name} site" if name in taken else name] = (self.names[int(m.site_bodyid[i])],
+                                                                           self._pose(m.site_pos[i], m.site_quat[i]))
+
+    def _carried(self, b: int, link: Link) -> None:
+        m, robot = self.m, self.robot
+        parent, pose = self.names[int(m.body_parentid[b])], self._pose(m.body_pos[b], m.body_quat[b])
+        joints = range(int(m.body_jntadr[b]), int(m.body_jntadr[b]) + int(m.body_jntnum[b]))
+        if len(joints) == 1 and int(m.jnt_type[joints[0]]) == FREE and not parent:
+            robot.links[link.name], robot.roots[link.name] = link, pose
+            return
+        if not len(joints):
+            robot.joints.append(Joint(f"{link.name} fixed", "fixed", parent, link.name, pose))
+        for n, i in enumerate(joints):
+            last = i == joints[-1]
+            child = link.name if last else f"{link.name} after {self.joint_names[i]}"
+            if not last:
+                robot.links[child] = Link(child)
+            robot.joints.append(self._joint(i, parent, child, pose if n == 0 else Pose()))
+            parent = child
+        robot.links[link.name] = link
+
+    def _joint(self, i: int, parent: str, child: str, pose: Pose) -> Joint:
+        m = self.m
+        kind, dof, q = int(m.jnt_type[i]), int(m.jnt_dofadr[i]), int(m.jnt_qposadr[i])
+        word = {FREE: "free", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}[kind]
+        made = Joint(self.joint_names[i], word, parent, child, pose, np.array(m.jnt_pos[i]), np.array(m.jnt_axis[i]))
+        if kind in (FREE, BALL):
+            return made
+        made.damping, made.friction = float(m.dof_damping[dof]), float(m.dof_frictionloss[dof])
+        made.rotor, made.spring = float(m.dof_armature[dof]), float(m.jnt_stiffness[i])
+        ref = float(m.qpos0[q])
+        made.rest = float(m.qpos_spring[q]) - ref
+        if ref:
+            self.robot.told.append(f"joint '{made.name}': its coordinate is 0 as drawn, where the file counts from {ref:g}")
+        if m.jnt_limited[i] and self.limits:
+            low, high = (float(x) - ref for x in m.jnt_range[i])
+            made.limits, made.stop = (low, high), self.stop
+        return made
+
+    def _shapes(self, b: int, link: Link) -> None:
+        m = self.m
+        for g in range(int(m.body_geomadr[b]), int(m.body_geomadr[b]) + int(m.body_geomnum[b])):
+            kind, size, pose = int(m.geom_type[g]), m.geom_size[g], self._pose(m.geom_pos[g], m.geom_quat[g])
+            if kind == SPHERE:
+                link.shapes.append(("sphere", pose, (float(size[0]),)))
+            elif kind in (CAPSULE, CYLINDER):
+                link.shapes.append(("cylinder", pose, (float(size[0]), 2 * float(size[1]))))
+            elif kind in (ELLIPSOID, BOX):
+                link.shapes.append(("box", pose, tuple(2 * float(x) for x in size)))
+            elif kind == MESH:
+                middle, half = m.geom_aabb[g][:3], m.geom_aabb[g][3:]
+                link.shapes.append(("box", pose @ Pose(p=np.array(middle)), tuple(max(2 * float(x), 1e-9) for x in half)))
+
+    # -- equalities
+
+    def equalities(self) -> None:
+        m, wrong = self.m, []
+        types = self.mujoco.mjtEq
+        for e in range(m.neq):
+            name, kind = _name(m, "name_eqadr", e) or f"equality {e}", int(m.eq_type[e])
+            if not m.eq_active0[e]:
+                self.robot.told.append(f"'{name}' is not active in the file, and not read")
+            elif kind in (types.mjEQ_CONNECT, types.mjEQ_WELD):
+                wrong += self._closed(e, name, kind == types.mjEQ_WELD)
+            elif kind == types.mjEQ_JOINT:
+                wrong += self._tied(e, name)
+            else:
+                wrong.append(f"equality '{name}': of tendons or flexes it is not modelled; remove it from the file")
+        if wrong:
+            raise SceneError(wrong)
+
+    def _ends(self, e: int) -> tuple[list[int], list[Pose]]:
+        """Numbers of both bodies and the poses, as drawn, of the frames that the equality names."""
+        m, d = self.m, self.data
+        ids = [int(m.eq_obj1id[e]), int(m.eq_obj2id[e])]
+        if int(m.eq_objtype[e]) == int(self.mujoco.mjtObj.mjOBJ_SITE):
+            return [int(m.site_bodyid[i]) for i in ids], [Pose(d.site_xmat[i].reshape(3, 3), d.site_xpos[i].copy()) for i in ids]
+        return ids, [Pose(d.xmat[i].reshape(3, 3).copy(), d.xpos[i].copy()) for i in ids]
+
+    def _closed(self, e: int, name: str, weld: bool) -> list[str]:
+        """A weld or a ball joint between two bodies; it has to hold as drawn."""
+        m, slack = self.m, CLOSED * max(float(self.m.stat.extent), 1.0)
+        bodies, (one, other) = self._ends(e)
+        sites, data = int(m.eq_objtype[e]) == int(self.mujoco.mjtObj.mjOBJ_SITE), m.eq_data[e]
+        k, l = (self.names[b] or "ground" for b in bodies)
+        at = one.p if sites else one.point(data[3:6]) if weld else one.point(data[:3])
+        off = np.linalg.norm(at - (other.p if sites else other.point(data[:3] if weld else data[3:6])))
+        turned = 0.0
+        if weld:
+            wanted = one.R if sites else one.R @ self._pose(np.zeros(3), data[6:10]).R
+            turned = float(np.max(np.abs(wanted - other.R)))
+        if off > slack or turned > slack:
+            return [f"equality '{name}': it does not hold as drawn, {off:.3g} m and {turned:.3g} apart; draw the bodies closed"]
+        self.robot.closing.append(lambda s, _: s.weld(name, k, l, at=at) if weld else s.spherical(name, k, l, at=at))
+        return []
+
+    def _tied(self, e: int, name: str) -> list[str]:
+        m, (a0, a1, *more) = self.m, [float(x) for x in self.m.eq_data[e][:5]]
+        one, other = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+        if any(more):
+            return [f"equality '{name}': a polynomial of degree 2 or more between joints is not modelled; make it linear"]
+        if any(int(m.jnt_type[i]) not in (SLIDE, HINGE) for i in (one, other) if i >= 0):
+            return [f"equality '{name}': it ties joints of more than one coordinate, which is not modelled"]
+        kinds = {HINGE: "angle", SLIDE: "displacement"}
+        words = [f"{self.joint_names[i]}.{kinds[int(m.jnt_type[i])]}" for i in (one, other) if i >= 0]
+        of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
+        next(j for j in self.robot.joints if j.name == self.joint_names[one]).start = a0
+        self.robot.closing.append(lambda s, _: s.couple(name, of, a0))
+        return []

@@ -1,0 +1,184 @@
+"""Robot files: what the scene says of them, and that damaged and hostile ones end in one clear error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+
+pytest.importorskip("yourdfpy", reason="the extra `robots` is not installed: yourdfpy reads URDF")
+mujoco = pytest.importorskip("mujoco", reason="the extra `robots` is not installed: MuJoCo compiles MJCF")
+
+ARM = """<?xml version="1.0"?>
+<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0.1" rpy="0.3 0 0.1"/><mass value="2"/>
+    <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0" izz="0.025"/></inertial>
+    <visual><geometry><box size="0.4 0.1 0.1"/></geometry></visual></link>
+  <link name="lower"><inertial><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <link name="finger"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+  <link name="tool"/>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0 0.5" rpy="0 0.2 0"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="50" velocity="1"/><dynamics damping="0.5" friction="0.1"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/>
+    <axis xyz="1 2 0"/></joint>
+  <joint name="grip" type="prismatic"><parent link="lower"/><child link="finger"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="5" velocity="1"/><mimic joint="elbow" multiplier="0.1" offset="0.02"/></joint>
+  <joint name="flange" type="fixed"><parent link="lower"/><child link="tool"/><origin xyz="0.3 0 0"/></joint>
+  <gazebo/>
+</robot>
+"""
+MODEL = """<mujoco><compiler angle="radian"/><worldbody>
+  <body name="base" pos="0 0 1"><freejoint/><inertial pos="0.1 0 0" mass="3" diaginertia="0.1 0.2 0.25"/>
+    <body name="leg" pos="0 0.2 0"><joint name="hip x" axis="1 0 0" armature="0.02"/>
+      <joint name="hip y" axis="0 1 0" pos="0 0 0.1"/>
+      <inertial pos="0 0 -0.2" mass="1" diaginertia="0.02 0.02 0.01"/></body></body>
+</worldbody></mujoco>"""
+
+
+def written(folder: Path, text: str, name: str = "robot.urdf") -> Path:
+    """A file with a text."""
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_urdf_says_what_it_says(tmp_path: Path) -> None:
+    s = mb.read_urdf(written(tmp_path, ARM))
+    tree = s.tree()
+    assert tree.names == ("shoulder", "elbow")
+    assert tree.follows == ("grip.displacement",)
+    assert tree.pose("tool", tree.zero)[:, 3] == pytest.approx([0.7 * np.cos(0.2), 0, 0.5 - 0.7 * np.sin(0.2)])
+    assert any("Gazebo" in text for text in s.told)
+    assert any("friction" in text for text in s.told)
+    r = s.simulate(0.05, accuracy=1e-5)
+    assert r["grip"].displacement == pytest.approx(0.1 * r["elbow"].angle + 0.02, abs=1e-6)
+
+
+def test_urdf_beside_pinocchio(tmp_path: Path) -> None:
+    pin = pytest.importorskip("pinocchio", reason="the extra `oracle` is not installed")
+    text = ARM[: ARM.index('  <joint name="grip"')] + ARM[ARM.index('  <joint name="flange"') :]
+    limit = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'  # Pinocchio's continuous joints have a cosine and a sine
+    text = text.replace('type="continuous"', 'type="prismatic"').replace('<axis xyz="1 2 0"/>', f'<axis xyz="1 2 0"/>{limit}')
+    start, end = text.index('  <link name="finger">'), text.index('  <link name="tool"/>')
+    path = written(tmp_path, text[:start] + text[end:])
+    model = pin.buildModelFromUrdf(str(path))
+    tree, data, rng = mb.read_urdf(path).tree(), model.createData(), np.random.default_rng(0)
+    q, v, a = rng.normal(size=(3, 2))
+    assert tree.inverse_dynamics(q, v, a) == pytest.approx(pin.rnea(model, data, q, v, a), abs=1e-11)
+
+
+def test_mjcf_beside_mujoco(tmp_path: Path) -> None:
+    path = written(tmp_path, MODEL, "model.xml")
+    s = mb.read_mjcf(path)
+    tree, model = s.tree(), mujoco.MjModel.from_xml_path(str(path))
+    assert tree.names == ("base", "hip x", "hip y")
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
+    data.qvel[:], data.qfrc_applied[:] = rng.normal(size=(2, model.nv))
+    mujoco.mj_forward(model, data)
+    q = data.qpos - model.qpos0 + tree.zero
+    assert tree.forward_dynamics(q, data.qvel, data.qfrc_applied) == pytest.approx(data.qacc, abs=1e-9)
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("<robot", '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot', "entities"),
+    ('izz="0.025"', "", "izz"), ('mass value="2"', 'mass value="nan"', "finite"), ('izz="0.025"', 'izz="0.25"', "sum"),
+    ('child link="upper"', 'child link="nobody"', "nobody"), ('parent link="base"', 'parent link="lower"', "circle"),
+    ("</robot>", "", "XML"), ('type="continuous"', 'type="ball"', "ball"), ('mimic joint="elbow"', 'mimic joint="none"', "none"),
+])
+def test_damaged_urdf_is_one_clear_error(tmp_path: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises((mb.SceneError, mb.OptionError), match=said):
+        mb.read_urdf(written(tmp_path, ARM.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize("extension", ["urdf", "xml"])
+def test_files_damaged_at_random_end_in_errors_of_the_package(tmp_path: Path, extension: str) -> None:
+    rng = np.random.default_rng(1)
+    text = ARM if extension == "urdf" else MODEL
+    for _ in range(12):
+        at, count = int(rng.integers(60, len(text))), int(rng.integers(1, 30))
+        path = written(tmp_path, text[:at] + text[at + count :], f"robot.{extension}")
+        try:
+            (mb.read_urdf if extension == "urdf" else mb.read_mjcf)(path)
+        except (mb.SceneError, mb.OptionError):
+            continue
+
+
+def test_what_mjcf_cannot_have_is_refused(tmp_path: Path) -> None:
+    plugin = MODEL.replace("<compiler", '<extension><plugin plugin="x"/></extension><compiler')
+    with pytest.raises(mb.OptionError, match="not run"):
+        mb.read_mjcf(written(tmp_path, plugin, "plugin.xml"))
+    with pytest.raises(mb.OptionError, match="includes"):
+        mb.read_mjcf(written(tmp_path, MODEL.replace("<compiler", '<include file="/etc/passwd"/><compiler'), "include.xml"))
+    with pytest.raises(mb.OptionError, match="fetched"):
+        mb.read_mjcf(written(tmp_path, MODEL.replace("<compiler", '<include file="http://x.y/z"/><compiler'), "net.xml"))
+
+
+def test_what_is_written_moves_as_the_scene(tmp_path: Path) -> None:
+    """URDF with a mimic joint, a floating base with two joints on one body: written, read back, and MuJoCo's own mass matrix."""
+    for s in (mb.read_urdf(written(tmp_path, ARM)), mb.read_mjcf(written(tmp_path, MODEL, "model.xml"))):
+        told = s.write_mjcf(tmp_path / "out.xml")
+        assert not [text for text in told if "not drawn" in text]
+        again = mb.read_mjcf(tmp_path / "out.xml")
+        one, other, rng = s.tree(), again.tree(), np.random.default_rng(1)
+        assert one.names == other.names
+        assert one.follows == other.follows
+        q, v = one.zero + 0.0, rng.normal(size=one.nv)
+        q[-2:] = rng.normal(size=2)
+        assert other.mass_matrix(q) == pytest.approx(one.mass_matrix(q), abs=1e-12)
+        assert other.bias(q, v) == pytest.approx(one.bias(q, v), abs=1e-11)
+        assert set(s.frames) <= set(again.frames)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data.qpos[-2:] = q[-2:]
+    mujoco.mj_forward(model, data)
+    for column, unit in zip(M, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    assert pytest.approx(one.mass_matrix(q), abs=1e-12) == M.T
+
+
+def test_forces_limits_loops_and_starts_are_written(tmp_path: Path) -> None:
+    s = mb.Scene("bars", gravity=(0, 0, -9.81))
+    left = s.rigid_body("left", 1.0, (0.1, 0.1, 0.01), at=(0, 0, 0.5), shape=mb.Box(size=(0.1, 0.1, 1)))
+    top = s.rigid_body("top", 2.0, (0.01, 0.2, 0.2), at=(0.5, 0, 1), gravity=(0, 0, -4.905))
+    right = s.rigid_body("right", 1.0, (0.1, 0.1, 0.01), at=(1, 0, 0.5))
+    s.joint(mb.Revolute, "A", s.ground, left, at=(0, 0, 0), axis=(0, 1, 0), spring=3.0, load=0.6, damper=0.7, rotor=0.4,
+            start=0.1, limits=(-1, 2), stop=mb.Stop(1e4), friction=mb.Coulomb(0.5, 1e-3), radius=0.1, normal_force=20.0)
+    s.revolute("B", top, left, at=(0, 0, 1), axis=(0, 1, 0))  # from outside inwards: MJCF counts the other way
+    s.revolute("C", top, right, at=(1, 0, 1), axis=(0, 1, 0))
+    s.spherical("D", s.ground, right, at=(1, 0, 0))
+    told = s.write_mjcf(tmp_path / "bars.xml")
+    assert [text for text in told if "'D' closes a loop" in text]
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "bars.xml"))
+    joint = model.joint("A")
+    assert (joint.stiffness[0], joint.armature[0], joint.frictionloss[0]) == pytest.approx((3.0, 0.4, 1.0))
+    assert model.qpos_spring[joint.qposadr[0]] == pytest.approx(0.2)
+    assert joint.range == pytest.approx([-1, 2])
+    assert model.key("start").qpos[joint.qposadr[0]] == pytest.approx(0.1)
+    assert model.body_gravcomp[model.body("top").id] == pytest.approx(0.5)
+    assert mb.read_mjcf(tmp_path / "bars.xml").tree().closing == ("D",)
+
+
+def test_what_mjcf_cannot_say_is_refused_by_name(tmp_path: Path) -> None:
+    s = mb.Scene("many", gravity=(0, 0, -9.81))
+    a, b = (s.rigid_body(name, 1.0, (1, 1, 1), at=(x, 0, 0)) for name, x in (("a", 0), ("b", 1)))
+    s.universal("hook", s.ground, a, at=(0, 0, 0), axis=(1, 0, 0))
+    s.revolute("drive", a, b, at=(0.5, 0, 0), axis=(0, 0, 1), angle=mb.t)
+    s.spring("rubber", a, b, at_k=(0, 0, 0), at_l=(1, 0, 0), stiffness=3.0)
+    with pytest.raises(mb.SceneError) as caught:
+        s.write_mjcf(tmp_path / "many.xml")
+    assert all(name in str(caught.value) for name in ("'hook'", "'drive'", "'rubber'"))
+    assert not (tmp_path / "many.xml").exists()
+
+
+def test_sites_are_frames(tmp_path: Path) -> None:
+    text = MODEL.replace("<freejoint/>", '<freejoint/><site name="eye" pos="0.1 0.2 0.3"/>')
+    s = mb.read_mjcf(written(tmp_path, text, "model.xml"))
+    tree = s.tree()
+    assert tree.pose("eye", tree.zero)[:, 3] == pytest.approx([0.1, 0.2, 1.3])

@@ -1,0 +1,113 @@
+"""Joint-space dynamics against closed forms, differences, and Pinocchio where it is installed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+
+#: round-off of one evaluation, of numbers about 1 to 10
+EXACT = 1e-11
+
+
+def chain(count: int = 4, seed: int = 3) -> mb.Scene:
+    """Bodies with any inertia on revolute and prismatic joints about any axes, the first floating where seed is even."""
+    rng = np.random.default_rng(seed)
+    s = mb.Scene("chain", gravity=(0.3, -1.0, -9.81))
+    carrier = s.ground
+    for i in range(count):
+        A = rng.normal(size=(3, 3))
+        J = 0.02 * (np.trace(A @ A.T) * np.eye(3) - A @ A.T)
+        turned = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turned *= np.sign(np.linalg.det(turned))
+        body = s.rigid_body(f"b{i}", 1 + rng.random(), J, at=rng.normal(size=3), rotation=turned)
+        at, axis = rng.normal(size=3), rng.normal(size=3)
+        if i or seed % 2:
+            (s.prismatic if i == 2 else s.revolute)(f"J{i}", carrier, body, at=at, axis=axis)
+        carrier = body
+    return s
+
+
+def test_pendulum_in_closed_form() -> None:
+    s = mb.Scene("pendulum", gravity=(0, 0, -9.81))
+    rod = s.rigid_body("rod", 2.0, (0.1, 0.2, 0.3), at=(0.5, 0, 0))
+    s.joint(mb.Revolute, "J", s.ground, rod, at=(0, 0, 0), axis=(0, 1, 0), rotor=0.4, damper=7.0)
+    tree, q = s.tree(), np.linspace(-3, 3, 5)[:, None]
+    assert tree.names == ("J",)
+    inertia = 0.2 + 2.0 * 0.25 + 0.4
+    assert tree.mass_matrix(q) == pytest.approx(np.full((5, 1, 1), inertia), abs=EXACT)
+    assert tree.gravity(q) == pytest.approx(-2.0 * 9.81 * 0.5 * np.cos(q), abs=EXACT)
+    assert tree.forward_dynamics(q, np.ones((5, 1)), np.zeros(1)) == pytest.approx(-tree.gravity(q) / inertia, abs=EXACT)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_dynamics_and_frames_agree_with_each_other(seed: int) -> None:
+    s = chain(seed=seed)
+    tree, rng = s.tree(), np.random.default_rng(seed)
+    q, (v, a) = tree.zero + 0.0, rng.normal(size=(2, tree.nv))
+    q[-3:] += rng.normal(size=3)
+    tau = tree.inverse_dynamics(q, v, a)
+    assert tree.forward_dynamics(q, v, tau) == pytest.approx(a, abs=EXACT)
+    assert tree.mass_matrix(q) @ a + tree.bias(q, v) == pytest.approx(tau, abs=EXACT)
+    assert tree.bias(q, np.zeros(tree.nv)) == pytest.approx(tree.gravity(q), abs=EXACT)
+    at, h = (0.2, -0.1, 0.4), 1e-5
+    if seed % 2:  # every coordinate a number: differences along v
+        ahead, behind = (tree.pose("b3", q + step * v, at)[:, 3] for step in (h, -h))
+        # differences of second order: h^2 and round-off over h
+        assert (tree.jacobian("b3", q, at) @ v)[:3] == pytest.approx((ahead - behind) / (2 * h), abs=1e-8)
+        rate = (tree.jacobian("b3", q + h * v, at) - tree.jacobian("b3", q - h * v, at)) / (2 * h)
+        assert tree.jacobian_rate("b3", q, v, at) == pytest.approx(rate, abs=1e-7)
+
+
+def test_accelerations_are_those_of_runs() -> None:
+    s = chain(seed=3)
+    found = s.tree().forward_dynamics(np.zeros(4), np.zeros(4), np.zeros(4))
+    r = s.recursive().simulate(1e-3, accuracy=1e-9, outputs=[0.0, 1e-4, 2e-4, 1e-3])
+    for i, joint in enumerate(("J0", "J1", "J2", "J3")):
+        reached = (r[joint].displacement if joint == "J2" else r[joint].angle)[1]
+        assert reached == pytest.approx(found[i] * 1e-8 / 2, rel=1e-3)  # of a start at rest, third order in 1e-4 s
+
+
+def test_a_coupling_is_folded_in() -> None:
+    s = mb.Scene("gripper")
+    for name, y in (("one", 0.0), ("other", 1.0)):
+        body = s.rigid_body(name, 1.0, (0.1, 0.1, 0.1), at=(0.5, y, 0))
+        s.revolute(f"{name} hinge", s.ground, body, at=(0, y, 0), axis=(0, 0, 1))
+    s.gear("mesh", "one hinge.angle", "other hinge.angle", -2.0)
+    tree = s.tree()
+    assert tree.names == ("one hinge",)
+    assert tree.follows == ("other hinge.angle",)
+    assert tree.mass_matrix([0.3]) == pytest.approx(np.array([[0.35 * 5]]), abs=EXACT)
+    assert tree.forward_dynamics([0.3], [0.0], [1.0]) == pytest.approx([1 / 1.75], abs=EXACT)
+
+
+def test_wrong_states_are_named() -> None:
+    tree = chain(seed=4).tree()
+    v = np.zeros(tree.nv)
+    with pytest.raises(mb.OptionError, match="quaternion"):
+        tree.mass_matrix(np.zeros(tree.nq))
+    with pytest.raises(mb.OptionError, match="shape"):
+        tree.bias(tree.zero[:-1], v)
+    with pytest.raises(mb.OptionError, match="link"):
+        tree.jacobian("nobody", tree.zero)
+
+
+def test_frames_stay_with_copies_of_a_scene() -> None:
+    s = chain(seed=3)
+    s.frame("tool", "b3", at=(1, 2, 3))
+    J = [one.tree().jacobian("tool", np.full(4, 0.2)) for one in (s, s.recursive())]
+    assert J[0] == pytest.approx(J[1], abs=EXACT)
+
+
+@pytest.mark.parametrize("model", [mb.Recursive(), mb.Classical()])
+def test_rows_of_joints_turn_the_linear_equations_into_theirs(model: mb.Recursive | mb.Classical) -> None:
+    """Near rest M of the linear equations, in coordinates of the joints, is the mass matrix of the tree."""
+    s = mb.Scene("two rods", gravity=(0, 0, -9.81))
+    upper = s.rigid_body("upper", 2.0, (0.2, 0.2, 0.01), at=(0, 0, -0.5))
+    lower = s.rigid_body("lower", 1.0, (0.1, 0.1, 0.01), at=(0, 0, -1.5))
+    s.revolute("A", s.ground, upper, at=(0, 0, 0), axis=(0, 1, 0), model=model)
+    s.revolute("B", upper, lower, at=(0, 0, -1), axis=(0, 1, 0), model=model)
+    found, tree = s.linearize(), s.tree()
+    N = np.linalg.inv(found.basis[[found.basis_names.index(f"{name}.rate") for name in tree.names]])
+    np.testing.assert_allclose(N.T @ found.M @ N, tree.mass_matrix(tree.zero), atol=EXACT)
