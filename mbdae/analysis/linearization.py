@@ -12,7 +12,7 @@ from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, mot
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system
 from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
-from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced
+from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced, refuse_rolling
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
 from mbdae.analysis.spectrum import Structure, spectrum
 from mbdae.analysis.state import at_kinks, kinks, pencil_at, pencil_with_errors, sides, structure
@@ -157,6 +157,8 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     body = body_of(scene, frame if frame is not None else scene.ground)
     prepared = prepare(scene, start_at(scene, at))
     start, m = prepared.start, prepared.mechanics
+    if prepared.model.lines:
+        refuse_rolling(m, "linearize beside beams", "state rigid bodies with springs for the beams, or simulate disturbances")
     axes = frame_at(prepared.model, body, start.q, start.u)
     system = complete_system(m, Index3().spec())
     z = _stresses(at, m, start)

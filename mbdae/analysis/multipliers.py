@@ -19,6 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
 from mbdae.analysis.orbit import Departures, Return, check_return, departures, followed, propagated
+from mbdae.analysis.reduced import refuse_rolling
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
 from mbdae.analysis.state import at_kinks
 from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
@@ -188,6 +189,7 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
                       least=1e-11, most=1e-2)
     refuse_sampled(scene, "floquet")
     prepared = _prepared(scene, at, period)
+    refuse_rolling(prepared.mechanics, "floquet", "where the motion is steady, use s.linearize; else simulate small disturbances")
     system = system_for(prepared, highest_index=3)
     returned = check_return(prepared, system, period)
     directions = departures(prepared, system, returned, period)

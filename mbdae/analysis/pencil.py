@@ -175,15 +175,15 @@ class Pencil:
 
     def _restrict(self, rows: Any) -> Any:
         """Rows c by displacements, those of velocities replaced by their derivatives by w: displacements follow them."""
-        if not len(self.places["r"]):
+        if not len(self.places.get("r", ())):
             return rows
-        by_rates = sp.diags(np.isin(self.places["c"], self.places["r"]).astype(float))
+        by_rates = sp.diags(np.isin(self.places["c"], self.places.get("r", ())).astype(float))
         return rows - by_rates @ rows + by_rates @ self.part(self.A, "c", "w")
 
     @cached_property
     def closing(self) -> Array:
         """Those rows of `constraints` that restrict positions."""
-        return self.constraints[~np.isin(self.places["c"], self.places["r"])]
+        return self.constraints[~np.isin(self.places["c"], self.places.get("r", ()))]
 
     @cached_property
     def static(self) -> Any:
@@ -192,7 +192,7 @@ class Pencil:
         A = self.A[np.concatenate([self.places[k] for k in "wszc"])].tocsc()
         others = np.concatenate([self.places[k] for k in "szc"])
         displaced = A[:, self.places["p"]] + A[:, self.places["w"]] @ self.kinematics
-        if len(self.places["r"]):
+        if len(self.places.get("r", ())):
             displaced = sp.vstack([displaced[: -len(self.places["c"])], self._restrict(self.part(self.A, "c", "p"))])
         return sp.hstack([displaced, A[:, others]], format="csr")
 

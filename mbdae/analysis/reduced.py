@@ -12,11 +12,21 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from mbdae.analysis.pencil import ROUNDED, Pencil, acting_states
+from mbdae.errors import OptionError
 from mbdae.system.base import Array
+from mbdae.system.motion.mechanics import Mechanics
 
 #: a constraint row counts as dependent on others where its part independent of them is at most this times that of the most
 #: independent row (rows of length 1)
 DEPENDENT = 1e-9
+
+
+def refuse_rolling(mechanics: Mechanics, analysis: str, instead: str) -> None:
+    """Raise OptionError where a scene has rows of velocities, which this analysis does not know; instead: what to do."""
+    for row in mechanics.rows:
+        if row.by_rates:
+            raise OptionError(f"{analysis}: '{row.name}' is a row of velocities (rolling, a blade), which restricts motions and "
+                              f"no places; {instead}")
 
 
 def free_basis(G: Array, units: Array) -> Array:
@@ -95,7 +105,7 @@ def reduced(p: Pencil, N: Array, Z: Array | None = None) -> Reduced:
     """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are eliminated. N: basis of those that
     constraints of positions allow; Z: of those x along which rows of velocities let the scene move, None: found here."""
     found = _reduced(p, N, N, acting_states(p), p.kinematics)
-    if not len(p.places["r"]):
+    if not len(p.places.get("r", ())):
         return found
     B1, B0 = _rates(p, p.A, N)
     Z = free_basis(B1, np.ones(N.shape[1])) if Z is None else Z
@@ -151,7 +161,7 @@ def errors_of(p: Pencil, r: Reduced, units: Array) -> Reduced:
     right, left = _reduced(sizes, off, size, s, turn), _reduced(sizes, size, off, s, turn)
     e = replace(own, M=own.M + right.M + left.M, C=own.C + right.C + left.C, K=own.K + right.K + left.K, B=own.B + left.B,
                 D=own.D + left.D, S2=own.S2 + right.S2, S1=own.S1 + right.S1, S0=own.S0 + right.S0)
-    return e if not len(p.places["r"]) else _errors_of_rates(p, e)
+    return e if not len(p.places.get("r", ())) else _errors_of_rates(p, e)
 
 
 def _errors_of_rates(p: Pencil, e: Reduced) -> Reduced:

@@ -21,7 +21,7 @@ from mbdae.derivatives.chart import Chart
 from mbdae.errors import DerivativeError
 from mbdae.integrators import radau_table
 from mbdae.integrators.dense import Collocation
-from mbdae.integrators.dop853 import DENSE, NODES, STAGES
+from mbdae.integrators.dop853 import DENSE, DOP853, NODES, STAGES
 from mbdae.integrators.matrices import searches
 from mbdae.integrators.solution import Solution
 from mbdae.native import Entries
@@ -78,7 +78,7 @@ class Derived:
     @property
     def explicit(self) -> bool:
         """Whether the run's method is DOP853."""
-        return self.run.solver.label == "DOP853"
+        return isinstance(self.run.solver, DOP853)
 
     def start(self) -> Array:
         """Derivatives (n, P) of the unknowns at the start; those of multipliers, which do not enter the next step, are 0."""

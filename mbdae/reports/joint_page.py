@@ -58,6 +58,9 @@ class JointReport(LawPage):
 
     def __init__(self, law: type[Law], structure: Structure) -> None:
         statement = ReportedLaw(law, structure)
+        if statement.derived.by_rates:
+            raise LawError(f"{law.__name__} states velocity rows ({', '.join(statement.derived.by_rates)}), which the page of "
+                           f"a single law does not print; state the joint in a scene and see what its forces do there")
         if not statement.rows and not statement.law.own_coordinates:
             raise LawError(f"{law.__name__} states no rows, so that there is nothing to report: return some from `constraints`")
         _ = statement.branches

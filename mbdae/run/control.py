@@ -45,7 +45,8 @@ from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.values import number, option
 
-#: largest number of runs from the last of the first companions on, failed ones included; for batches largest number of estimates
+#: largest number of runs from the last of the first companions on, failed ones included, further companions not; for batches
+#: largest number of estimates
 ATTEMPTS = 5
 FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
 #: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
@@ -161,8 +162,8 @@ class _Search:
         self.tight, self.ceiling, self.limit = first_tolerance(self.system, self.prepared, self.solver, self.accuracy)
         best, self.made = companions_of(self.system, self.tight, self.asked)
         contacts, told = self.system.guards is not None, list[tuple[float, float]]()
-        most, self._count = best.runs + ATTEMPTS - 1 + FURTHER * contacts, len(self.made)
-        while best.runs < most:
+        self._count = len(self.made)
+        for _ in range(ATTEMPTS - 1 + FURTHER * contacts):
             loose, rtol = self.made[-1][0], self.tight.tolerance
             try:
                 fine = self._finer(best)

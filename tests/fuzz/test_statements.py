@@ -92,7 +92,8 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {"model": None}),
     "state": ({"name": "x", "rate": 1.0}, {"start": 1.0, "size": 1.0}), "signal": ({"name": "x", "value": 1.0}, {}),
     "controller": ({"name": "x", "f": lambda t, *values: 1.0, "every": 1.0, "sets": ["u"]},
-                   {"reads": ["A.angle"], "memory": 1.0, "start": 1.0}),
+                   {"reads": ["A.angle"], "memory": 1.0, "start": 1.0,
+                    "derivative": lambda t, *values: [[0.0]]}),
 }
 NO_STATEMENTS = {"replace", "recursive", "joints", "sensor"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}

@@ -29,6 +29,10 @@ def chain(n: int, **options: Any) -> mb.Scene:
     return s
 
 
+#: parts of their time that motions take to vibrate or decay as `check` counts with
+LONG_ENOUGH = {"heavy_top": 1e-2, "ground_resonance_map": 0.1, "bicycle": 0.1}
+
+
 # every second example at 1e-8, the others at 1e-5
 @pytest.mark.parametrize(("name", "accuracy"), [
     pytest.param(path.stem, accuracy, marks=[pytest.mark.slow] * (path.stem in LONG or i % 2 != (accuracy < 1e-6)))
@@ -39,7 +43,7 @@ def test_check_predicts_what_is_run(name: str, accuracy: float, monkeypatch: Any
     example = importlib.import_module(name)
     checked = example.scene().check(accuracy)
     predicted = checked.choice
-    part = 1e-2 if name == "heavy_top" else 1e-4  # long enough for its nutation, which `check` counts with
+    part = LONG_ENOUGH.get(name, 1e-4)
     r = example.scene().simulate(part * example.t_end, accuracy)
     assert r.info.choice == str(predicted)
     assert (type(r.info.solver), r.info.form) == (type(predicted.solver), predicted.form.label)

@@ -121,3 +121,14 @@ def test_gravity_of_a_body():
     s.point_mass("stone", 1.0, at=(1, 0))
     r = s.simulate(1.0, accuracy=1e-8)
     assert (r["balloon"].position[-1, 1], r["stone"].position[-1, 1]) == pytest.approx((0.5, -G / 2), abs=1e-7)
+
+
+def test_what_does_not_know_rows_of_velocities_refuses_them():
+    s = mb.Scene("disc on a line")
+    disc = s.rigid_body("disc", 2.0, 0.09, at=(0, 0.3))
+    s.rolling("tyre", s.ground, disc, radius=0.3, at=(0, 0.3), axis=(0, 0, 1), normal=(0, 1))
+    with pytest.raises(mb.OptionError, match=r"floquet: 'tyre.*row of velocities"):
+        s.floquet(1.0)
+    s.beam("mast", (0, 1), (0, 2), section=mb.Section(1e6, 4e5, 4e5, 1.0, 1.0, 1.0, 1.0, 1e-6), elements=1)
+    with pytest.raises(mb.OptionError, match=r"beside beams: 'tyre.*row of velocities"):
+        s.linearize()

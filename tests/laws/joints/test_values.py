@@ -17,7 +17,9 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 
 SPATIAL = (NodeKind.SPATIAL, Axes.GENERAL)
-LAWS = [getattr(joints, name) for name in joints.__all__]
+#: joints by rows of positions; those of velocities are in test_rolling.py
+LAWS = [law for law in (getattr(joints, name) for name in joints.__all__)
+        if law.velocity_constraints is joints.Joint.velocity_constraints]
 KEPT = [law for law in LAWS if law.states_motion() and law.coordinates]
 BOTH = [(law, False) for law in LAWS if not law.must_keep()] + [(law, True) for law in KEPT]
 OWN = {"length": 0.7, "lead": 0.9}
