@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mbdae.kernels.links import pass_kernel
 from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.kernels.tree_plan import Inline
+from mbdae.laws.forces import Gravity
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.links import directions
 from mbdae.symbolic.rebuild import substituted
@@ -84,7 +85,7 @@ class JointSpaceProgram:
 
     def _passed(self, n: int, tree: ModelTree) -> Passed:
         law = self._law
-        kept = [i for i, m in enumerate(tree.members) if isinstance(law(m), Element) or type(law(m)).__name__ == "Gravity"]
+        kept = [i for i, m in enumerate(tree.members) if isinstance(law(m), Element | Gravity)]
         of = tree.structure
         links = tuple(replace(link, prescribed=(False,) * len(link.prescribed)) for link in of.links)
         made = replace(of, links=links, members=tuple(of.members[i] for i in kept), loaded=())

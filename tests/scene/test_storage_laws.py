@@ -222,6 +222,7 @@ def everything() -> mb.Scene:
     s.generic("c41", "a", b, (0, 0, 1), (0, 1, 0), free=["x", "angle_z"], damper={"x": 0.1})
     s.rolling("c42", s.ground, "a", (0, 0, 1), axis=(0, 1, 0.1), radius=0.1, normal=(0, 0, 2))
     s.knife_edge("c43", s.ground, "a", (0, 0, 1), along=(1, 1, 0))
+    s.frame("tool", "a", (0, 0, 1))
     s.planar("c4", "a", b, (0, 0, 1), (0, 1, 0), axis_x=(1, 0, 0), damper={"x": 0.1}, model=mb.Classical())
     s.point_on_line("c5", "a", b, (0, 0, 1), axis=(0, 1, 0))
     s.point_on_plane("c6", "a", b, (0, 0, 1), axis=(0, 1, 0), axis_x=(0, 0, 1))
