@@ -134,15 +134,21 @@ def usual_companion(system: System, solver: Solver, asked: Asked, runs: list[Run
     usual, before = solver.companion * solver.tolerance, runs[-2][0]
     if system.guards is not None or 1 / UNUSUAL <= before / usual <= UNUSUAL:
         return 0, 0.0
-    try:
-        run = replace(solver, rtol=usual).run(  # type: ignore[type-var]
-            system, replace(asked, max_residuals=runs[-1][1].stats.residuals))
-    except FINAL:
-        raise
-    except SolverError:
+    run = _companion(system, with_rtol(solver, usual), asked, runs[-1][1].stats.residuals)
+    if run is None:
         return 0, 0.0
     runs.insert(-1, (usual, run))
     return 1, run.stats.cpu_s
+
+
+def _companion(system: System, solver: Solver, asked: Asked, most: int) -> Solution | None:
+    """A further companion with at most so many residual evaluations; None where it cannot be made."""
+    try:
+        return solver.run(system, replace(asked, max_residuals=most))
+    except FINAL:
+        raise
+    except SolverError:
+        return None
 
 
 def nearer_companion(system: System, solver: Solver, asked: Asked, runs: Sequence[RunAt], difference: float,
@@ -157,13 +163,8 @@ def nearer_companion(system: System, solver: Solver, asked: Asked, runs: Sequenc
     if not solver.bdf_order or system.guards is not None or difference <= accuracy:
         return []
     between = (loose * tight) ** 0.5
-    try:
-        run = with_rtol(solver, between).run(system, replace(asked, max_residuals=10 * fine.stats.residuals + 10000))
-    except FINAL:
-        raise
-    except SolverError:
-        return []
-    return [(loose, coarse), (between, run), (tight, fine)]
+    run = _companion(system, with_rtol(solver, between), asked, 10 * fine.stats.residuals + 10000)
+    return [] if run is None else [(loose, coarse), (between, run), (tight, fine)]
 
 
 def with_rtol(solver: Solver, rtol: float) -> Solver:

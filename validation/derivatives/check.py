@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from derivatives.drawn import DRAWN, END, EXAMPLES, counted, drawn, example, numbers
+from derivatives.drawn import DRAWN, END, counted, drawn, numbers
 from derivatives.drawn import judge as judged
-from derivatives.scenes import SCENES, Scene
+from derivatives.scenes import EXAMPLES, SCENES, Scene, example
 from runner import Case, Claim, Found
 
 import mbdae as mb

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +21,6 @@ DISTANCE = 4e-3
 BOTH = {1: 2 / 3, -1: -2 / 3, 2: -1 / 12, -2: 1 / 12}
 ABOVE = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
 NOTHING = 1e-10  #: a derivative below this share of the motion over the number counts as 0
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def numbers(scene: Any) -> list[str]:
@@ -69,19 +65,6 @@ def drawn(seed: int) -> mb.Scene:
         s.revolute("turns", s.ground, one, at=(3, 1, 0), axis=(0, 0, 1), spring=mb.number("shared", 2.0),
                    torque=mb.number("shared", 2.0) * mb.t - mb.number("drag", 0.1) * s.sensor("turns.rate"))
     return s
-
-
-def example(name: str) -> mb.Scene:
-    """The scene of an example."""
-    if str(EXAMPLES) not in sys.path:
-        sys.path.append(str(EXAMPLES))
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    found: mb.Scene = made.scene()
-    return found
 
 
 def motion(result: Any) -> Any:

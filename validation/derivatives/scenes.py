@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 
 import mbdae as mb
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 @dataclass(frozen=True)
@@ -125,14 +128,11 @@ def friction() -> mb.Scene:
     return s
 
 
-def andrews() -> mb.Scene:
-    path = Path(__file__).resolve().parents[2] / "examples" / "andrews_squeezer.py"
-    spec = importlib.util.spec_from_file_location("andrews_squeezer", path)
-    assert spec is not None
-    assert spec.loader is not None
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    found: mb.Scene = made.scene()
+def example(name: str) -> mb.Scene:
+    """The scene of an example, which may import its neighbours."""
+    if str(EXAMPLES) not in sys.path:
+        sys.path.append(str(EXAMPLES))
+    found: mb.Scene = importlib.import_module(name).scene()
     return found
 
 
@@ -142,7 +142,7 @@ SCENES = {
     "pendulum": Scene(pendulum, 2.0, ("A.angle",), ("rod.mass", "A.spring", "A.damper", "A.angle0", "A.rate0")),
     "four-bar": Scene(four_bar, 0.4, ("C.angle", "B.force[0]"),
                       ("crank.mass", "coupler.mass", "rocker.mass", "C.spring", "C.damper", "B.damper", "A.rate0")),
-    "andrews": Scene(andrews, 0.02, ("O.angle",),
+    "andrews": Scene(lambda: example("andrews_squeezer"), 0.02, ("O.angle",),
                      ("K1.mass", "K2.mass", "K3.mass", "spring.stiffness", "spring.length", "O.torque")),
     "top": Scene(top, 0.3, ("body.position[2]",), ("body.mass", "body.inertia.0", "body.inertia.1", "body.angular_velocity.1")),
     "driven rotor": Scene(lambda: rotor(False), 0.5, ("lag1.angle", "sx.displacement"),
