@@ -78,7 +78,9 @@ def read_urdf(path: Any, floating: bool = False, gravity: Sequence[float] = (0, 
     from mbdae.robots.urdf import options, read
 
     field = option("gravity", gravity, sequence, "give three numbers, m/s^2", each=number)
-    return read(Scene, path, bool(floating), field, packages, bool(keep_inertias), bool(limits), options(stop), bool(meshes))  # type: ignore[no-any-return]
+    given = {"floating": floating, "keep_inertias": keep_inertias, "limits": limits, "meshes": meshes}
+    floats, keeps, limited_, boxes = (option(name, value, flag, "give True or False") for name, value in given.items())
+    return read(Scene, path, floats, field, packages, keeps, limited_, options(stop), boxes)  # type: ignore[no-any-return]
 
 
 @naming_arguments
@@ -88,7 +90,9 @@ def read_mjcf(path: Any, keep_inertias: bool = False, limits: bool = True, stop:
     from mbdae.robots.mjcf import read
     from mbdae.robots.urdf import options
 
-    return read(Scene, path, bool(keep_inertias), bool(limits), options(stop))  # type: ignore[no-any-return]
+    keeps, limited_ = (option(name, value, flag, "give True or False")
+                       for name, value in {"keep_inertias": keep_inertias, "limits": limits}.items())
+    return read(Scene, path, keeps, limited_, options(stop))  # type: ignore[no-any-return]
 
 
 class Scene(SceneData):
