@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from mbdae.sweep import sweep
     from mbdae.symbolic.joint import Coupling, Joint
     from mbdae.symbolic.law import Force, params
+    from mbdae.symbolic.variation import rate
     from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
 
@@ -80,7 +81,7 @@ _HOME = {
     "Weld": "mbdae.laws.joints", "at_end": "mbdae.derivatives", "audit": "mbdae.audit", "compare": "mbdae.compare",
     "curve": "mbdae.inputs.measured", "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives",
     "largest": "mbdae.derivatives", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
-    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "read_mjcf": "mbdae.api",
+    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "rate": "mbdae.symbolic.variation", "read_mjcf": "mbdae.api",
     "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
@@ -93,7 +94,7 @@ __all__ = [
     "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section",
     "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
     "at_end", "audit", "compare", "curve", "export", "extremes", "integral", "largest", "load", "measure_order", "number",
-    "params", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
+    "params", "rate", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
 ]
 
 
