@@ -157,6 +157,34 @@ def test_generic_joint_is_the_joint_with_its_freedoms(model):
     np.testing.assert_allclose(ends[0], ends[1], atol=3e-8)
 
 
+@pytest.mark.parametrize("model", [mb.Kinematic(), mb.Recursive()])
+@pytest.mark.parametrize("turned", [0.4, 2.0])
+def test_frames_of_a_joint_by_axes_of_both_bodies(model, turned):
+    """A pendulum that is drawn turned about its rod, with the hinge's axis given on it, starts as one that is drawn in its hinge;
+    turned by more than a right angle the start would find the axes in opposite senses, and says so."""
+    c, n = np.cos(turned), np.sin(turned)
+    ends = []
+    for R in (np.eye(3), np.array([[1, 0, 0], [0, c, -n], [0, n, c]])):
+        s = mb.Scene("drawn turned", gravity=(0, 0, -G))
+        b = s.rigid_body("b", 1.0, (0.1, 0.2, 0.3), at=(1.1, 0, 0) if R[1, 2] else (1, 0, 0), rotation=R)
+        s.joint(mb.Revolute, "J", s.ground, b, at=(0, 0, 0), at_l=(0.1, 0, 0) if R[1, 2] else None, axis=(0, 1, 0),
+                axis_l=R[:, 1], start=0.3, model=model)
+        if turned > 1.5 and R[1, 2]:
+            with pytest.raises(mb.StartError, match="'J'"):
+                s.simulate(0.1)
+            return
+        r = s.simulate(0.3, accuracy=1e-8)
+        ends.append(np.r_[r["b"].position[-1], r["J"].angle[[0, -1]]])
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-8)
+
+
+def test_an_axis_of_l_opposite_to_that_of_k_is_refused():
+    s = mb.Scene("opposite")
+    s.revolute("J", s.ground, s.rigid_body("b", 1.0, (1, 1, 1), at=(1, 0)), at=(0, 0), axis=(0, 0, 1), axis_l=(0, 0, -1))
+    with pytest.raises(mb.SceneError, match=r"revolute 'J': axis_l = .* is opposite to axis"):
+        s.simulate(0.1)
+
+
 def test_gravity_of_a_body():
     """A body with its own gravity falls by it, whatever that of the scene is."""
     s = mb.Scene("two", gravity=(0, -G))
