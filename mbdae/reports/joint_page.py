@@ -130,7 +130,7 @@ class JointReport(LawPage):
         speeds = [self.line(rf"\dot c_{below(name)}", e) + " = 0" for name, e in self.s.speeds.items()]
         self.writer.used |= {f"lambda_{name}" for name in (*self.s.rows, *self.s.speeds)}
         blocks = self.told(f"{counted(len(rows), 'row')} must vanish.", *rows) if rows else []
-        blocks += self.told(f"{counted(len(speeds), 'row')} of velocities must vanish: linear in these, and no derivative of a row "
+        blocks += self.told(f"{counted(len(speeds), 'row')} of velocities must vanish, linear in these, no derivative of a row "
                             f"of positions.", *speeds) if speeds else []
         found = Section("Constraint", blocks)
         text = ("With a scaling $s$ and a penalty $p$ (both left out below) the potential of a row is"

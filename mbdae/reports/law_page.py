@@ -225,8 +225,8 @@ class LawPage(Page):
 
     def totals(self) -> dict[str, Pair]:
         """G^T lambda: force and moment on the bodies, at their points, by side."""
-        gradients = self.s.gradients.items()
-        return summed(self.s.record, [times(pairs, se.Symbol(f"lambda_{row}")) for row, (pairs, _) in gradients])
+        gradients = ((row, pairs) for row, (pairs, _) in self.s.gradients.items() if row in self.d.rows)
+        return summed(self.s.record, [times(pairs, se.Symbol(f"lambda_{row}")) for row, pairs in gradients])
 
     def all_pairs(self) -> dict[str, Pair]:
         """Forces and moments on the bodies at their points, signed as on the left-hand side."""

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import symengine as se
+import sympy as sp
 from rolling.own import PUBLISHED
 from rolling.scenes import PROBLEMS, T_END, bicycle, times
 
@@ -119,6 +121,59 @@ class Still(mb.Joint):
 
     def velocity_constraints(self, k, l):
         return {"place": k.x @ l.r}
+
+
+class Belt(mb.Joint):
+    """Carries the point of l along k.x at a speed that is prescribed."""
+
+    params = mb.params(speed=("m/s", "of the belt"))
+
+    def velocity_constraints(self, k, l):
+        return {"carried": k.x @ (l.v - k.v - k.w.cross(l.r - k.r)) - self.speed}
+
+
+class Gearing(mb.Coupling):
+    """The second angle turns 1 + sin(first) / 2 times as fast."""
+
+    coordinates = mb.params(a=("rad", "first"), b=("rad", "second"))
+
+    def velocity_constraints(self):
+        return {"row": mb.rate(self.b) - (1 + se.sin(self.a) / 2) * mb.rate(self.a)}
+
+
+@pytest.mark.parametrize("law", [Belt, Gearing])
+def test_report_of_a_law_of_ones_own_is_read_back(law):
+    text = mb.report(law).to_markdown()
+    assert "comparisons hold" in text
+    assert "of velocities must vanish" in text
+
+
+def test_speed_that_is_prescribed_may_have_a_kink_but_no_jump():
+    """A trapezoidal speed: the belt's force is the mass times the slope of its speed."""
+    s = mb.Scene("ramp")
+    b = s.rigid_body("b", 2.0, (1, 1, 1), at=(0, 0))
+    s.joint(Belt, "belt", s.ground, b, at=(0, 0), speed=sp.Min(mb.t, 1))
+    r = s.simulate(2.0, accuracy=1e-8)
+    assert r["b"].position[-1, 0] == pytest.approx(1.5, abs=1e-8)
+    assert r["belt"].force[[20, 180], 0] == pytest.approx([2.0, 0.0], abs=1e-7)
+    s = mb.Scene("jump")
+    s.joint(Belt, "belt", s.ground, s.rigid_body("b", 2.0, (1, 1, 1), at=(0, 0)), at=(0, 0),
+            speed=sp.Piecewise((0, mb.t < 1), (1, True)))
+    with pytest.raises(mb.SceneError, match="jumps by 1 m/s at t = 1 s"):
+        s.simulate(2.0)
+
+
+def test_coupling_of_rates():
+    """J_a a'' + g (J_b (g a'' + g' a') + k b) = M, b' = g a', g = 1 + sin(a) / 2: the energy is the work of the torque."""
+    s = mb.Scene("gearing")
+    for i, (name, J) in enumerate((("a", 0.2), ("b", 0.3))):
+        s.revolute(name, s.ground, s.rigid_body(f"body {name}", 1.0, (1, 1, J), at=(i, 0)), at=(i, 0),
+                   **({"torque": 1.0} if name == "a" else {"spring": 2.0}))
+    s.add(Gearing("gearing", of={"a": "a.angle", "b": "b.angle"}))
+    r = s.simulate(2.0, accuracy=1e-8)
+    a, b = r["a"].angle, r["b"].angle
+    np.testing.assert_allclose(b, a + (1 - np.cos(a)) / 2, atol=1e-7)  # b is an integral of the row
+    np.testing.assert_allclose(0.1 * r["a"].rate**2 + 0.15 * r["b"].rate**2 + b * b, a, atol=1e-7)
 
 
 @pytest.mark.parametrize(("law", "told"), [(Squared, "row 'speed' of Squared is not linear in the velocities"),
