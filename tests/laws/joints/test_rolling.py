@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import symengine as se
 import sympy as sp
+from rolling.check import ACCURACY, drawn
 from rolling.own import PUBLISHED
 from rolling.scenes import PROBLEMS, T_END, bicycle, times
 
@@ -35,6 +36,12 @@ def test_motion_against_own_equations(problem, model, options):
     scene, read, found = PROBLEMS[problem](model)
     r = scene.simulate(T_END, accuracy=1e-6, outputs=times(), **options)
     assert np.max(np.abs(read(r) - found)) <= 3e-6 * np.max(np.abs(found))
+
+
+@pytest.mark.parametrize("seed", [pytest.param(3, marks=pytest.mark.slow), 9])
+def test_scenes_at_random_against_equations_by_hand(seed):
+    """Two rollers on a table that turns, stated as drawn, and turned, moved and backwards: the same motion, without work."""
+    assert drawn(seed).error <= 3 * ACCURACY
 
 
 @pytest.mark.parametrize(("speed", "stable"), [(3.0, False), (6.0, True), (7.0, False)])
