@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
@@ -98,24 +97,21 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
     wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
-    steps = distinct(run.t[1:-1].searchsorted(wanted, side="right"))
-    begin, end = run.t[steps], run.t[steps + 1]
-    times, h = (begin + end) / 2, end - begin
-    edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
-    y, yp = run.interpolant.value(times), run.interpolant.derivative(times)
-    at = systems_at(run, times, system)
-    looks = [Look(*state, t1 - t0) for state in zip(at, times.tolist(), y, yp, h.tolist(), strict=True)]
-    spectra = roots_at(looks)
+    steps = sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist()))
+    times, h, y, yp = run.t[steps], np.diff(run.t)[steps], run.y[steps], run.yp[steps]
+    looks = [Look(*state, t1 - t0) for state in zip(systems_at(run, times, system), times.tolist(), y, yp, h.tolist(), strict=True)]
+    ends = [t0, *((times[1:] + times[:-1]) / 2).tolist(), t1]
+    varies = varying and system.n <= SMALL and _varies(system, run)
+    spectra = roots_at(looks, varies)
     found, late = spectra.found(VISIBLE), [0.0] * len(looks)
     if any(one.unseen for one in found):
-        found = _persistent(run, looks, found, edges)
+        found = _persistent(run, looks, found, ends)
     if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
-    elif varying and system.n <= SMALL and _varies(system, run):
+    elif varies:
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]
-    ends = edges.tolist()
     return _while_unseen([Growth(a, b, one.rate, one.unseen, asked)
                           for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)])
 

@@ -24,8 +24,8 @@ HARMLESS = 2.0
 #: frequency most, and of few multiples of that. Measured: a cantilever of which the stiffest vibration, 2300 / step, was followed
 #: took 57 662 steps where 12 do
 EXCITED = 10.0
-#: largest number of unknowns for which all roots are computed; above SMALL only where `_rises` finds that something grows
-MOST = 300
+#: largest numbers of unknowns for which all roots are computed: at once, and where `_rises` finds that something grows
+ALL, MOST = 20, 300
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
@@ -123,15 +123,16 @@ class Spectra(NamedTuple):
         return found
 
 
-def roots_at(looks: list[Look]) -> Spectra:
-    """The roots at some states of a system."""
+def roots_at(looks: list[Look], vibrations: bool = False) -> Spectra:
+    """The roots at some states of a system; vibrations: those of vibrations too where nothing grows, with up to SMALL
+    unknowns."""
     system, h = looks[0].system, np.array([look.h for look in looks])[:, None]
     if system.n > MOST or (system.n > SMALL and system.has_pattern):
         rising = np.array(_rising_sparse(looks))[:, None]
         if system.n > MOST or not np.any(rising):
             return Spectra(looks, np.zeros((0, 0, 0)), np.zeros(0), np.where(rising, 1 / h, -np.inf))
     S = _shifted(looks)
-    if system.n <= SMALL:
+    if system.n <= (SMALL if vibrations else ALL):
         values = np.linalg.eigvals(S)
     else:
         values = np.array([np.linalg.eigvals(one) if _grows(one) else np.zeros(system.n) for one in S])
