@@ -99,7 +99,8 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
     steps = sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist()))
     times, h, y, yp = run.t[steps], np.diff(run.t)[steps], run.y[steps], run.yp[steps]
-    looks = [Look(*state, t1 - t0) for state in zip(systems_at(run, times, system), times.tolist(), y, yp, h.tolist(), strict=True)]
+    at = systems_at(run, times, system)
+    looks = [Look(*state, t1 - t0) for state in zip(at, times.tolist(), y, yp, h.tolist(), strict=True)]
     ends = [t0, *((times[1:] + times[:-1]) / 2).tolist(), t1]
     varies = varying and system.n <= SMALL and _varies(system, run)
     spectra = roots_at(looks, varies)
