@@ -26,7 +26,7 @@ from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth_roots import MOST, GrowthFound, Look, Spectra, positions, roots_at
-from mbdae.system.base import Array, System
+from mbdae.system.base import System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
 FOLLOWED = 0.4
@@ -117,11 +117,11 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
                           for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)])
 
 
-def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: Array) -> list[GrowthFound]:
+def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
     an impact."""
     return [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
-            if one.unseen > 0 and not _steady(run, look, (float(a), float(b)), (one.rate,)) else one
+            if one.unseen > 0 and not _steady(run, look, (a, b), (one.rate,)) else one
             for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]
 
 
