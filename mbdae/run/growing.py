@@ -102,14 +102,13 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     at = systems_at(run, times, system)
     looks = [Look(*state, t1 - t0) for state in zip(at, times.tolist(), y, yp, h.tolist(), strict=True)]
     ends = [t0, *((times[1:] + times[:-1]) / 2).tolist(), t1]
-    varies = varying and system.n <= SMALL and _varies(system, run)
-    spectra = roots_at(looks, varies)
+    spectra = roots_at(looks)
     found, late = spectra.found(VISIBLE), [0.0] * len(looks)
     if any(one.unseen for one in found):
         found = _persistent(run, looks, found, ends)
     if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
-    elif varies:
+    elif varying and system.n <= SMALL and _varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]

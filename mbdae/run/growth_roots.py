@@ -24,8 +24,9 @@ HARMLESS = 2.0
 #: frequency most, and of few multiples of that. Measured: a cantilever of which the stiffest vibration, 2300 / step, was followed
 #: took 57 662 steps where 12 do
 EXCITED = 10.0
-#: largest numbers of unknowns for which all roots are computed: at once, and where `_rises` finds that something grows
-ALL, MOST = 20, 300
+#: largest number of unknowns for which all roots are computed; above SMALL only where `_rises` finds that something grows: with
+#: fewer, too, that would miss what vibrates within a step and grows slowly (van der Pol's oscillator beside others)
+MOST = 300
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
@@ -33,7 +34,7 @@ ALIKE = 1e-5  #: relative difference of roots that count as equal
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
 #: their end: the largest that vibrations alone gave was 1.1. What moves freely grows by 2 there, as a number proportional to the
 #: time does, and by 2 again in as many multiplications more as there were; what grows at a rate does by the square of the ratio
-ROUNDS, GROWS, FASTER = 12, 1.5, 1.5
+ROUNDS, GROWS, FASTER = 20, 1.5, 1.5
 #: number of eigenvectors a matrix up to which solving for each takes less time than finding all, and the relative distance from
 #: an eigenvalue at which it is solved
 FEW, BESIDE = 4, 1e-11
@@ -123,16 +124,15 @@ class Spectra(NamedTuple):
         return found
 
 
-def roots_at(looks: list[Look], vibrations: bool = False) -> Spectra:
-    """The roots at some states of a system; vibrations: those of vibrations too where nothing grows, with up to SMALL
-    unknowns."""
+def roots_at(looks: list[Look]) -> Spectra:
+    """The roots at some states of a system."""
     system, h = looks[0].system, np.array([look.h for look in looks])[:, None]
     if system.n > MOST or (system.n > SMALL and system.has_pattern):
         rising = np.array(_rising_sparse(looks))[:, None]
         if system.n > MOST or not np.any(rising):
             return Spectra(looks, np.zeros((0, 0, 0)), np.zeros(0), np.where(rising, 1 / h, -np.inf))
     S = _shifted(looks)
-    if system.n <= (SMALL if vibrations else ALL):
+    if system.n <= SMALL:
         values = np.linalg.eigvals(S)
     else:
         values = np.array([np.linalg.eigvals(one) if _grows(one) else np.zeros(system.n) for one in S])
