@@ -42,6 +42,7 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
     **dict.fromkeys(("Result.gradient", "Result.sensitivity", "integral", "at_end", "largest", "number"), "tests/derivatives"),
+    **dict.fromkeys(("fit", "design", "mass", "function"), "tests/test_fits"),
     **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak", "Result.error"),
                     "tests/results"),
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
