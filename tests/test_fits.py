@@ -105,7 +105,8 @@ def test_runs_are_kept(data, fitted, tmp_path):
 
 
 @pytest.mark.parametrize(("given", "said"), [
-    ({"to": []}, "give one or more names"), ({"sigma": -1.0}, "positive standard deviations"), ({"data": 3}, "mapping of sensors"),
+    ({"to": []}, "give one or more names"), ({"sigma": -1.0}, "positive standard deviations"),
+    ({"data": 3}, "mapping of sensors"),
     ({"data": {"J0.angle": ([0.1], [1.0, 2.0])}}, "as many values as times"), ({"bounds": {"x": (0, 1)}}, "names in `to`"),
     ({"bounds": {"J0.damper": (1, 0)}}, "not below the largest"), ({"runs": 0}, "runs"), ({"progress": 3}, "progress"),
 ])
@@ -173,7 +174,8 @@ def test_a_bound_that_cannot_be_kept_is_said():
 
 @pytest.mark.parametrize(("given", "said"), [
     ({"minimize": "P.displacement"}, "give mb.integral"), ({"to": {}}, "mapping of names"),
-    ({"to": {"b.mass": (2, 1)}}, "mapping"), ({"bounds": [3]}, "list of bounds"), ({"minimize": mb.mass("nobody")}, "no body 'nobody'"),
+    ({"to": {"b.mass": (2, 1)}}, "mapping"), ({"bounds": [3]}, "list of bounds"),
+    ({"minimize": mb.mass("nobody")}, "no body 'nobody'"),
 ])
 def test_mistakes_of_designs_are_named(given, said):
     options = {"minimize": mb.mass("b"), "to": {"b.mass": (0.5, 3.0)}, "t_end": 1.0} | given
