@@ -2,8 +2,8 @@ r"""A door closer from what a sensor on the door showed: spring, damper and dry 
 
     I phi'' = -k phi - c phi' - mu N r tanh(r phi' / v_c),    I = m b^2 / 3
 
-The measurements are made here from this equation by SciPy, with errors of 2 mrad, so that the numbers are known; the fit begins at
-numbers that are off by a third to a half.
+The measurements are made here from this equation by SciPy, with errors of 2 mrad, so that the numbers are known. The fit begins
+at numbers that are off by a third to a half.
 
 Run it:  mbdae run examples/door_closer.py --out out
 """
