@@ -286,7 +286,7 @@ CALLS: dict[str, Call] = {
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
-        "t_end": None, "accuracy": 1e-6, "outputs": None}, "mbdae.sweep.with_processes"),
+        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None}, "mbdae.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
