@@ -98,7 +98,8 @@ __all__ = [
     "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section",
     "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
     "at_end", "audit", "compare", "curve", "design", "export", "extremes", "fit", "function", "integral", "largest", "load",
-    "mass", "measure_order", "number", "params", "rate", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
+    "mass", "measure_order", "number", "params", "rate", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep",
+    "t", "table",
 ]
 
 
