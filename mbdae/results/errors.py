@@ -17,9 +17,10 @@ from mbdae.deferred import distinct
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import AtTimes, OtherRun, wrenches
-from mbdae.results.contacts import largest
+from mbdae.results.contacts import fallen, largest
 from mbdae.results.quantities import Quantity, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.states import states_of
+from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
 #: rounding error of forces, relative to the force that moves the heaviest body by the scene's length in the motion's
@@ -42,10 +43,6 @@ MEETING, LATE, NEAR = 0.3, 2 / 3, 0.05
 #: tightens 7 times, where both end a step in the same moment
 FAR = 0.15
 NEARLY = 5.0  #: the closer run is made for the error of all reactions too where that is up to so many times the accuracy
-#: of the tolerance, with which errors of runs with contact are taken to fall: at most the root, as everywhere with impacts.
-#: Measured: two companions of a pin with play that showed a power of 1 or more, where the run was 4.6 times as far off as that
-#: power says
-POWERS = np.linspace(0.15, 0.5, 40)
 #: errors of functions that read what other runs do not have
 UNREADABLE = (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError)
 
@@ -132,23 +129,30 @@ class Errors:
 
     def of(self, result: Any, quantity: Quantity) -> Estimate | None:
         """The error of a quantity over the run; None where no other run can be read. result: the run as users see it."""
-        if not isinstance(quantity, str):
-            return self._closely(lambda: self._estimated(result, quantity))
-        if quantity not in self._known:
-            self._known[quantity] = self._closely(lambda: self._estimated(result, quantity))
-        return self._known[quantity]
+        return self._once(quantity, (), lambda: self._estimated(result, quantity))
 
     def of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
-        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s). Where the error over time is
-        above the accuracy, the peak is not trusted to runs that may all damp what makes it: a closer run is asked first."""
-        if not isinstance(quantity, str):
-            return self._of_peak(result, quantity, size, t)
-        if (quantity, size, t) not in self._known:
-            self._known[quantity, size, t] = self._of_peak(result, quantity, size, t)
-        return self._known[quantity, size, t]
+        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s), between the first and the last
+        of the result's times. Where the error over time is above the accuracy, the peak is not trusted to runs that may all damp
+        what makes it: a closer run is asked first."""
+        return self._once(quantity, (size, t, *result.t[[0, -1]]), lambda: self._estimated_peak(result, quantity, size, t))
 
-    def _of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
-        return self._closely(lambda: self._estimated_peak(result, quantity, size, t))
+    def of_mean(self, result: Any, quantity: Quantity, size: float, power: int) -> Estimate | None:
+        """The error of the mean (power 1), or of the root mean square `size` (2), of a quantity between the first and the last of
+        the result's times: at most the mean (root mean square) of its difference over time, which is taken."""
+        def mean(t: Array, apart: Array) -> float:
+            return float((np.trapezoid(apart**power, t) / (t[-1] - t[0])) ** (1 / power)) if len(t) > 1 else float(apart[0])
+
+        return self._once(quantity, (size, power, *result.t[[0, -1]]), lambda: self._estimated(result, quantity, mean, size))
+
+    def _once(self, quantity: Quantity, further: tuple[float, ...], estimate: Callable[[], Estimate | None]) -> Estimate | None:
+        """An estimate, kept where the quantity is a text."""
+        if not isinstance(quantity, str):
+            return self._closely(estimate)
+        key = (quantity, *further)
+        if key not in self._known:
+            self._known[key] = self._closely(estimate)
+        return self._known[key]
 
     def _closely(self, estimate: Callable[[], Estimate | None]) -> Estimate | None:
         """An estimate; where it is above the accuracy, or not far below it in a run that leaves vibrations out or meets kinks of
@@ -164,19 +168,26 @@ class Errors:
         self.others = (*self.others, other)
         return estimate()
 
-    def _estimated(self, result: Any, quantity: Quantity) -> Estimate | None:
-        """From the largest differences over time."""
-        unit, found, size = unit_of(result, quantity), [], 0.0
+    def _estimated(self, result: Any, quantity: Quantity, read: Callable[[Array, Array], float] | None = None,
+                   size: float | None = None) -> Estimate | None:
+        """From the differences over time: the largest of the run, or what `read` makes of times and differences between the first
+        and the last of the result's times. size: what the error is relative to, the largest value by default."""
+        unit, found, known = unit_of(result, quantity), [], size or 0.0
+        first, last = (-np.inf, np.inf) if read is None else result.t[[0, -1]]
         try:
             for other in self._shown:
                 own, beside = self._both(result, other)
-                size = max(size, float(np.max(magnitudes(value(own, quantity)), initial=0.0)))
+                top = float(np.max(magnitudes(value(own, quantity)), initial=0.0))
+                known = max(known, top) if size is None else known
                 asked = self.asked or 0.0
-                shown = differences(own, beside, quantity, unit, asked * self.prepared.time, asked * size)
-                found.append((other, float(np.max(shown))))
+                shown = differences(own, beside, quantity, unit, asked * self.prepared.time, asked * top)
+                part = slice(*np.clip(np.searchsorted(other.times, [first, last]) + np.array([-1, 1]), 0, len(shown)))
+                if other.kind == "window" or not len(shown[part]):  # what it shows goes on elsewhere
+                    part = slice(None)
+                found.append((other, float(np.max(shown)) if read is None else read(other.times[part], shown[part])))
         except UNREADABLE:
             return None
-        return Estimate(together(found), max(size, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
+        return Estimate(together(found), max(known, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
 
     def _estimated_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
         """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks."""
@@ -185,7 +196,7 @@ class Errors:
             found = [(other, self._at_peak(result, quantity, size, t, other)) for other in self._shown]
         except UNREADABLE:
             return None
-        over_time = self._estimated(result, quantity)
+        over_time = self._estimated(result, quantity, lambda _, apart: float(np.max(apart)))
         if not found or over_time is None:
             return None
         followed = any(other.kind == "closer" and other.times[-1] >= t for other in self.others)
@@ -267,30 +278,28 @@ class Errors:
         if self.asked is not None and name not in self.told and not self._covered(result, quantity, unit):
             self.tell(name, unit, self.of(result, quantity), self.asked)
 
-    def judge_peak(self, result: Any, quantity: Quantity, size: float, t: float, silent: bool) -> float | None:
-        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s), told where it is above the
-        accuracy asked, unless silent."""
-        found, unit = self.of_peak(result, quantity, size, t), unit_of(result, quantity)
-        if not silent and self.asked is not None and not self._covered(result, quantity, unit):
-            self.tell(named(quantity), unit, found, self.asked, "peak")
+    def judge_part(self, result: Any, quantity: Quantity, found: Estimate | None, read: str) -> float | None:
+        """The error `found` of what was `read` of a quantity, as its "largest value"; told where it is above the accuracy."""
+        unit = unit_of(result, quantity)
+        if not result._silent and self.asked is not None and not self._covered(result, quantity, unit):
+            self.tell(named(quantity), unit, found, self.asked, read)
         return None if found is None else found.error
 
     def _covered(self, result: Any, quantity: Quantity, unit: str) -> bool:
         """Whether the accuracy of the motion speaks of a quantity: with beams it leaves velocities out."""
         return moves(result, quantity) and not (self.prepared.model.lines and unit in ("m/s", "rad/s"))
 
-    def tell(self, name: str, unit: str, found: Estimate | None, asked: float, read: str = "values") -> None:
-        """Warn once about a quantity whose error is above the accuracy asked; read: "values" over time, or their "peak", of which
-        nothing is said after the values, whose error contains it."""
-        key = name if read == "values" else f"{name}, its largest value"
+    def tell(self, name: str, unit: str, found: Estimate | None, asked: float, read: str = "") -> None:
+        """Warn once about a quantity whose error is above the accuracy asked; read: "" for its values over time, or what was read
+        of them, of which nothing is said after the values, whose error contains it."""
+        key = f"{name}, its {read}" if read else name
         if name in self.told or key in self.told or (found is not None and not found.beyond(asked)):
             return
         error = "an error that is not known"
         if found is not None and np.isfinite(found.error):
             share, of = f"{100 * found.error / found.size:.2g} % of ", f"{found.error:.2g}{f' {unit}' if unit else ''}"
-            error = f"an error of about {of}, {share}its largest value"
-            if read == "peak":
-                error = f"an error of about {of} in its largest value, {share}that"
+            error = f"an error of about {of} in its {read}, {share}that" if read else (
+                f"an error of about {of}, {share}its largest value")
         self.told[key] = f"{name} has {error}, where the accuracy {asked:g} was asked: {self._remedy(asked)}"
         warn(f"scene '{self.prepared.model.scene.name}': {self.told[key]}")
 
@@ -333,14 +342,3 @@ def together(found: Iterable[tuple[OtherRun, float]]) -> float:
         kinds[other.kind] = max(kinds.get(other.kind, 0.0), other.share * apart)
     closer, mesh = kinds.pop("closer", 0.0), kinds.pop("mesh", 0.0)
     return float(max(closer, sum(kinds.values())) + mesh)  # beside a closer run the others count after its end alone
-
-
-def fallen(far: tuple[float, float], near: tuple[float, float]) -> float:
-    """The error of a run from its differences to two companions, each with its tolerance over that of the run: errors e(r) at a
-    tolerance r times as large are r^p e, where p follows from the differences; at most the larger difference."""
-    (wide, far_ratio), (close, near_ratio) = max(far, near, key=lambda one: one[1]), min(far, near, key=lambda one: one[1])
-    if close <= 0 or near_ratio <= 1:
-        return 0.0 if close <= 0 else max(wide, close)
-    shown = (far_ratio**POWERS - 1) / (near_ratio**POWERS - 1)  # rises with the power
-    p = POWERS[int(np.clip(np.searchsorted(shown, wide / close), 0, len(POWERS) - 1))]
-    return float(min(close / (near_ratio**p - 1), max(wide, close)))

@@ -10,7 +10,7 @@ Modules of this folder in the order in which a run uses them:
                       a quantity is read that the estimate does not cover;
 4. `assessment`       warnings about the run that is returned: `reliability`, `drift`, `singular_positions`,
                       `quaternion_lengths`;
-5. `recheck`          steps with a large `defect` are integrated again, since something may have acted between the points at
+5. `conditions`       steps with a large `defect` are integrated again, since something may have acted between the points at
                       which the solver evaluated the equations (`short_events`).
 """
 
@@ -47,12 +47,12 @@ from mbdae.results.result import Result
 from mbdae.run.assessment import assessed, singular_stop
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
+from mbdae.run.conditions import Rechecked, rechecked
 from mbdae.run.contacts import hidden_contacts, refuse_unresolved
 from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, run_controlled
 from mbdae.run.drift import Assessment, joint_drift
 from mbdae.run.estimate import UNTESTED, Controlled, cpu_of
 from mbdae.run.growing import growing, unfollowed
-from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified, with_forces, with_lost_vibrations
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
