@@ -18,7 +18,7 @@ from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import AtTimes, OtherRun, wrenches
 from mbdae.results.contacts import fallen, largest
-from mbdae.results.quantities import Quantity, differences, magnitudes, moves, named, unit_of, value
+from mbdae.results.quantities import Quantity, difference, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.states import states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -86,8 +86,7 @@ class Errors:
     # -- reactions
 
     def __call__(self) -> float:
-        """Error of the forces and torques of all joints and force elements over the largest force of the run (torques are divided
-        by the length)."""
+        """Error of all forces and torques over the largest force of the run (torques are divided by the length)."""
         if self.reactions is None:
             self.reactions = self._of_reactions().error
             asked = self.asked or 0.0
@@ -139,9 +138,13 @@ class Errors:
 
     def of_mean(self, result: Any, quantity: Quantity, size: float, power: int) -> Estimate | None:
         """The error of the mean (power 1), or of the root mean square `size` (2), of a quantity between the first and the last of
-        the result's times: at most the mean (root mean square) of its difference over time, which is taken."""
-        def mean(t: Array, apart: Array) -> float:
-            return float((np.trapezoid(apart**power, t) / (t[-1] - t[0])) ** (1 / power)) if len(t) > 1 else float(apart[0])
+        the result's times. Of a mean counts the largest integral of the difference up to any time, since what swings about 0 may
+        end at 0 by chance; of a root mean square that of the difference, which is at least as large."""
+        def mean(t: Array, own: Array, beside: Array) -> float:
+            apart = difference(own, beside, unit_of(result, quantity)).reshape(len(t), -1)
+            apart = apart if power == 1 else np.sum(apart**2, axis=1, keepdims=True)
+            sums = np.cumsum((apart[1:] + apart[:-1]) * np.diff(t)[:, None] / 2, axis=0)
+            return float((np.max(np.linalg.norm(sums, axis=1)) / (t[-1] - t[0])) ** (1 / power))
 
         return self._once(quantity, (size, power, *result.t[[0, -1]]), lambda: self._estimated(result, quantity, mean, size))
 
@@ -168,23 +171,26 @@ class Errors:
         self.others = (*self.others, other)
         return estimate()
 
-    def _estimated(self, result: Any, quantity: Quantity, read: Callable[[Array, Array], float] | None = None,
+    def _estimated(self, result: Any, quantity: Quantity, part: Callable[..., float] | None = None,
                    size: float | None = None) -> Estimate | None:
-        """From the differences over time: the largest of the run, or what `read` makes of times and differences between the first
-        and the last of the result's times. size: what the error is relative to, the largest value by default."""
+        """From the differences over time: the largest of the run, with np.max that between the first and the last of the result's
+        times, else what `part` makes of times and values of both runs there, relative to `size` (default: the largest value)."""
         unit, found, known = unit_of(result, quantity), [], size or 0.0
-        first, last = (-np.inf, np.inf) if read is None else result.t[[0, -1]]
+        asked, (first, last) = self.asked or 0.0, (-np.inf, np.inf) if part is None else result.t[[0, -1]]
         try:
             for other in self._shown:
-                own, beside = self._both(result, other)
-                top = float(np.max(magnitudes(value(own, quantity)), initial=0.0))
-                known = max(known, top) if size is None else known
-                asked = self.asked or 0.0
-                shown = differences(own, beside, quantity, unit, asked * self.prepared.time, asked * top)
-                part = slice(*np.clip(np.searchsorted(other.times, [first, last]) + np.array([-1, 1]), 0, len(shown)))
-                if other.kind == "window" or not len(shown[part]):  # what it shows goes on elsewhere
-                    part = slice(None)
-                found.append((other, float(np.max(shown)) if read is None else read(other.times[part], shown[part])))
+                both = self._both(result, other)
+                own, beside = (value(one, quantity) for one in both)
+                top = float(np.max(magnitudes(own), initial=0.0))
+                known = max(known, top) if size is None else size
+                at = slice(*np.clip(np.searchsorted(other.times, [first, last]) + np.array([-1, 1]), 0, len(own)))
+                if other.kind == "window" or len(own[at]) < 2:  # what it shows goes on elsewhere
+                    at = slice(None)
+                if part is None or part is np.max:
+                    shown = differences(*both, quantity, unit, asked * self.prepared.time, asked * top)
+                    found.append((other, float(np.max(shown[at]))))
+                else:
+                    found.append((other, part(other.times[at], own[at], beside[at])))
         except UNREADABLE:
             return None
         return Estimate(together(found), max(known, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
@@ -196,7 +202,7 @@ class Errors:
             found = [(other, self._at_peak(result, quantity, size, t, other)) for other in self._shown]
         except UNREADABLE:
             return None
-        over_time = self._estimated(result, quantity, lambda _, apart: float(np.max(apart)))
+        over_time = self._estimated(result, quantity, np.max)
         if not found or over_time is None:
             return None
         followed = any(other.kind == "closer" and other.times[-1] >= t for other in self.others)
