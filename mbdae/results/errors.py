@@ -7,16 +7,15 @@ error of the run, is the estimate. It is computed when the quantity is read.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.deferred import distinct
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
-from mbdae.results.clearance import AtTimes, OtherRun, wrenches
+from mbdae.results.clearance import AtTimes, OtherRun, at_the_same_times, wrenches
 from mbdae.results.contacts import fallen, largest
 from mbdae.results.quantities import Quantity, difference, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.states import states_of
@@ -54,6 +53,11 @@ class Estimate(NamedTuple):
     size: float
     limit: float = 0.0
 
+    @property
+    def relative(self) -> float:
+        """The error over the size; 0 where it is rounding."""
+        return 0.0 if self.error <= self.limit else self.error / self.size if self.size > 0 else np.inf
+
     def beyond(self, asked: float) -> bool:
         """Whether the error is above the accuracy asked."""
         return not self.error <= max(asked * self.size, self.limit)
@@ -73,6 +77,7 @@ class Errors:
     told: dict[str, str] = field(default_factory=dict)  #: by quantity: what its reader was told
     reactions: float | None = None  #: error of all reactions where it is known from a file
     closer: Callable[[], OtherRun | None] | None = field(default=None, repr=False)
+    wanted: tuple[Quantity, ...] = ()  #: those that the run was asked for, which are relative to their own size
     _known: dict[Any, Estimate | None] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -264,7 +269,8 @@ class Errors:
 
     def _scale(self, result: Any, quantity: Quantity, unit: str) -> float:
         """Least size of a quantity: motion is relative to length and characteristic time, as its accuracy is."""
-        return (1.0 if moves(result, quantity) else IDLE if unit == "W" else LEAST) * self._typical(unit)
+        share = LEAST if quantity in self.wanted else 1.0 if moves(result, quantity) else IDLE if unit == "W" else LEAST
+        return share * self._typical(unit)
 
     def _rounding(self, unit: str) -> float:
         return ROUNDED * self._typical(unit)
@@ -273,7 +279,7 @@ class Errors:
         """What the scene has of a quantity of some unit; 0 where that is not known."""
         L, T = self.prepared.length, self.prepared.time
         motion = {"m": L, "rad": 1.0, "m/s": L / T, "rad/s": 1 / T, "m/s^2": L / T**2, "rad/s^2": 1 / T**2}
-        F = 0.0 if unit in motion else self._largest_force
+        F = 0.0 if unit in motion or not unit else self._largest_force
         return (motion | {"N": F, "N m": F * L, "N, N m": F, "W": F * L / T}).get(unit, 0.0)
 
     # -- telling
@@ -322,17 +328,6 @@ class Errors:
             return (f"the run leaves out fast vibrations of the beams, which hardly move them and carry forces; ask for "
                     f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")
         return f"ask for {smaller}"
-
-
-def at_the_same_times(others: tuple[OtherRun, ...]) -> tuple[OtherRun, ...]:
-    """The runs, with the two companions of a run with contacts compared with it at the same times: what one of them shows at an
-    impact and the other misses is no sign that errors fall."""
-    pair = [other for other in others if other.kind == "companion" and not isinstance(other.run.interpolant, AtTimes)]
-    if len(pair) != 2:
-        return others
-    end = min(other.run.t[-1] for other in pair)
-    times = distinct(np.concatenate([other.times[other.times <= end] for other in pair]))
-    return tuple(replace(other, times=times) if other in pair else other for other in others)
 
 
 def together(found: Iterable[tuple[OtherRun, float]]) -> float:

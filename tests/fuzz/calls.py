@@ -260,7 +260,7 @@ CALLS: dict[str, Call] = {
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
-        "derivatives": False}, "mbdae.api.Job"),
+        "derivatives": False, "of": ["hinge.angle"]}, "mbdae.api.Job"),
     "Scene.stepper": Call(lambda: scene().stepper, lambda: {
         "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "reads": ["hinge.angle"],
         "batch": None, "start": None},
