@@ -20,7 +20,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, naming_arguments, warn
 from mbdae.notation import counted
-from mbdae.results.contacts import Peak
+from mbdae.results.contacts import Mean, Peak
 from mbdae.results.reads import reads
 from mbdae.run.checkpoint import versions
 from mbdae.scene.scene import SceneData
@@ -267,9 +267,9 @@ def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
 
 
 def _with_errors(values: dict[str, Any]) -> dict[str, Any]:
-    """Values of a job; in the place of a peak its value, and its error beside it."""
-    errors = {f"{name} error": one.error for name, one in values.items() if isinstance(one, Peak)}
-    return {name: one.value if isinstance(one, Peak) else one for name, one in values.items()} | errors
+    """Values of a job; in the place of a peak or a mean its value, and its error beside it."""
+    errors = {f"{name} error": one.error for name, one in values.items() if isinstance(one, Peak | Mean)}
+    return {name: one.value if isinstance(one, Peak | Mean) else one for name, one in values.items()} | errors
 
 
 def _finite(value: Any) -> Any:

@@ -26,7 +26,8 @@ from mbdae.scene.scene import SceneData, refuse_other_laws, stated_laws
 from mbdae.study.statements import changed
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
-from mbdae.values import BadValueError, array, number, option, several, shown, text
+from mbdae.values import BadValueError, array, option, several, shown, text
+from mbdae.values import number as checked_number
 
 #: largest number of values of a name at which the scene is modelled, to see whether numbers of laws follow that name on straight
 #: lines
@@ -88,7 +89,7 @@ class Points:
             raise OptionError(f"grid = {shown(grid)}: give a mapping of names such as 'crank.mass' to lists of numbers, or a "
                               f"list of such points, all with the same names")
         names = _names(listed[0])
-        return cls(names, None, np.array([[option(f"grid: '{n}'", p[n], number, GRID) for n in names] for p in listed]))
+        return cls(names, None, np.array([[option(f"grid: '{n}'", p[n], checked_number, GRID) for n in names] for p in listed]))
 
 
 def _names(point: Mapping[Any, Any]) -> tuple[str, ...]:
