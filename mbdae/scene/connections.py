@@ -323,8 +323,8 @@ def where(scene: Any, item: str, body: Body | Place, at: Any = None) -> Array:
 
 
 def across(arg: Argument, axis: Array, axis_x: Any, word: str = "axis") -> Array | None:
-    """Unit vector (3,) in the direction of a joint's x axis, which may not be along its axis; None where none is given. word: what
-    the statement calls the axis."""
+    """Unit vector (3,) in the direction of a joint's x axis, which may not be along its axis; None where none is given. word:
+    what the statement calls the axis."""
     if axis_x is None:
         return None
     found = reading.unit(axis_x)

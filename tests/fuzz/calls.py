@@ -49,7 +49,7 @@ ELSEWHERE = {
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
     "read_table": "tests/inputs", "read_urdf": "tests/robots", "read_mjcf": "tests/robots",
     "Scene.write_mjcf": "tests/robots",
-    "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "rate": "statements of a law", "load": "files",
+    "SceneData.__getitem__": "statements of a scene", **dict.fromkeys(("params", "rate"), "statements of a law"), "load": "files",
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
     "Solver.between_breaks": "between modules", "State.save": "files",
     "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
