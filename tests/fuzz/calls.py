@@ -42,7 +42,9 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
     **dict.fromkeys(("Result.gradient", "Result.sensitivity", "integral", "at_end", "largest", "number"), "tests/derivatives"),
-    **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak", "Result.error"),
+    **dict.fromkeys(("fit", "design", "mass", "function"), "tests/test_fits"),
+    **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak",
+                     "Result.mean", "Result.rms", "Result.error"),
                     "tests/results"),
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
     "read_table": "tests/inputs", "read_urdf": "tests/robots", "read_mjcf": "tests/robots",
@@ -260,7 +262,7 @@ CALLS: dict[str, Call] = {
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
-        "derivatives": False}, "mbdae.api.Job"),
+        "derivatives": False, "of": ["hinge.angle"]}, "mbdae.api.Job"),
     "Scene.stepper": Call(lambda: scene().stepper, lambda: {
         "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "reads": ["hinge.angle"],
         "batch": None, "start": None},
@@ -286,7 +288,7 @@ CALLS: dict[str, Call] = {
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
-        "t_end": None, "accuracy": 1e-6, "outputs": None}, "mbdae.sweep.with_processes"),
+        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None}, "mbdae.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
