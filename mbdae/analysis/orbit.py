@@ -103,8 +103,8 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
         raise SteadyError(f"after period = {period:.9g} s {difference}: give a whole period of the motion, and start on that "
                           f"motion: pass at=(result, t) of a run whose transients have died out, or "
                           f"at=s.equilibrium(frame=...)")
-    sign, turns = _later(prepared, system, run, acting)
-    changed_equation = _changed(prepared, system, run, period, (sign, turns))
+    sign, turns = later(prepared, system, run.y[[0, -1]], acting)
+    changed_equation = changed(prepared, system, run, period, (sign, turns))
     if changed_equation:
         raise SteadyError(f"the equations do not repeat after period = {period:.9g} s, although the motion does: "
                           f"{changed_equation}; give a period after which loads and prescribed motions repeat too (a force "
@@ -172,7 +172,7 @@ def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[floa
     return shift / length, f"'{node.name}' is {shift:.3g} m from its start"
 
 
-def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: float,
+def changed(prepared: Prepared, system: SceneSystem, run: Solution, period: float,
              later: tuple[Array, Array]) -> str | None:
     """Which equation differs a period later on the same motion; None where all repeat."""
     sign, turns = later
@@ -199,19 +199,27 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
     return None
 
 
-def _later(prepared: Prepared, system: SceneSystem, run: Solution, acting: Indices) -> tuple[Array, Array]:
-    """Signs of quaternions and whole turns of angles (n,) by which unknowns differ after a period."""
+def later(prepared: Prepared, system: SceneSystem, ends: Array, acting: Indices) -> tuple[Array, Array]:
+    """Signs of quaternions and whole turns of angles (n,) by which unknowns differ after a period; ends (2, n): unknowns before
+    and after it."""
     nb, sign = system.numbering, np.ones(system.n)
     for node in prepared.model.nodes:
         if node.kind is NodeKind.SPATIAL:
             own = np.flatnonzero((nb.of_positions >= node.q + 3) & (nb.of_positions < node.q + 7))
-            sign[own] = -1.0 if run.y[-1][own] @ run.y[0][own] < 0 else 1.0
-    shift = run.y[-1] - sign * run.y[0]
-    turns = np.zeros(system.n)
-    turns[: nb.nq] = 2 * np.pi * np.round(shift[: nb.nq] / (2 * np.pi))
+            sign[own] = -1.0 if ends[1][own] @ ends[0][own] < 0 else 1.0
+    shift, turns = ends[1] - sign * ends[0], np.zeros(system.n)
+    own = np.flatnonzero(np.isin(nb.of_positions, angles(prepared)))
+    turns[own] = 2 * np.pi * np.round(shift[own] / (2 * np.pi))
     following = np.setdiff1d(np.flatnonzero(np.array(system.kinds) == "s"), acting)
     turns[following] = shift[following]
     return sign, turns
+
+
+def angles(prepared: Prepared) -> list[int]:
+    """Numbers of the positions of all nodes that are angles."""
+    nodes = prepared.model.nodes
+    return [n.q + 2 for n in nodes if n.kind is NodeKind.PLANAR] + [
+        n.q for n in nodes if n.kind is NodeKind.COORDINATE and n.unit == "rad"]
 
 
 @dataclass(frozen=True)
