@@ -36,11 +36,12 @@ from mbdae.inputs.sensed import numbers_in, with_values
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
 from mbdae.results.stored_parts import started
+from mbdae.run.asked import Wanted, wanted_of
+from mbdae.run.estimate import measure_of
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
-from mbdae.system.sampling import distance
 from mbdae.system.scene_system import SceneSystem
 from mbdae.threads import single_threaded
 from mbdae.values import number, option, optional
@@ -122,12 +123,12 @@ class Shot:
 
 @naming_arguments
 @single_threaded
-def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start: Any = None) -> Periodic:
+def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start: Any = None, of: Any = None) -> Periodic:
     """A motion that returns to its start after `period` (s), whole turns counting as a return, as a Result over one period.
 
     period: that of the loads and drives, a number or an expression of `mb.number`, "2*pi/w"; None: found, for scenes without any.
     start: a Result (its end), (Result, t) or an equilibrium near the motion; by default the start of the scene. accuracy: of the
-    motion, as in `simulate`.
+    motion, and of the quantities `of`, as in `simulate`.
     Raises SteadyError where no such motion is found, where it does not repeat, or where it has contacts that no step follows."""
     length = optional("period", _number(period), number, "give the time in s after which loads and drives repeat, or None for "
                       "a scene without any, whose period is found", above=0)
@@ -137,8 +138,8 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
     begin = start_at(scene, start, "start")
     prepared = prepared_from(scene, begin, length or 0.0)
     refuse_rolling(prepared.mechanics, "periodic", "simulate until transients have died out")
-    found = _Search(prepared, accuracy, length).run()
-    return _result(scene, found, accuracy)
+    found = _Search(prepared, accuracy, length, wanted_of(of, prepared)).run()
+    return _result(scene, found, accuracy, of)
 
 
 def _number(period: Any) -> Any:
@@ -160,9 +161,10 @@ class Found:
 class _Search:
     """Newton's method from the start of a prepared scene. period: s, None where it is found too."""
 
-    def __init__(self, prepared: Prepared, accuracy: float, period: float | None) -> None:
+    def __init__(self, prepared: Prepared, accuracy: float, period: float | None, wanted: Wanted) -> None:
         self.prepared, self.accuracy, self.given = prepared, accuracy, period
         self.system = system_for(prepared, highest_index=3)
+        self.measure = measure_of(self.system, prepared, wanted)
 
     def run(self) -> Found:
         """The motion, followed in steps that are halved until it has the accuracy."""
@@ -315,19 +317,20 @@ class _Search:
         near = np.clip(np.searchsorted(b, a - 1e-9), 0, len(b) - 1)
         same = np.flatnonzero(np.abs(b[near] - a) < 1e-8)
         t, ends = fine.orbit.t[near[same], -1], (coarse.orbit.y[same, -1], fine.orbit.y[near[same], -1])
-        return float(np.max(distance(self.prepared, t, *ends)))
+        return float(np.max(self.measure(t, *ends)))
 
 
-def _result(scene: SceneData, found: Found, accuracy: float) -> Periodic:
+def _result(scene: SceneData, found: Found, accuracy: float, of: Any) -> Periodic:
     """The run over the period, with the error of the periodic motion."""
     shot = found.shot
     (q,), (u,), (s,) = found.prepared.states(np.array([shot.system.t0]), shot.system.y0[None])
     begin = replace(found.prepared.start, q=q, u=u, s=s)
     prepared = replace(found.prepared, start=begin)
-    run = scene.simulate(shot.system.t0 + shot.period, accuracy, start=started(prepared))  # type: ignore[attr-defined]
+    run = scene.simulate(shot.system.t0 + shot.period, accuracy, start=started(prepared), of=of)  # type: ignore[attr-defined]
     known = run.accuracy
     estimate = None if known.estimated is None else known.estimated + found.error
-    made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=replace(known, estimated=estimate)), run.t)
+    made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=replace(known, estimated=estimate, of={
+        key: None if error is None else error + found.error for key, error in known.of.items()})), run.t)
     made.period, made.period_error, made.autonomous = shot.period, found.period_error, found.autonomous
     if estimate is not None and known.estimated is not None and estimate > accuracy >= known.estimated:
         warn(f"scene '{scene.name}': the periodic motion is off by about {estimate:.1e}, where {accuracy:g} was asked")
