@@ -9,6 +9,7 @@ departures are those that the constraints allow, of positions (as virtual displa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -42,6 +43,7 @@ WHOLE = 16
 #: largest relative difference of the state after a period from the start, and of the equations from those a period before, with
 #: which a motion counts as periodic; exponents change by about as much
 RETURN = 1e-4
+CLOSINGS = 3  #: number of corrections by which a state near a motion comes to satisfy the constraints
 SAMPLES = 24  #: largest number of times at which the equations are compared with those of a period later
 
 
@@ -228,7 +230,8 @@ class Departures:
 
     map (n, nx): unknowns from p (virtual displacements), w (velocities), s (internal states); back (nx, n): those from the
     unknowns after the period, where quaternions may have changed sign; units (nx,): size of each; Q (nx, k)
-    orthonormal; velocities: number of entries of p, and of w.
+    orthonormal; velocities: number of entries of p, and of w; rows, C: the equations that are constraints of positions and
+    velocities, and what x changes them by.
     """
 
     map: Array
@@ -236,6 +239,16 @@ class Departures:
     units: Array
     Q: Array
     velocities: int
+    rows: Any
+    C: Array
+
+    def closed(self, system: SceneSystem, y: Array) -> Array:
+        """Unknowns y (n,) near the start changed as little as possible so that the constraints hold."""
+        inverse, F = np.linalg.pinv(self.C * self.units) if self.rows else np.zeros((len(self.units), 0)), np.empty(system.n)
+        for _ in range(CLOSINGS):
+            system.residual(system.t0, y, system.yp0, F)
+            y = y - self.map @ (self.units * (inverse @ F[self.rows]))
+        return y
 
     @property
     def start(self) -> Array:
@@ -271,7 +284,7 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
         raise OptionError(f"floquet: the constraints allow {Q.shape[1]} independent changes of positions, velocities and states "
                           f"at the start, where {expected} are expected: the position is singular; start at another instant "
                           f"of the motion (at=(result, t))")
-    return Departures(T, back * returned.sign, units, Q, nu)
+    return Departures(T, back * returned.sign, units, Q, nu, rows, C)
 
 
 def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:

@@ -48,8 +48,11 @@ from mbdae.values import number, option, optional
 
 LOOSE = 1e-6  #: rtol of the runs that show the number of steps, and that go on where Newton's method finds no way
 ITERATIONS, HALVINGS = 25, 5  #: largest number of corrections with one number of steps, and of halvings of one
-#: a correction that is this part of the state's scale is the last; a residual below FOUND counts as none
-LAST, FOUND = 1e-6, 1e-12
+#: a correction that is this part of the state's scale is the last; a residual below FOUND counts as none; one below STALLED is
+#: taken, because few steps damp a motion without losses, which then returns with more steps alone
+LAST, FOUND, STALLED = 1e-6, 1e-12, 1e-3
+NOT_FOUND = ("no periodic motion was found from this start: after {:.6g} s the motion is {:.2g} of its size off where it began, "
+             "and no change of the start brings it nearer; give a start nearer to it, start=(result, t)")
 SHARE = 0.2  #: part of the accuracy that the error of the shooting may be; the rest is that of the run over the period
 PERIOD = 1e-8  #: largest relative error of a period that is found
 #: singular values of the corrections' matrix below this, over the largest, count as 0: of families of periodic motions the next
@@ -177,8 +180,10 @@ class _Search:
             coarse, shot = shot, self._corrected(self._shot(shot.system, shot.period, steps))
             last, error = error, self._apart(coarse, shot) / GAIN
             of_period = abs(shot.period - coarse.period) / GAIN
-            done = error <= SHARE * self.accuracy and of_period <= min(SHARE * self.accuracy, PERIOD) * shot.period
+            done = max(error, shot.off) <= SHARE * self.accuracy and of_period <= min(SHARE * self.accuracy, PERIOD) * shot.period
             if done or 2 * steps > MOST or ROUND > error > last / 2:
+                if shot.off > self.accuracy:
+                    raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
                 self._refuse_changing(shot)
                 return Found(self.prepared, shot, error, of_period, self.given is None)
 
@@ -276,15 +281,12 @@ class _Search:
                     shot = tried
                     break
             else:
-                if last or shot.off < LAST:
+                if last or shot.off < STALLED:
                     return shot
-                raise SteadyError(f"no periodic motion was found from this start: after {shot.period:.6g} s the motion is "
-                                  f"{shot.off:.2g} of its size off where it began, and no change of the start brings it nearer; "
-                                  f"give a start nearer to it, start=(result, t)")
+                raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
             if last:
                 return shot
-        raise SteadyError(f"no periodic motion was found in {ITERATIONS} corrections of the start, the last ends {shot.off:.2g} "
-                          f"of its size off where it began: give a start nearer to it, start=(result, t)")
+        raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
 
     def _correction(self, shot: Shot) -> tuple[Array, float]:
         """The change of the start, in the directions, and of the period (s), after which the motion returns."""
@@ -306,7 +308,8 @@ class _Search:
             if length <= 0.2 * shot.period:
                 continue
             try:
-                system = self._from(shot.system.t0, shot.system.y0 + shot.directions.start @ (share * x))
+                y = shot.directions.closed(shot.system, shot.system.y0 + shot.directions.start @ (share * x))
+                system = self._from(shot.system.t0, y)
                 yield self._shot(system, length, steps)
             except (SolverError, OptionError):
                 continue
