@@ -35,8 +35,7 @@ from mbdae.formulations import system_for
 from mbdae.inputs.sensed import numbers_in, with_values
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
-from mbdae.results.stored_parts import started
-from mbdae.run.asked import Wanted, wanted_of
+from mbdae.results.stored_parts import Wanted, started, wanted_of
 from mbdae.run.estimate import measure_of
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
