@@ -336,8 +336,8 @@ def directions(item: Argument, axis: Any, axis_x: Any, axis_l: Any = None, axis_
 
 
 def across(arg: Argument, axis: Array, axis_x: Any, word: str = "axis") -> Array | None:
-    """Unit vector (3,) in the direction of a joint's x axis, which may not be along its axis; None where none is given. word:
-    what the statement calls the axis."""
+    """Unit vector (3,) in the direction of a joint's x axis, not along its axis; None where none is given. word: the statement's
+    name of the axis."""
     if axis_x is None:
         return None
     found = reading.unit(axis_x)

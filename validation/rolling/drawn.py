@@ -1,6 +1,7 @@
-"""Scenes at random with discs, balls and blades on the ground or on a table that turns, and their motion by own equations: those
-of Newton and Euler for every body, with rows of velocities at the points that touch, solved for accelerations and forces
-together, by DOP853 of SciPy. A scene may be stated turned and moved as a whole, and backwards."""
+"""Scenes at random with discs, balls and blades on the ground or on a table that turns, and their motion by own equations.
+
+They are those of Newton and Euler for every body, with rows of velocities at the points that touch, solved for accelerations and
+forces together, by DOP853 of SciPy. A scene may be stated turned and moved as a whole, and backwards."""
 
 from __future__ import annotations
 
