@@ -135,6 +135,7 @@ def header(program: Program) -> str:
     for f in program.functions.values():
         places = [f"   entries at the places {name}_rows, {name}_columns, all of the one matrix, then all of the other"]
         told = places if f.name == "jacobian" and program.pattern is not None else _listed(f.outputs)
+        told = [f"   {f.shape[0]} x {f.shape[1]}"] if f.shape else told
         lines += ["", f"/* {f.meaning}; out[{len(f.outputs)}]:", *told, "*/", f"{_signature(name, f)};"]
     return "\n".join([*lines, ""])
 

@@ -40,7 +40,8 @@ class Function:
     """An exported function as operations on one work array, whose places are called slots.
 
     outputs: entries; at: their slots; arguments: names of the input vectors; steps: operations, those that call a kernel with a
-    field `used` (numbers of the kernel's values that matter); reads: slots whose initial numbers outputs depend on."""
+    field `used` (numbers of the kernel's values that matter); reads: slots whose initial numbers outputs depend on; shape: of a
+    matrix, whose entries are stored row by row, else ()."""
 
     name: str
     meaning: str
@@ -49,6 +50,7 @@ class Function:
     at: Index
     steps: tuple[Step, ...]
     reads: frozenset[int]
+    shape: tuple[int, ...] = ()
 
 
 @dataclass
@@ -72,7 +74,7 @@ class Program:
         self.slots = {name: np.array(pairs, dtype=np.int64).reshape(-1, 2) for name, pairs in self.slots.items()}
 
     def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
-            part: Operations) -> None:
+            part: Operations, shape: tuple[int, ...] = ()) -> None:
         """Add a function. at: slots of its outputs; part: operations that compute them, of which those without influence on the
         outputs are left out. Signals, where there are any, are an argument of every function."""
         arguments = [*arguments, *(["signals"] if "signals" in self.inputs else [])]
@@ -85,7 +87,7 @@ class Program:
             if len(run):
                 begin.load(int(run[0]), W[run])
         self.functions[name] = Function(name, meaning, tuple(arguments), tuple(outputs), at, (*begin.steps, *steps),
-                                        frozenset(np.flatnonzero(live).tolist()))
+                                        frozenset(np.flatnonzero(live).tolist()), shape)
 
     def given(self, vectors: Mapping[str, Any]) -> Array:
         """The array with the values of the inputs in their slots."""

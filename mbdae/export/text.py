@@ -192,7 +192,8 @@ def sympy_text(program: Program) -> str:
     lines += [f'{v} = symbols("{v}:{len(entries)}")' for v, entries in program.inputs.items() if v != "t"]
     lines.append(f'w = symbols("w:{max((len(steps) for steps, _ in made.values()), default=0)}")')
     for name, (steps, outputs) in made.items():
-        lines += ["", f"{name}_steps = [", *(f"({w}, {e})," for w, e in steps), "]", f"{name} = Matrix([",
+        size = "".join(f"{n}, " for n in program.functions[name].shape)
+        lines += ["", f"{name}_steps = [", *(f"({w}, {e})," for w, e in steps), "]", f"{name} = Matrix({size}[",
                   *(f"{e}," for e in outputs), "])"]
     return "\n".join([*lines, ""])
 
@@ -204,7 +205,7 @@ def casadi_text(program: Program) -> str:
     for f in program.functions.values():
         steps, outputs = _written(derivation(program, f), CASADI)
         lines += ["", "w = []", *(f"w.append({e})" for _, e in steps), "out = vertcat(", *(f"{e}," for e in outputs), ")"]
-        results, names = "out", ["out"]
+        results, names = f"reshape(out, {f.shape[1]}, {f.shape[0]}).T" if f.shape else "out", ["out"]
         if f.name == "jacobian" and program.pattern is not None:
             n, count = len(program.inputs["y"]), len(program.pattern[0])
             lines.append(f"pattern = Sparsity.triplet({n}, {n}, rows, columns)")

@@ -116,11 +116,11 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
                           for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)])
 
 
-def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: Array) -> list[GrowthFound]:
+def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
     an impact."""
     return [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
-            if one.unseen > 0 and not _steady(run, look, (float(a), float(b)), (one.rate,)) else one
+            if one.unseen > 0 and not _steady(run, look, (a, b), (one.rate,)) else one
             for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]
 
 

@@ -18,6 +18,7 @@ from mbdae.export.program import run
 from mbdae.formulations import default_form, system_for
 from mbdae.native.program import CHOLESKY, POSITIVE
 from mbdae.results.sensors import reaction_outputs
+from mbdae.symbolic.outputs import coordinate
 from mbdae.system.prepare import prepare
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -137,6 +138,8 @@ class Kernels:
         self.prepared = prepare(scene)
         self.system = system_for(self.prepared, form or default_form(self.prepared))
         self.items = [c.name for c in self.prepared.model.scene.connections]
+        # without Baumgarte's terms; multipliers are derivatives, 0 as all of y' below
+        self.bare = system_for(self.prepared, mb.Index1(0.0, "derivatives") if self.prepared.rows else mb.ODE())
 
     def __call__(self, t, y, yp):
         system, n = self.system, self.system.n
@@ -146,7 +149,31 @@ class Kernels:
             system.rhs(t, y, found["rates"])
         found["jacobian"] = [self.dense(part) for part in system.jacobian_parts(t, y, yp)]
         found["joint_forces"] = self.forces(np.array([t]), y, yp)
-        return found
+        return found | self.mechanics(t, y) | {"sensors": self.sensors(np.array([t]), y)}
+
+    def mechanics(self, t, y):
+        """M, h, G and gamma: derivatives by u' and values at rest of the equations that have no Baumgarte terms."""
+        nb, n = self.bare.assembly.numbering, self.bare.n
+        full, still, at_rest = np.zeros(n), np.zeros(n), np.empty(n)
+        full[: nb.start["lambda"]] = y[: nb.start["lambda"]]
+        self.bare.residual(t, full, still, at_rest)
+        p, fyp = self.bare.pattern, self.bare.jacobian_parts(t, full, still)[1]
+        fyp = fyp if fyp.ndim == 2 else sp.csc_matrix((fyp, p.indices, p.indptr), shape=p.shape).toarray()
+        u, rows = slice(nb.nq, nb.nq + nb.nu), slice(nb.start["lambda"], n)
+        return {"mass_matrix": fyp[u, u].ravel(), "constraint_matrix": fyp[rows, u].ravel(), "bias": at_rest[u],
+                "gamma": at_rest[rows]}
+
+    def sensors(self, t, y):
+        """Coordinates of joints with their rates, positions and velocities of bodies."""
+        model, (q, u, s), found = self.prepared.model, self.prepared.states(t, y[None]), []
+        for item in model.scene.connections:
+            for g, p, values in self.prepared.mechanics.evaluate(coordinate, t, q, u, s):
+                mine = [i for i, one in enumerate(model.groups[g].instances) if one.item == item.name][:1]
+                found += [v for i in mine for v, (_, name) in zip(values[0, i], p.targets, strict=True) if name in item.scalars]
+        for node in (model.node(body) for body in model.scene.bodies if model.node(body) is not None):
+            n = node.kind.translations
+            found += [*q[0, node.q : node.q + n], *u[0, node.u : node.u + n]]
+        return np.array(found)
 
     def dense(self, part):
         p = self.system.pattern
@@ -179,7 +206,8 @@ class Kernels:
         """What errors are relative to: of a residual the terms of each row, of a Jacobian the entries of each row, of what a
         matrix was solved for the largest number."""
         rows = sum(abs(J) @ abs(x) for J, x in zip(wanted["jacobian"], (y, yp), strict=True)) + abs(wanted["residual"])
-        found = {name: np.max(np.abs(wanted[name]), initial=0.0) for name in ("rates", "joint_forces")}
+        found = {name: np.max(np.abs(wanted[name]), initial=0.0)
+                 for name in ("rates", "joint_forces", "mass_matrix", "constraint_matrix", "bias", "gamma", "sensors")}
         if self.prepared.model.lines:  # large forces of strains leave small ones in the joints
             t, (q, u, s) = np.zeros(1), self.prepared.states(np.zeros(1), y[None])
             found["joint_forces"] = max(found["joint_forces"], np.max(np.abs(self.prepared.mechanics.load(t, q, u, s))))
