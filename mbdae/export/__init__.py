@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, naming_arguments
-from mbdae.export import languages, text
+from mbdae.export import jax, languages, text
 from mbdae.export.program import RATES, Entry, Program, force_of, node_units, rate_of
 from mbdae.export.scene import scene_program
 from mbdae.files import write_file
@@ -210,7 +210,7 @@ __all__ = ["Entry", "Export", "export"]
 
 #: format -> function that writes it, and suffix of its files
 FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (languages.source, ".c"), "casadi": (text.casadi_text, ".py"),
-           "latex": (text.latex_text, ".tex")}
+           "latex": (text.latex_text, ".tex"), "jax": (jax.jax_text, ".py")}
 
 
 @dataclass(frozen=True, repr=False)
@@ -279,7 +279,7 @@ class Export:
             return f"{languages.identifier(self.program.title)}_{name}"
         if self.format == "latex":
             return text.latex_equations(self.program, self.program.functions[name])
-        return self._module[name] if self.format == "casadi" else (self._module[f"{name}_steps"], self._module[name])
+        return (self._module[f"{name}_steps"], self._module[name]) if self.format == "sympy" else self._module[name]
 
     @cached_property
     def _module(self) -> dict[str, Any]:
@@ -288,7 +288,7 @@ class Export:
         try:
             exec(compile(self.text, f"<{self.program.title}>", "exec"), space)
         except ModuleNotFoundError as missing_package:
-            raise OptionError(f"format = 'casadi': {missing_package}; pip install 'mbdae[casadi]'") from None
+            raise OptionError(f"format = '{self.format}': {missing_package}; pip install 'mbdae[{self.format}]'") from None
         return space
 
 

@@ -93,8 +93,14 @@ CASADI = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), 
     "Max": _folded("fmax"), "Min": _folded("fmin"), "erfc": lambda a: f"(1 - erf({a}))", "And": _folded("logic_and"),
     "Or": _folded("logic_or"), "Piecewise": _chosen("if_else({1}, {0}, {2})", 'float("nan")')})
 SYMPY = Language(_sympy_number, _power("1", "({0} ** {1})", False), _EQUAL | _calls(
-    "Abs ceiling erfc gamma loggamma Max Min And Or Not Equality=Eq Unequality=Ne") | {
+    "Abs ceiling erfc gamma=gamma_function loggamma Max Min And Or Not Equality=Eq Unequality=Ne") | {
     "Piecewise": _pairs, "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False"})
+
+JAX = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), _EQUAL | _calls(
+    "Abs=abs ceiling=ceil erfc gamma=gamma_function loggamma Not=logical_not") | {
+    "Max": _folded("maximum"), "Min": _folded("minimum"), "And": _folded("logical_and"), "Or": _folded("logical_or"),
+    "Equality": _infix("=="), "Unequality": _infix("!="), "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False",
+    "UnevaluatedExpr": lambda a: a, "Piecewise": _chosen("where({1}, {0}, {2})", "nan")})
 
 
 def described(entries: Sequence[Entry]) -> list[str]:
@@ -161,11 +167,13 @@ def _signature(name: str, f: Function) -> str:
 
 def source(program: Program) -> str:
     """The C file; it includes only math.h and string.h."""
-    return _File(program).text()
+    return File(program).text()
 
 
-class _File:
+class File:
     """Collects the parts of a C file as they are needed."""
+
+    language = C
 
     def __init__(self, program: Program) -> None:
         self.program, self.name = program, identifier(program.title)
@@ -275,21 +283,27 @@ class _File:
         if key not in self.kernels:
             self.kernels[key] = name = f"kernel{len(self.kernels)}"
             names = {s: f"x[{i}]" for i, s in enumerate(kernel.symbols)}
-            shared, outputs = steps([se.sympify(kernel.expressions[o]) for o in used], names, C)
-            lines = [f"  const double {a} = {text};" for a, text in shared]
-            lines += [f"  out[{o}] = {text};" for o, text in zip(used, outputs, strict=True)]
-            body = "\n".join(lines)
-            self.parts.append(f"static void {name}(const double *x, double *out) {{\n{body}\n}}\n")
+            self.parts.append(self._written(name, used, *steps([se.sympify(kernel.expressions[o]) for o in used], names,
+                                                               self.language)))
         return self.kernels[key]
+
+    def _written(self, name: str, used: tuple[int, ...], shared: list[tuple[str, str]], outputs: list[str]) -> str:
+        lines = [f"  const double {a} = {text};" for a, text in shared]
+        lines += [f"  out[{o}] = {text};" for o, text in zip(used, outputs, strict=True)]
+        body = "\n".join(lines)
+        return f"static void {name}(const double *x, double *out) {{\n{body}\n}}\n"
 
     def _table(self, values: Any) -> str:
         """Name of a constant table; equal tables are written once."""
         values = np.ascontiguousarray(values)
-        key = values.dtype.kind.encode() + values.tobytes()
+        key = f"{values.dtype.kind}{values.shape}".encode() + values.tobytes()
         if key not in self.tables:
             self.tables[key] = name = f"T{len(self.tables)}"
-            self.parts.append(f"static const {'double' if values.dtype.kind == 'f' else 'int'} {name}[] = {_listing(values)};")
+            self.parts.append(self._constant(name, values))
         return self.tables[key]
+
+    def _constant(self, name: str, values: Any) -> str:
+        return f"static const {'double' if values.dtype.kind == 'f' else 'int'} {name}[] = {_listing(values)};"
 
 
 def _entry(value: Any) -> str:

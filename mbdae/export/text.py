@@ -51,7 +51,7 @@ def derivation(program: Program, function: Function) -> Derivation:
     return Derivation(reached(found.steps, outputs), outputs, vectors)
 
 
-def _matrix(step: Step, at: Callable[[int], Any], zero: Any) -> list[list[Any]]:
+def matrix_of(step: Step, at: Callable[[int], Any], zero: Any) -> list[list[Any]]:
     """The matrix of an operation that solves a linear system: full (LU), or symmetric and stored as its lower band (Cholesky).
     at: function that returns the number or expression in a slot; zero: entry outside of the band."""
     n, first, width = step.fields["count"], step.fields["first"], step.fields.get("inputs", 0)
@@ -69,7 +69,7 @@ def _pivots(program: Program, function: Function) -> Iterator[list[int]]:
     for number, step in enumerate(function.steps):
         if step.fields["kind"] in (CHOLESKY, LU):
             run(function.steps[done:number], W)
-            A, order, done = np.array(_matrix(step, W.item, 0.0)), list[int](), number
+            A, order, done = np.array(matrix_of(step, W.item, 0.0)), list[int](), number
             for k in range(len(A)):
                 sizes = np.abs(A[k:, k])
                 if not sizes.max() > 0:
@@ -102,7 +102,7 @@ class _Symbols:
             elif kind in (SET, ADD, MULTIPLY):
                 self._map(step, kind)
             elif kind in (CHOLESKY, LU):
-                self._solve(f, _matrix(step, self.at, ZERO), next(pivots))
+                self._solve(f, matrix_of(step, self.at, ZERO), next(pivots))
 
     def at(self, slot: Any) -> Expr:
         """The expression in a slot."""
@@ -170,7 +170,7 @@ def _written(d: Derivation, language: Language) -> tuple[list[tuple[str, str]], 
     return [(names[name], written(e, names, language)) for name, e in d.steps], [written(e, names, language) for e in d.outputs]
 
 
-def _head(program: Program, library: str) -> list[str]:
+def head(program: Program, library: str) -> list[str]:
     """First lines of a Python module: docstring with all names and units, values of the inputs, pattern of the Jacobian."""
     about = [line for vector, entries in program.inputs.items() if vector != "t" for line in (f"{vector}:", *described(entries))]
     about += [line for f in program.functions.values() if f.name != "jacobian"
@@ -188,7 +188,7 @@ def sympy_text(program: Program) -> str:
     """A module that defines for every function `<name>_steps`, pairs (symbol, expression), and `<name>`, the outputs, as
     sympy.cse returns them."""
     made = {f.name: _written(derivation(program, f), SYMPY) for f in program.functions.values()}
-    lines = [*_head(program, "sympy"), 't = Symbol("t")']
+    lines = [*head(program, "sympy"), 'gamma_function, t = gamma, Symbol("t")']
     lines += [f'{v} = symbols("{v}:{len(entries)}")' for v, entries in program.inputs.items() if v != "t"]
     lines.append(f'w = symbols("w:{max((len(steps) for steps, _ in made.values()), default=0)}")')
     for name, (steps, outputs) in made.items():
@@ -200,7 +200,7 @@ def sympy_text(program: Program) -> str:
 
 def casadi_text(program: Program) -> str:
     """A module with a casadi.Function for every function; `jacobian` of a scene returns two sparse matrices."""
-    lines = [*_head(program, "casadi"), 't = SX.sym("t")']
+    lines = [*head(program, "casadi"), 't = SX.sym("t")']
     lines += [f'{v} = SX.sym("{v}", {len(entries)})' for v, entries in program.inputs.items() if v != "t"]
     for f in program.functions.values():
         steps, outputs = _written(derivation(program, f), CASADI)
