@@ -12,7 +12,7 @@ import symengine as se
 
 import mbdae.native
 from mbdae.export.program import Entry, Function, Program, weights
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, SET, Step
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, SET, SOLVE, Step
 from mbdae.symbolic.program import Language, called, steps
 from mbdae.symbolic.vectors import Expr
 
@@ -236,6 +236,9 @@ class File:
         if kind == CHOLESKY:
             return [f"if (band_factors({count}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
                     f"band_solve({count}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]
+        if kind == SOLVE:
+            return [f"band_solve({count}, {f['inputs']}, W + {f['first']}, W + {f['outputs'] + k * count});"
+                    for k in range(f["times"])]
         if kind == LU:
             return [f"if (full_solve({count}, {f['times']}, W + {f['first']}, W + {f['outputs']}) >= 0) return 1;"]
         if kind == POSITIVE:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.inputs.sensed import path_of
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, READ, SET, Operations, Scene, Step, core
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, READ, SET, SOLVE, Operations, Scene, Step, core
 from mbdae.reports.scene_equations import parameter_unit, unit_of_row
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.rebuild import symbols_of
@@ -59,7 +59,8 @@ class Program:
 
     title: what is exported; inputs: entries of the vectors by name ("t", "y", "yp", "p", "signals", of a law "x" and "p"); slots:
     pairs (entry, slot) by vector, where inputs are written; numbers: initial values of the work array, followed by zeros;
-    pattern: rows and columns of the entries of the Jacobian; missing: {function that cannot be given: reason}."""
+    pattern: rows and columns of the entries of the Jacobian; missing: {function that cannot be given: reason};
+    nominal: typical magnitudes of y; span: a typical time of the scene, s."""
 
     title: str
     operations: Operations
@@ -69,6 +70,8 @@ class Program:
     pattern: tuple[Index, Index] | None = None
     functions: dict[str, Function] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
+    nominal: Array = field(default_factory=lambda: np.zeros(0))
+    span: float = 1.0
 
     def __post_init__(self) -> None:
         self.slots = {name: np.array(pairs, dtype=np.int64).reshape(-1, 2) for name, pairs in self.slots.items()}
@@ -123,8 +126,8 @@ def reach(step: Step, name: str) -> Index:
 
 def shifted(step: Step, by: int) -> Step:
     """The operation on slots that are `by` places higher."""
-    slots = {CHOLESKY: ("first", "outputs"), LU: ("first", "outputs"), LOOKUP: ("first", "inputs", "outputs")}.get(
-        step.fields["kind"], ("first",))
+    kind = step.fields["kind"]
+    slots = ("first", "outputs", *["inputs"] * (kind == LOOKUP)) if kind in (CHOLESKY, SOLVE, LU, LOOKUP) else ("first",)
     fields = {name: value + by if name in slots else value for name, value in step.fields.items()}
     tables = {name: table + by * (name != "weight") for name, table in step.tables.items()}
     return Step(fields, tables, (step.slots[0] + by, step.slots[1] + by))
@@ -215,7 +218,7 @@ def _of_check(step: Step, live: NDArray[np.bool_]) -> Step:
     return step
 
 
-_USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve,
+_USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve, SOLVE: _of_solve,
          LOOKUP: _of_lookup}
 
 

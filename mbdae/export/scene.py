@@ -41,9 +41,9 @@ STATE = ("t", "y", "p")
 ALL = ("t", "y", "yp", "p")
 
 
-def scene_program(scene: Any, form: Form | None) -> Program:
-    """residual, jacobian, mass matrix and the like, sensors and joint_forces of a scene; rates too where the form has
-    y' = f(t, y)."""
+def scene_program(scene: Any, form: Form | None) -> tuple[Program, Made]:
+    """residual, jacobian, mass matrix and the like, sensors and joint_forces of a scene, rates too where the form has
+    y' = f(t, y); with the operations from which they are made. Parameters that no function reads are still there."""
     prepared = prepare(scene)
     # trees that are evaluated joint by joint have no function to export: their joints are exported as kinematic ones
     if prepared.all_bodies.moved.ordered:
@@ -51,8 +51,9 @@ def scene_program(scene: Any, form: Form | None) -> Program:
     system = system_for(prepared, form if form is not None else default_form(prepared))
     full = getattr(system, "full", system.assembly)  # the formulation with multipliers, where they are eliminated
     assembly = Assembly(full.model, full.numbering.rows, full.spec, False, prepared.all_bodies.moved.opened(prepared.model))
-    made = _Made(assembly, system.n, assembly.moved.written(assembly.model))
+    made = Made(assembly, system.n, assembly.moved.written(assembly.model))
     program = made.program(f"{scene.name}, form {system.label}", system)
+    program.nominal, program.span = system.scale, prepared.time
     if full is system.assembly:
         e, rows = made.e, list(map(Entry, system.equations, row_units(made.assembly)))
         program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(made.n), made.part(e.residual_part))
@@ -66,11 +67,10 @@ def scene_program(scene: Any, form: Form | None) -> Program:
         every = _of_all(made, program, prepared, full is not system.assembly)
         _sensors(every, program, prepared)
         _joint_forces(every, program, prepared)
-    program.drop_parameters()
-    return program
+    return program, made
 
 
-class _Made:
+class Made:
     """The operations of a scene with slots for its inputs. n: number of unknowns of the exported equations; fixed: see
     `MovedBodies.written`."""
 
@@ -128,7 +128,7 @@ class _Made:
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # then the operations of the Jacobian contain the residual's
         part = self.part(*(() if loaded else (e.residual_part,)), e.jacobian_part)
-        unknown, place, x = self._matrix(part, 1)
+        unknown, place, x = self.matrix(part, 1)
         part.add(x + place[unknown], e.rows + unknown, -1.0)
         part.lu(len(unknown), x - len(unknown) ** 2, x)
         plain = np.r_[np.arange(nb.nq), np.arange(nb.nq + nb.nu, first)]
@@ -136,7 +136,7 @@ class _Made:
         part.set(np.where(unknown < first, n, 0) + unknown, x + place[unknown])
         return part
 
-    def _matrix(self, part: Operations, times: int) -> tuple[Index, Index, int]:
+    def matrix(self, part: Operations, times: int) -> tuple[Index, Index, int]:
         """Add the operations that fill the matrix of the linear equations for u' and lambda. Returns the numbers of u and lambda
         in y, the inverse table (-1 for other unknowns), and the slot after the matrix, where `times` right-hand sides have
         room."""
@@ -160,7 +160,7 @@ class _Made:
         rows = [Entry(f"rate of {of.name}", e.unit) for of, e in zip(program.inputs["y"], program.inputs["yp"], strict=True)]
         program.add("residual", "F(t, y, y') = y' - f(t, y)", ALL, rows, out + states, part)
         part = self.operations.part(rates, e.jacobian_part)
-        unknown, place, x = self._matrix(part, n)
+        unknown, place, x = self.matrix(part, n)
         size, J = len(unknown), self.operations.slots(2 * n * n)  # Jacobian of y' - f(t, y), column by column
         part.load(J, np.r_[np.zeros(n * n), np.eye(n).ravel()])
         inside, plain = (np.flatnonzero(found & (j < n)) for found in (place[i] >= 0, (place[i] < 0) & (i < n)))
@@ -176,14 +176,14 @@ class _Made:
 # -- mass matrix, bias, constraint matrix, gamma
 
 
-def _unstabilised(made: _Made, model: Model, rows: list[Row], moved: MovedBodies) -> _Made:
+def loose(made: Made, model: Model, rows: list[Row], moved: MovedBodies) -> Made:
     """Operations of the equations with multipliers and constraints on the level of accelerations, without Baumgarte's terms."""
     assembly = Assembly(model, rows, replace(Index1(0.0, "eliminated").spec(), eliminated=False), False, moved)
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}
-    return _Made(assembly, assembly.numbering.start["lambda"], fixed)
+    return Made(assembly, assembly.numbering.start["lambda"], fixed)
 
 
-def _beside(made: _Made, program: Program, other: _Made) -> tuple[Operations, int]:
+def beside(made: Made, program: Program, other: Made) -> tuple[Operations, int]:
     """Give the operations of `other` slots of their own, with the same time, parameters and signals. Returns operations that hand
     the time on, and the first of these slots."""
     base, part = made.operations.constant(filled(other.operations, other.numbers)), made.part()
@@ -194,10 +194,10 @@ def _beside(made: _Made, program: Program, other: _Made) -> tuple[Operations, in
     return part, base
 
 
-def _mechanics(made: _Made, program: Program) -> None:
+def _mechanics(made: Made, program: Program) -> None:
     """Add M, h, G and gamma of M u' + h + G^T lambda = 0, G u' + gamma = 0, u' and lambda being numbered as in the equations."""
-    main, other = made.assembly, _unstabilised(made, made.assembly.model, made.assembly.numbering.rows, made.assembly.moved)
-    part, base = _beside(made, program, other)
+    main, other = made.assembly, loose(made, made.assembly.model, made.assembly.numbering.rows, made.assembly.moved)
+    part, base = beside(made, program, other)
     nb, e = other.numbering, other.e
     same = np.arange(nb.start["lambda"])
     assert (nb.nq, nb.nu, len(nb.states)) == (main.numbering.nq, main.numbering.nu, len(main.numbering.states))
@@ -246,14 +246,14 @@ class _Every(NamedTuple):
     arguments: tuple[str, ...]
 
 
-def _of_all(made: _Made, program: Program, prepared: Prepared, eliminated: bool) -> _Every:
+def _of_all(made: Made, program: Program, prepared: Prepared, eliminated: bool) -> _Every:
     """All bodies in the equations exported; where not all multipliers are unknowns (recursive joints, nodes that share
     displacements) in equations of their own."""
     moved, model = made.assembly.moved, prepared.model
     if not (moved.trees or moved.sharing.nodes):
         solved = made.solved() if eliminated else made.part()
-        return _Every(made.part(), made.numbering, 0, tuple(solved.steps), STATE if eliminated else ALL)
-    other = _unstabilised(made, model, prepared.mechanics.rows, MovedBodies(model, [], False, open=Open.LAWS))
+        return _Every(made.part(), made.numbering, 0, tuple(solved.steps), ALL if made.numbering.m and not eliminated else STATE)
+    other = loose(made, model, prepared.mechanics.rows, MovedBodies(model, [], False, open=Open.LAWS))
     steps: list[Step] | str
     if rubbing := made.reactive():
         steps = ("the forces of recursive joints, and of joints that hold beams at their nodes, follow from the accelerations of "
@@ -261,7 +261,7 @@ def _of_all(made: _Made, program: Program, prepared: Prepared, eliminated: bool)
                  "no formula gives them. This is no mistake: residual and jacobian are exported without them")
     else:
         steps = other.solved().steps
-    part, base = _beside(made, program, other)
+    part, base = beside(made, program, other)
     to, from_ = np.array(_motion(made, part, other.numbering), dtype=np.intp).reshape(-1, 2).T
     part.set(base + to, from_)
     solved_steps = steps if isinstance(steps, str) else tuple(shifted(step, base) for step in steps)
@@ -311,7 +311,7 @@ def _joint_forces(every: _Every, program: Program, prepared: Prepared) -> None:
                     out + np.arange(6 * len(items)), part)
 
 
-def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, int]]:
+def _motion(made: Made, part: Operations, every: Numbering) -> list[tuple[int, int]]:
     """Pairs of slots (to, from): positions, velocities and states in the numbering of all nodes (`every`), and what they are
     copied from, unknowns of the exported equations or values that follow from joint coordinates."""
     nb, moved, model = made.numbering, made.assembly.moved, made.assembly.model
