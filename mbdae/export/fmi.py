@@ -55,6 +55,9 @@ def unit_program(scene: Any, form: Form | None) -> Program:
     unit = replace(program, pattern=None, functions=dict(kept))
     if made.numbering.m:
         _closing(unit, made)
+        slopes, count, part = program.functions["jacobian"], made.n**2, unit.operations.part()
+        part.steps += slopes.steps
+        unit.add("slopes", "-dy'/dy, column by column", STATE, slopes.outputs[:count], slopes.at[:count], part)
     unit.drop_parameters()
     tangent, first = _Along(unit.operations), 0
     pairs: list[Any] = []
@@ -155,7 +158,7 @@ def unit_source(unit: Program) -> str:
     sizes = {"NY": len(unit.inputs["y"]), "NP": len(unit.inputs["p"]), "NU": len(unit.inputs.get("signals", ()))}
     for size, function in ("NS", "sensors"), ("NF", "joint_forces"):
         sizes[size] = len(unit.functions[function].outputs) if function in unit.functions else 0
-    sizes["ROWS"] = int("closing" in unit.functions)
+    sizes["CLOSES"] = int("closing" in unit.functions)
     starts = {"Y": "y", "P": "p", "U": "signals"}
     lines = [f"#define {n} {size}" for n, size in sizes.items()]
     lines += [f"#define START_{n} {f'{name}_{v}_values' if sizes[f'N{n}'] else 'NOMINAL'}" for n, v in starts.items()]
@@ -166,8 +169,8 @@ def unit_source(unit: Program) -> str:
     def call(function: str) -> str:
         return f"{name}_{function}({', '.join(values[a] for a in unit.functions[function].arguments)}, out)"
 
-    if "closing" in unit.functions:
-        lines += ["static int closing(const double *x, double *out) { return " + call("closing") + "; }"]
+    lines += [f"static int {f}(const double *x, double *out) {{ return {call(f)}; }}" for f in ("closing", "slopes")
+              if f in unit.functions]
     cases = [f"  if (which == {i}) return change ? {call(f'{f}_along')} : {call(f)};" for i, f in enumerate(FUNCTIONS)
              if f in unit.functions]
     around = Path(__file__).with_name("fmi3.inc").read_text(encoding="utf-8")
