@@ -103,6 +103,11 @@ JAX = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), _EQ
     "UnevaluatedExpr": lambda a: a, "Piecewise": _chosen("where({1}, {0}, {2})", "nan")})
 
 
+def size_of(f: Function) -> int:
+    """Size of the work array of a function."""
+    return 1 + max([int(f.at.max(initial=0)), max(f.reads, default=0), *(step.slots[1] for step in f.steps)])
+
+
 def described(entries: Sequence[Entry]) -> list[str]:
     """One line for each entry: number, name, unit, value."""
     return [f"[{i}] {e.name}{f', {e.unit}' if e.unit else ''}{'' if np.isnan(e.value) else f' = {e.value!r}'}"
@@ -182,6 +187,7 @@ class File:
         self.parts: list[str] = []
 
     def text(self) -> str:
+        """The whole file."""
         bodies = [self._function(f) for f in self.program.functions.values()]  # which appends to `parts`
         body = "\n".join([*self.parts, *bodies])
         place = Path(mbdae.native.__file__)
@@ -203,9 +209,8 @@ class File:
 
     def _function(self, f: Function) -> str:
         """C text of one exported function."""
-        p, lines = self.program, list[str]()
-        for vector in f.arguments:
-            pairs = p.slots[vector][[int(s) in f.reads for s in p.slots[vector][:, 1]]].reshape(-1, 2)
+        lines = list[str]()
+        for vector, pairs in self.program.read_by(f):
             if not len(pairs):
                 lines.append(f"(void){vector};")
             elif vector == "t":
@@ -215,7 +220,7 @@ class File:
         for step in f.steps:
             lines += self._step(step)
         lines += self._each("out[{}] = W[{}];", (np.arange(len(f.at)), 0), (f.at, 0))
-        size = 1 + max([int(f.at.max(initial=0)), *(step.slots[1] for step in f.steps), *(max(f.reads, default=0),)])
+        size = size_of(f)
         static = "static " if size > ON_STACK else ""
         widest = max((s.fields["inputs"] for s in f.steps if s.fields["kind"] == CALL), default=0)
         begin = [f"{static}double W[{size}]{f', X[{widest}]' if widest else ''};", "memset(W, 0, sizeof W);"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -99,6 +99,12 @@ class Program:
             entries, slots = self.slots[name].T
             W[slots] = np.asarray(values, dtype=float)[entries]
         return W
+
+    def read_by(self, f: Function) -> Iterator[tuple[str, Index]]:
+        """Every argument of a function, with the pairs (entry, slot) that the function reads."""
+        for vector in f.arguments:
+            pairs = self.slots[vector]
+            yield vector, pairs[[int(slot) in f.reads for slot in pairs[:, 1]]].reshape(-1, 2)
 
     def drop_parameters(self) -> None:
         """Remove from the input vector "p" the parameters that no function reads."""

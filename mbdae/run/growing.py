@@ -27,7 +27,7 @@ from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth_roots import MOST, GrowthFound, Look, Spectra, positions, roots_at
-from mbdae.system.base import Array, System
+from mbdae.system.base import System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
 FOLLOWED = 0.4

@@ -39,6 +39,7 @@ class Unit:
             self.description = fmpy.read_model_description(self.file)
             self._unzipped = fmpy.extract(self.file, unzipdir=str(Path(self._folder) / "unzipped"))
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.units = {v.name: v.unit for v in self.description.modelVariables}
         self.outputs = [v.name for v in self.description.modelVariables if v.causality == "output"]
 
     def __enter__(self) -> Unit:
@@ -86,8 +87,8 @@ class Unit:
         at = [int(np.argmin(abs(found["time"] - t))) for t in times]
         return np.stack([found[name][at] for name in self.outputs], axis=1)
 
-    def exchanged(self, times: Any, tolerance: float, inputs: Inputs | None = None) -> Any:
-        """The outputs by SciPy's DOP853 on y' of model exchange, inputs at every instant."""
+    def exchanged(self, times: Any, tolerance: float, inputs: Inputs | None = None, method: str = "DOP853") -> Any:
+        """The outputs by a method of SciPy on y' of model exchange, inputs at every instant."""
         made, n = self.instance("FMU3Model"), self.description.numberOfContinuousStates
         x, rates = np.zeros(n), np.zeros(n)
         at_x, at_rates = (a.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for a in (x, rates))
@@ -105,7 +106,7 @@ class Unit:
 
         nominal = np.zeros(n)
         made.getNominalsOfContinuousStates(nominal.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), n)
-        run = solve_ivp(right_hand_side, (0, float(times[-1])), x.copy(), method="DOP853", rtol=tolerance, atol=tolerance * nominal,
+        run = solve_ivp(right_hand_side, (0, float(times[-1])), x.copy(), method=method, rtol=tolerance, atol=tolerance * nominal,
                         t_eval=times)
         rows = []
         for t, y in zip(run.t, run.y.T, strict=True):
@@ -135,30 +136,29 @@ class Unit:
         return float(np.max(abs(slopes - wanted)) / np.max(abs(wanted)))
 
 
-def off(scene: Any, outputs: list[str], times: Any, found: Any, accuracy: float) -> tuple[float, str]:
+def off(scene: Any, unit: Unit, times: Any, found: Any, accuracy: float) -> tuple[float, str]:
     """Largest difference from mbdae's own run at an accuracy, over the largest output of the same unit in the run; and which
     output has it. Whole turns of angles, which units do not count in space, are left out."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         r = scene.simulate(float(times[-1]), accuracy=accuracy, outputs=np.array(times))
-        read = {name: np.asarray(r.read(name)) for name in outputs}
-    return worst(scene, outputs, found, read)
+        read = {name: np.asarray(r.read(name)) for name in unit.outputs}
+    return worst(scene, unit, found, read)
 
 
-def worst(scene: Any, outputs: list[str], found: Any, read: dict[str, Any]) -> tuple[float, str]:
+def worst(scene: Any, unit: Unit, found: Any, read: dict[str, Any]) -> tuple[float, str]:
     """As `off`, beside given values."""
     turning = {f"{c.name}.{n}" for c in scene.connections for n in c.scalars if c.unit(n) == "rad"}
-    kind = {name: "angle" if name in turning else name.rpartition(".")[2].partition("[")[0] for name in outputs}
     sizes: dict[str, float] = {}
-    for name in outputs:
-        sizes[kind[name]] = max(sizes.get(kind[name], 1e-9), float(np.max(abs(read[name]))))
-    loads = [kind for kind in ("force", "torque") if kind in sizes]
+    for name in unit.outputs:
+        sizes[unit.units[name]] = max(sizes.get(unit.units[name], 1e-9), float(np.max(abs(read[name]))))
+    loads = [kind for kind in ("N", "N m") if kind in sizes]
     sizes |= {kind: max(sizes[kind], 1e-6 * max(sizes[k] for k in loads)) for kind in loads}  # what vanishes is rounding errors
     errors = {}
-    for i, name in enumerate(outputs):
+    for i, name in enumerate(unit.outputs):
         difference = found[:, i] - read[name]
         if name in turning:
             difference = difference - 2 * np.pi * np.round(difference / (2 * np.pi))
-        errors[name] = float(np.max(abs(difference)) / sizes[kind[name]])
+        errors[name] = float(np.max(abs(difference)) / sizes[unit.units[name]])
     name = max(errors, key=lambda n: errors[n])
     return errors[name], name
