@@ -280,6 +280,8 @@ def unit_file(unit: Program) -> bytes:
     return found.getvalue()
 
 
+#: kernels are long and have no loops: -O3 compiles a four-bar in 1.45 s, -O1 in 0.55 s
+OPTIMISED = "-O1"
 BUILT = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiBuildDescription fmiVersion="3.0">
   <BuildConfiguration modelIdentifier="{0}">
@@ -295,7 +297,7 @@ def compiled(name: str, text: str) -> bytes:
         (Path(folder) / f"{name}.c").write_text(text, encoding="utf-8")
         try:
             command = build.compiler()
-            whole = [*command, *build.flags(command), f"{name}.c", "-o", f"{name}{build.SUFFIX}", "-lm"]
+            whole = [*command, *build.flags(command), OPTIMISED, f"{name}.c", "-o", f"{name}{build.SUFFIX}", "-lm"]
             done = build.run(whole, Path(folder))
         except build.BuildError as error:
             raise OptionError(f"format = 'fmi': the unit holds a compiled library. {error}") from None
