@@ -96,8 +96,8 @@ class _Symbols:
             if kind == CALL:
                 self._call(f, step.tables["from_"].reshape(f["times"], -1))
             elif kind == LOOKUP:
-                raise OptionError("what: the scene has a table (mb.table), which is no formula; export format='c', which holds "
-                                  "its points")
+                raise OptionError("what: the scene has a table (mb.table), which is no formula; export format='c' or 'jax', "
+                                  "which hold its points")
             elif kind == LOAD:
                 self.W |= {f["first"] + i: _number(value) for i, value in enumerate(step.tables["weight"])}
             elif kind in (SET, ADD, MULTIPLY):

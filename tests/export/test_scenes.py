@@ -180,6 +180,30 @@ def test_casadi_is_the_kernel(name):
     assert all(error < EXACT for error in worst.values()), worst
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SYMBOLS)
+def test_jax_is_the_kernel(name):
+    """Compiled by XLA in double precision; and derivatives by JAX are those of the exported Jacobian."""
+    jax = pytest.importorskip("jax")
+    jax.config.update("jax_enable_x64", True)
+    make, form = SCENES[name]
+    export, kernels = mb.export(make(), "jax", form), Kernels(make(), form)
+    made = {}
+
+    def call(name, **vectors):
+        made.setdefault(name, jax.jit(export[name]))
+        found = made[name](*(np.asarray(vectors[v], dtype=float) for v in export.arguments[name]))
+        rows, columns = export.pattern
+        return np.concatenate([np.asarray(part)[rows, columns] for part in found]) if name == "jacobian" else np.ravel(found)
+
+    worst = differences(export, call, kernels, values(export.inputs["p"]))
+    assert all(error < EXACT for error in worst.values()), worst
+    t, y, yp = next(kernels.states())
+    fy, _ = export["jacobian"](t, y, yp, np.array(values(export.inputs["p"])))
+    slopes = jax.jit(jax.jacfwd(export["residual"], 1))(t, y, yp, np.array(values(export.inputs["p"])))
+    assert np.max(np.abs(slopes - fy)) < EXACT * np.max(np.abs(fy))
+
+
 @pytest.mark.parametrize("name", SYMBOLS[:4])
 def test_sympy_is_the_kernel(name):
     sympy = pytest.importorskip("sympy")
@@ -196,6 +220,36 @@ def test_sympy_is_the_kernel(name):
 
     worst = differences(export, call, Kernels(make(), form), values(export.inputs["p"]))
     assert all(error < EXACT for error in worst.values()), worst
+
+
+def test_mass_matrix_and_bias_are_those_of_the_textbook():
+    """Of two links by their absolute angles: m l^2 (4/3, 1/2 cos; 1/2 cos, 1/3), gravity, and the terms of the squared rates."""
+    s = mb.Scene("double pendulum", gravity=(0, -9.81, 0))
+    a, b = s.link("a", (0, 0), (1, 0), mass=1.0), s.link("b", (1, 0), (2, 0), mass=1.0)
+    s.revolute("A", s.ground, a, at=(0, 0), model=mb.Recursive())
+    s.revolute("B", a, b, at=(1, 0), model=mb.Recursive())
+    export, (q1, q2, w1, w2) = mb.export(s), (0.4, 0.7, 1.1, -0.6)
+    assert export.program.functions["mass_matrix"].shape == (2, 2)
+    found = {}
+    for name in ("mass_matrix", "bias"):
+        f = export.program.functions[name]
+        W = export.program.given({"t": [0.0], "y": [q1, q2, w1, w2], "p": values(export.inputs["p"])})
+        run(f.steps, W)
+        found[name] = W[f.at]
+    c, sine, turn, g = np.cos(q2), np.sin(q2), np.array([[1, 0], [1, 1]]), 9.81
+    M = turn.T @ np.array([[4 / 3, c / 2], [c / 2, 1 / 3]]) @ turn
+    h = turn.T @ np.array([-sine / 2 * (w1 + w2) ** 2 + 1.5 * g * np.cos(q1), sine / 2 * w1**2 + g / 2 * np.cos(q1 + q2)])
+    assert np.max(np.abs(found["mass_matrix"].reshape(2, 2) - M)) < EXACT
+    assert np.max(np.abs(found["bias"] - h)) < EXACT * np.max(np.abs(h))
+
+
+def test_friction_by_reactions_has_no_bias():
+    s = mb.Scene("rubbing")
+    a = s.link("a", (0, 0), (1, 0), mass=1.0)
+    s.revolute("A", s.ground, a, at=(0, 0), friction=mb.Coulomb(0.3, 1e-3), radius=0.02, rate0=3.0)
+    export = mb.export(s, "c")
+    assert {"mass_matrix", "constraint_matrix"} <= set(export.outputs)
+    assert "the friction of 'A' follows from the multipliers" in export.missing["bias"]
 
 
 def test_names_units_and_values():
