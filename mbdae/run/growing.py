@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
@@ -98,22 +97,23 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
     wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
-    steps = distinct(np.clip(np.searchsorted(run.t, wanted, side="right") - 1, 0, len(run.t) - 2))
-    times, h = (run.t[steps] + run.t[steps + 1]) / 2, run.t[steps + 1] - run.t[steps]
-    edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
-    y, yp = run.interpolant.value(times), run.interpolant.derivative(times)
-    looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
+    steps = sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist()))
+    times, h, y, yp = run.t[steps], np.diff(run.t)[steps], run.y[steps], run.yp[steps]
+    at = systems_at(run, times, system)
+    looks = [Look(*state, t1 - t0) for state in zip(at, times.tolist(), y, yp, h.tolist(), strict=True)]
+    ends = [t0, *((times[1:] + times[:-1]) / 2).tolist(), t1]
     spectra = roots_at(looks)
-    found = _persistent(run, looks, spectra.found(VISIBLE), edges)
-    late = [0.0] * len(looks)
+    found, late = spectra.found(VISIBLE), [0.0] * len(looks)
+    if any(one.unseen for one in found):
+        found = _persistent(run, looks, found, ends)
     if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
     elif varying and system.n <= SMALL and _varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]
-    return _while_unseen([Growth(float(a), float(b), one.rate, one.unseen, asked)
-                          for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)])
+    return _while_unseen([Growth(a, b, one.rate, one.unseen, asked)
+                          for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)])
 
 
 def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
