@@ -121,7 +121,7 @@ def of_unit(name: str) -> list[Found]:
     scene, end = scene_of(name)
     times = np.linspace(0, end, STEPS + 1)
     with Unit(mb.export(scene, "fmi")) as unit:
-        way = (1e-8, None, "Radau") if name in STIFF else (1e-10,)
+        way = (1e-9, None, "Radau") if name in STIFF else (1e-10,)
         alone, which = off(scene, unit, times, unit.co_simulated(times, ACCURACY), ACCURACY / 100)
         outside, of = off(scene, unit, times, unit.exchanged(times, *way), ACCURACY / 100)
         return [Found(len(unit.problems), 0.0, "problems", "validation", " | ".join(unit.problems)),
