@@ -322,12 +322,13 @@ def where(scene: Any, item: str, body: Body | Place, at: Any = None) -> Array:
     return np.array(body.point if isinstance(body, Place) else body.drawn.position, dtype=float)
 
 
-def across(arg: Argument, axis: Array, axis_x: Any) -> Array | None:
-    """Unit vector (3,) in the direction of a joint's x axis, which may not be along its axis; None where none is given."""
+def across(arg: Argument, axis: Array, axis_x: Any, word: str = "axis") -> Array | None:
+    """Unit vector (3,) in the direction of a joint's x axis, which may not be along its axis; None where none is given. word:
+    what the statement calls the axis."""
     if axis_x is None:
         return None
     found = reading.unit(axis_x)
     if np.linalg.norm(np.cross(found, axis)) < 1e-9:
-        arg.wrong(f"{np.asarray(axis_x).tolist()} is along axis", "give a direction at an angle to axis")
+        arg.wrong(f"{np.asarray(axis_x).tolist()} is along {word}", f"give a direction at an angle to {word}")
         return None
     return found

@@ -221,7 +221,7 @@ class JointStatements(ConnectionStatements):
         """The point of l at `at` (m, as drawn) moves relative to k in the direction of a blade of l, `along` as drawn, and not
         across it, as a skate on ice: in the plane of k with this `normal`, in which other joints have to keep it."""
         up = reading.unit(normal)
-        blade = across(Argument(self, f"knife_edge '{name}'", "along"), up, along)
+        blade = across(Argument(self, f"knife_edge '{name}'", "along"), up, along, "normal")
         return self._joint("knife_edge", KnifeEdge, name, k, l, at, up, blade, None, {}, {})
 
     def _library(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any,

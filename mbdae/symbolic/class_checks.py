@@ -134,7 +134,8 @@ def _size(found: Any) -> Any:
 
 
 RETURNS: dict[str, tuple[Check, str]] = {
-    "constraints": (_by_name(_expression), "a dictionary of rows that vanish, {'name': expression}"),
+    **dict.fromkeys(("constraints", "velocity_constraints"), (_by_name(_expression), "a dictionary of rows that vanish, "
+                                                              "{'name': expression}")),
     "branches": (_by_name(_expression), "a dictionary of expressions by name"),
     "losses": (_by_name(_expression), "a dictionary of powers by cause, {'friction': expression}"),
     "rates": (_by_name(_expression), "a dictionary with the time derivative of every state"),

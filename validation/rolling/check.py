@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from rolling.own import PUBLISHED, bicycle_roots
+from rolling.own import PUBLISHED, SELF_STABLE, bicycle_roots
 from rolling.scenes import PROBLEMS, T_END, bicycle, times
 from runner import Case, Claim, Found
 
@@ -38,7 +38,14 @@ def roots(speed: float) -> Found:
     """Largest distance of a published root from the nearest one found, 1/s."""
     found = bicycle(speed).linearize().eigenvalues
     wanted = [*bicycle_roots(speed), *PUBLISHED.get(speed, ())]
-    return Found(max(float(np.min(np.abs(found - root))) for root in wanted), 2e-9, "1/s")
+    return Found(max(float(np.min(np.abs(found - root))) for root in wanted), 1e-9, "1/s")
+
+
+def stability(speed: float, model: Any) -> Found:
+    """1 where `stable` is not True between the published speeds and False outside, or a root 0 has an error."""
+    found = bicycle(speed, model=model).linearize()
+    right = found.stable is (SELF_STABLE[0] < speed < SELF_STABLE[1]) and not np.any(found.errors[found.eigenvalues == 0])
+    return Found(float(not right), 0.0, "wrong")
 
 
 def energy(model: Any, way: dict[str, Any]) -> Found:
@@ -54,5 +61,8 @@ def cases() -> list[Case]:
     found = [Case(f"{p}, {m}", w, partial(motion, p, MODELS[m], WAYS[w]), slow=(p, m, w) not in quick)
              for p in PROBLEMS for m in MODELS for w in WAYS]
     found += [Case(f"bicycle at {v:g} m/s", "linearize", partial(roots, float(v)), slow=v not in (5,)) for v in range(11)]
+    speeds = (1.0, SELF_STABLE[0] - 1e-6, SELF_STABLE[0] + 1e-6, 5.0, SELF_STABLE[1] - 1e-6, SELF_STABLE[1] + 1e-6, 10.0)
+    found += [Case(f"stability at {v:.7g} m/s, {m}", "linearize", partial(stability, v, MODELS[m]), slow=v != 5)
+              for v in speeds for m in MODELS]
     return found + [Case(f"energy of the bicycle, {m}", w, partial(energy, MODELS[m], WAYS[w]), slow=w != "default")
                     for m in MODELS for w in WAYS]
