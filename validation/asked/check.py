@@ -8,8 +8,8 @@ from asked.judge import asked
 from runner import Case, Claim, Found, allowed
 
 claim = Claim("asked", "no force, torque or stress that a run of a drawn scene was asked for is more than three times the "
-              "accuracy off without being told; the estimate is between a third and a hundred times the error in four fifths", 0.0,
-              "quantities", "the same scenes with all vibrations resolved, by two methods at 1e-8 and 1e-7")
+              "accuracy off without being told; the estimate is between a third and a hundred times the error in four fifths",
+              0.0, "quantities", "the same scenes with all vibrations resolved, by two methods at 1e-8 and 1e-7")
 FAR = 0.2  #: share of the estimates that may be farther from the error
 MISSED = 0.2  #: share that may miss the accuracy, told
 UNJUDGED = 0.4  #: share of the scenes that may have no reference
