@@ -148,11 +148,11 @@ def sampled(run: Solution, charts: Sequence[Chart], scale: Array) -> Calls:
 
 
 class Along:
-    """A run and its derivatives by numbers of the scene."""
+    """A run and its derivatives by numbers of the scene. finer: by what the tolerance of the result is divided in the run."""
 
-    def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], scale: Array) -> None:
+    def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], scale: Array, finer: float = 1.0) -> None:
         self.result = Result(result.prepared, run, None, result.t)  # type: ignore[arg-type]
-        self.charts, self.run = charts, run
+        self.charts, self.run, self.finer = charts, run, finer
         self.derived = Derived(run, charts, scale, sampled(run, charts, scale))
         refuse_jumps(self.derived)
         self._sums: dict[int, list[tuple[Array, Array]]] = {}
