@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import Equations, chart_of, refused
+from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, Chart, Equations, Varied, reached, refused, size_of
 from mbdae.derivatives.reading import Along, Objective
 from mbdae.derivatives.reading import at_end as at_end
 from mbdae.derivatives.reading import integral as integral
@@ -69,6 +69,8 @@ class Derivatives(dict[Any, Derivative]):
     def __missing__(self, key: Any) -> Derivative:
         raise OptionError(f"there is no derivative {shown(key)} among those asked for: {', '.join(map(str, self))}")
 
+
+KEPT = 64  #: charts that a scene keeps, each with the scenes of eight other values: 5 MB for ten bodies
 
 Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
 
@@ -136,9 +138,9 @@ class Refined:
             along, found = self.level(along.finer * finer, along), Derivatives()
             now = self._read(along, reads)
             for key, (value, doubt) in now.items():
-                off = _largest(value - before[key][0]) + ROUNDED * _largest(value)
-                found[key] = Derivative(value, off + _largest(doubt))
-            wrong = {key: one.error / (max(_largest(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
+                off = size_of(value - before[key][0]) + ROUNDED * size_of(value)
+                found[key] = Derivative(value, off + size_of(doubt))
+            wrong = {key: one.error / (max(size_of(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
             if accuracy is None or max(wrong.values()) <= accuracy:
                 break
             # errors fall with the tolerance: those of the run made last are about 1/finer of what they are estimated
@@ -153,20 +155,44 @@ class Refined:
         """A derivative that counts as none: this share of the quantity over the number."""
         varied = next(chart.varied for chart in self.charts if chart.name == name)
         with self.result._silently():
-            return NOTHING * _largest(np.asarray(self.result.value(what))) * varied.share / varied.distance
+            return NOTHING * size_of(np.asarray(self.result.value(what))) * varied.share / varied.distance
 
     def _read(self, along: Along, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
         return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
+
+
+def chart_of(name: str, base: Equations, t_end: float) -> Chart:
+    """The chart of a number by its name, made once for a scene; DerivativeError where it has none."""
+    if (name, t_end) not in base.charts:
+        made = _chart_of(name, base, t_end)
+        if len(base.charts) >= KEPT:
+            del base.charts[next(iter(base.charts))]
+        base.charts[name, t_end] = made
+    return base.charts[name, t_end]
+
+
+def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
+    varied, worst = reached(Varied(name, base, t_end)), np.inf
+    for _ in range(1 + ATTEMPTS):
+        if not all(varied.at(node).same_as(base) for node in varied.nodes):
+            refused(name, "with another value the scene has other equations, not only other numbers in them")
+        inputs, start = varied.with_jump(lambda one: one.inputs), varied.with_jump(lambda one: one.start)
+        # the start is found by iteration: where it hardly depends on the number, its digits need not fit together
+        excess = max(inputs.excess(base.inputs, varied.distance),
+                     start.excess(base.start, varied.distance, size_of(base.start) * varied.share / varied.distance))
+        if excess <= 1:
+            return Chart(varied, inputs.found, start.found)
+        if excess > worst:  # of what is smooth it falls with the distance to the power 6
+            break
+        varied, worst = varied.finer, np.inf if varied.nodes == LINE else excess / CLOSER
+    refused(name, f"what the scene makes of it is not smooth at its value {varied.value or 0.0:g}; vary it from another value")
+    raise AssertionError
 
 
 def shortened(t: Array, ratio: float) -> Array:
     """Times between which there are shorter steps than between the times t (k,), at most by this ratio."""
     steps = np.arange(len(t))
     return np.asarray(np.interp(np.linspace(0, steps[-1], int(np.ceil(steps[-1] / ratio)) + 1), steps, t))
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values), initial=0.0))
 
 
 def gradient(result: Result, of: Any, to: Any) -> Derivatives:
