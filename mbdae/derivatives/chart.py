@@ -134,7 +134,7 @@ class Equations:
     @cached_property
     def listed(self) -> Listed:
         """The list of operations that is differentiated: of y' where `rates` says so, else of F."""
-        return self.fresh()
+        return self._eliminated if self.rates and self._eliminated is not None else self.fresh()
 
     def fresh(self) -> Listed:
         """The same list on an array of its own, to which operations may be appended."""
@@ -150,12 +150,15 @@ class Equations:
             return Listed.with_matrices(ev, part, int(rows[0]), n, n)
         return Listed.with_matrices(ev, ev.residual_part, ev.rows, self.assembly.n, self.assembly.n)
 
+    @cached_property
+    def _eliminated(self) -> Listed | None:
+        """The list for y' without multipliers, made once because that takes as long as the scene."""
+        return None if self.prepared.model.lines or not self.assembly.numbering.m else self._with_constraints()
+
     @property
     def has_rates(self) -> bool:
         """Whether there is a list for y'."""
-        if self.prepared.model.lines:
-            return False
-        return not self.assembly.numbering.m or self._with_constraints() is not None
+        return not self.prepared.model.lines and (not self.assembly.numbering.m or self._eliminated is not None)
 
     def _without_constraints(self) -> Listed:
         """y' of trees and of free bodies, whose constant mass matrix is factorised anew in the list."""

@@ -137,7 +137,7 @@ class Reference:
         apart = float(np.abs(found - lower).max())
         if order == 4 and 0 not in nodes:  # each order lower by two is off by the same factor more
             apart *= min(apart / (float(np.abs(found).max()) or 1.0), 1.0)
-        return found, apart + self.rounded * self.most
+        return found, apart + self.rounded * self.most * float(np.abs(weights(nodes)).sum())
 
 
 KINDS = ("right", "zero", "wrong", "uncovered", "refused", "no reference")
