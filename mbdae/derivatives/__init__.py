@@ -40,7 +40,8 @@ FINER, MOST, LEVELS = 10.0, 1e4, 6
 #: of DOP853: what a number would set in motion need not move in the run, whose steps then do not become shorter by themselves (a
 #: rotor on its axis of symmetry takes 4 steps at 1e-8 and at 1e-9, and both have the same derivative, which is 100 % wrong)
 ORDER = 8
-#: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-10 (place of a rolling disc)
+#: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-10, by the place of a
+#: rolling disc
 ROUNDED = 3e-10
 SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 #: arguments of `simulate` and of solvers, which are no numbers of a scene

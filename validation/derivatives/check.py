@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from derivatives.drawn import ACCURACY, DRAWN, END, counted, drawn
 from derivatives.drawn import judge as judged
+from derivatives.laws import LAWS, of_laws
 from derivatives.scenes import EXAMPLES, SCENES, example
 from runner import Case, Claim, Found
 
@@ -46,4 +47,6 @@ def cases() -> list[Case]:
                  parts=[f"{name} at {a:g}" for name in [*SCENES, *WHOLE[::10]] for a in (ACCURACY, FINE)]),
             Case("drawn scenes", "chosen", lambda: no_silent_zero(FEW)),
             Case("all drawn scenes", "chosen", no_silent_zero, slow=True, parts=list(WHOLE)),
+            Case("laws", "chosen", lambda: of_laws(["Revolute"])),
+            Case("all laws", "chosen", of_laws, slow=True, parts=LAWS),
             Case("examples", "chosen", of_example, slow=True, parts=sorted(p.stem for p in EXAMPLES.glob("*.py")), each=True)]
