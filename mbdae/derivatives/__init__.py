@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, Chart, Equations, Varied, reached, refused, size_of
-from mbdae.derivatives.reading import Along, Objective
+from mbdae.derivatives.reading import Along
+from mbdae.derivatives.reading import Bound as Bound
+from mbdae.derivatives.reading import Objective as Objective
 from mbdae.derivatives.reading import at_end as at_end
 from mbdae.derivatives.reading import integral as integral
 from mbdae.derivatives.reading import largest as largest

@@ -266,9 +266,11 @@ def gyroscope(across: float = 9e-4) -> mb.Scene:
     """Steady on its axis of symmetry: with another moment of inertia across it the motion would swing at 500 rad/s."""
     s = mb.Scene("gyroscope", gravity=(0, 0, -9.81))
     fork = s.rigid_body("fork", 0.0, (0, 0, 0), at=(0, 0, 0))
+    arm = s.rigid_body("arm", 0.0, (0, 0, 0), at=(0.1, 0, 0))
     rotor = s.rigid_body("rotor", 1.2, (1.5e-3, 9e-4, across), at=(0.15, 0, 0))
     s.revolute("turn", s.ground, fork, at=(0, 0, 0), axis=(0, 0, 1))
-    s.universal("dip", fork, rotor, at=(0, 0, 0), axis=(0, 1, 0), axis_l=(1, 0, 0), start_rate={"angle_l": 250.0})
+    s.revolute("dip", fork, arm, at=(0, 0, 0), axis=(0, 1, 0))
+    s.revolute("spin", arm, rotor, at=(0.15, 0, 0), axis=(1, 0, 0), rate0=250.0)
     return s
 
 
