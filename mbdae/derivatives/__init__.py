@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import Equations, chart_of, refused
+from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, Chart, Equations, Varied, reached, refused, size_of
 from mbdae.derivatives.reading import Along
 from mbdae.derivatives.reading import Bound as Bound
 from mbdae.derivatives.reading import Objective as Objective
@@ -36,14 +36,19 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import option, sequence, shown, text
 
-FINER, LEVELS = 10.0, 6  #: ratio of the tolerances of two runs, and the largest number of runs made for derivatives
-#: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-11 in an arm
-ROUNDED = 1e-10
+#: smallest and largest ratio of the tolerances of two runs, and the largest number of runs made for derivatives
+FINER, MOST, LEVELS = 10.0, 1e4, 6
+#: steps of the second of two runs, over those of the first, are at most the ratio of the tolerances to the power -1/8, the order
+#: of DOP853: what a number would set in motion need not move in the run, whose steps then do not become shorter by themselves (a
+#: rotor on its axis of symmetry takes 4 steps at 1e-8 and at 1e-9, and both have the same derivative, which is 100 % wrong)
+ORDER = 8
+#: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-10, by the place of a
+#: rolling disc
+ROUNDED = 3e-10
 SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 #: arguments of `simulate` and of solvers, which are no numbers of a scene
 OF_CALLS = ("accuracy", "t_end", "outputs", "solver", "form", "rtol", "atol", "step", "stages", "every", "max_wall")
-MORE = 1.05  #: a run that has not more steps than this times those of another one has the same ones
-NOTHING = 1e-10  #: share of a quantity, over the number, below which its derivative counts as none and needs no digits
+NOTHING = 1e-9  #: share of a quantity, over the number, below which its derivative counts as none and needs no digits
 TOLD = 10.0  #: the error of a derivative, over the accuracy times its largest value, above which a warning is issued
 
 
@@ -67,6 +72,8 @@ class Derivatives(dict[Any, Derivative]):
     def __missing__(self, key: Any) -> Derivative:
         raise OptionError(f"there is no derivative {shown(key)} among those asked for: {', '.join(map(str, self))}")
 
+
+KEPT = 64  #: charts that a scene keeps, each with the scenes of eight other values: 5 MB for ten bodies
 
 Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
 
@@ -112,31 +119,35 @@ class Refined:
         self.system = system_for(self.prepared, form, solver.highest_index)
         self.solver, self._first = solver.at_accuracy(accuracy, self.system.label), None
 
-    def level(self, k: int) -> Along:
-        """The run at the tolerance of the result divided by FINER^k, with its derivatives."""
+    def level(self, finer: float = 1.0, before: Along | None = None) -> Along:
+        """The run at the tolerance of the result divided by `finer`, with its derivatives; before: the one before, at a larger
+        tolerance."""
         run, solver = self._first, self.solver
-        if k or run is None:
+        if before is not None or run is None:
             if solver.fixed:
-                solver = replace(solver, step=solver.step / FINER ** (k / 2))
+                solver = replace(solver, step=solver.step / finer**0.5)
             else:
                 limit = solver.tightest.get(self.system.label, solver.tightest.get("", 1e-13))
-                solver = replace(solver, rtol=max(solver.tolerance / FINER**k, limit))
-            run = solver.run(self.system, Asked(float(self.result.solution.t[-1])))
-        return Along(self.result, run, self.charts, self.system.scale)
+                solver = replace(solver, rtol=max(solver.tolerance / finer, limit))
+            edges = None if before is None else shortened(before.run.t, (before.finer / finer) ** (1 / ORDER))
+            run = solver.run(self.system, Asked(float(self.result.solution.t[-1]), edges=edges))
+        return Along(self.result, run, self.charts, self.system.scale, finer)
 
     def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
-        accuracy, (before, steps) = self.result.accuracy.asked, self._read(0, reads)
-        for level in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
-            (now, more), found = self._read(level, reads), Derivatives()
-            same = more < MORE * steps  # where sampling instants or breaks make the steps, runs differ by less than their error
+        accuracy, along, finer = self.result.accuracy.asked, self.level(), FINER
+        before = self._read(along, reads)
+        for _ in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
+            along, found = self.level(along.finer * finer, along), Derivatives()
+            now = self._read(along, reads)
             for key, (value, doubt) in now.items():
-                off = max(_largest(value - before[key][0]), same * (accuracy or 0.0) * _largest(value))
-                found[key] = Derivative(value, off + _largest(doubt) + ROUNDED * _largest(value))
-            wrong = {key: one.error / (max(_largest(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
-            if accuracy is None or (max(wrong.values()) <= accuracy and not same):
+                off = size_of(value - before[key][0]) + ROUNDED * size_of(value)
+                found[key] = Derivative(value, off + size_of(doubt))
+            wrong = {key: one.error / (max(size_of(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
+            if accuracy is None or max(wrong.values()) <= accuracy:
                 break
-            before, steps = now, more
+            # errors fall with the tolerance: those of the run made last are about 1/finer of what they are estimated
+            before, finer = now, min(max(FINER * max(wrong.values()) / finer / accuracy, FINER), MOST)
         for (what, name), share in wrong.items():
             if accuracy is not None and share > TOLD * accuracy:
                 warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
@@ -147,16 +158,44 @@ class Refined:
         """A derivative that counts as none: this share of the quantity over the number."""
         varied = next(chart.varied for chart in self.charts if chart.name == name)
         with self.result._silently():
-            return NOTHING * _largest(np.asarray(self.result.value(what))) * varied.share / varied.distance
+            return NOTHING * size_of(np.asarray(self.result.value(what))) * varied.share / varied.distance
 
-    def _read(self, level: int, reads: Mapping[Any, Read]) -> tuple[dict[Any, tuple[Array, Array]], int]:
-        along = self.level(level)
-        found = {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
-        return found, len(along.run.t)
+    def _read(self, along: Along, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
+        return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
 
 
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values), initial=0.0))
+def chart_of(name: str, base: Equations, t_end: float) -> Chart:
+    """The chart of a number by its name, made once for a scene; DerivativeError where it has none."""
+    if (name, t_end) not in base.charts:
+        made = _chart_of(name, base, t_end)
+        if len(base.charts) >= KEPT:
+            del base.charts[next(iter(base.charts))]
+        base.charts[name, t_end] = made
+    return base.charts[name, t_end]
+
+
+def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
+    varied, worst = reached(Varied(name, base, t_end)), np.inf
+    for _ in range(1 + ATTEMPTS):
+        if not all(varied.at(node).same_as(base) for node in varied.nodes):
+            refused(name, "with another value the scene has other equations, not only other numbers in them")
+        inputs, start = varied.with_jump(lambda one: one.inputs), varied.with_jump(lambda one: one.start)
+        # the start is found by iteration: where it hardly depends on the number, its digits need not fit together
+        excess = max(inputs.excess(base.inputs, varied.distance),
+                     start.excess(base.start, varied.distance, size_of(base.start) * varied.share / varied.distance))
+        if excess <= 1:
+            return Chart(varied, inputs.found, start.found)
+        if excess > worst:  # of what is smooth it falls with the distance to the power 6
+            break
+        varied, worst = varied.finer, np.inf if varied.nodes == LINE else excess / CLOSER
+    refused(name, f"what the scene makes of it is not smooth at its value {varied.value or 0.0:g}; vary it from another value")
+    raise AssertionError
+
+
+def shortened(t: Array, ratio: float) -> Array:
+    """Times between which there are shorter steps than between the times t (k,), at most by this ratio."""
+    steps = np.arange(len(t))
+    return np.asarray(np.interp(np.linspace(0, steps[-1], int(np.ceil(steps[-1] / ratio)) + 1), steps, t))
 
 
 def gradient(result: Result, of: Any, to: Any) -> Derivatives:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
@@ -40,8 +40,9 @@ DISTANCE, CLOSER, ATTEMPTS = 4e-3, 8.0, 4
 #: the difference of the differences of order 8 and 6, relative to the derivative, up to which they are taken; rounding of what is
 #: differentiated counts ROUNDING times its size, over the distance
 AGREED, ROUNDING = 1e-8, 3e-15
-ALIKE = 1e-7  #: share of a derivative of what is read up to which the orders have to agree, else nodes are taken closer
-KEPT = 64  #: charts that a scene keeps, each with the scenes of eight other values: 5 MB for ten bodies
+#: share of a derivative of what is read up to which the orders have to agree, else nodes are taken closer; rounding of what is
+#: read, of its size
+ALIKE, SLIGHT = 1e-7, 1e-13
 
 
 def difference_weights(nodes: Sequence[int]) -> Array:
@@ -55,7 +56,24 @@ def difference_weights(nodes: Sequence[int]) -> Array:
     return np.array(found if 0 in nodes else found[1:])
 
 
-def differenced(function: Callable[[int], Array], nodes: Sequence[int], distance: float) -> tuple[Array, Array]:
+class Differenced(NamedTuple):
+    """A derivative by differences, its estimated error, and how large an error is rounding."""
+
+    found: Array
+    doubt: Array
+    rounding: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether differences of two orders agree, or cannot."""
+        return size_of(self.doubt) <= max(ALIKE * size_of(self.found), self.rounding) or not np.isfinite(self.doubt).all()
+
+    def excess(self, size: Array, distance: float, slight: float = 0.0) -> float:
+        """Largest error over the one allowed for values of this size; slight: derivatives that are smaller need no digits."""
+        return size_of(self.doubt / (AGREED * (np.abs(self.found) + slight) + ROUNDING / distance * (1 + np.abs(size))))
+
+
+def differenced(function: Callable[[int], Array], nodes: Sequence[int], distance: float) -> Differenced:
     """The derivative at 0 of a function of values at whole nodes that are `distance` apart, and its estimated error: the
     difference to that of the order that is lower by two."""
     values = np.array([function(node) for node in nodes])
@@ -63,9 +81,10 @@ def differenced(function: Callable[[int], Array], nodes: Sequence[int], distance
     less = np.zeros(len(weights))
     less[:count] = difference_weights(nodes[:count])
     # the middle value is subtracted where it is known, so that rounding is that of the changes
+    size = size_of(values)
     values -= values[0] if 0 in nodes else values[:2].mean(axis=0)
     found = np.tensordot(weights, values, 1) / distance
-    return found, np.abs(found - np.tensordot(less, values, 1) / distance)
+    return Differenced(found, np.abs(found - np.tensordot(less, values, 1) / distance), SLIGHT * size / distance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +134,7 @@ class Equations:
     @cached_property
     def listed(self) -> Listed:
         """The list of operations that is differentiated: of y' where `rates` says so, else of F."""
-        return self.fresh()
+        return self._eliminated if self.rates and self._eliminated is not None else self.fresh()
 
     def fresh(self) -> Listed:
         """The same list on an array of its own, to which operations may be appended."""
@@ -131,12 +150,15 @@ class Equations:
             return Listed.with_matrices(ev, part, int(rows[0]), n, n)
         return Listed.with_matrices(ev, ev.residual_part, ev.rows, self.assembly.n, self.assembly.n)
 
+    @cached_property
+    def _eliminated(self) -> Listed | None:
+        """The list for y' without multipliers, made once because that takes as long as the scene."""
+        return None if self.prepared.model.lines or not self.assembly.numbering.m else self._with_constraints()
+
     @property
     def has_rates(self) -> bool:
         """Whether there is a list for y'."""
-        if self.prepared.model.lines:
-            return False
-        return not self.assembly.numbering.m or self._with_constraints() is not None
+        return not self.prepared.model.lines and (not self.assembly.numbering.m or self._eliminated is not None)
 
     def _without_constraints(self) -> Listed:
         """y' of trees and of free bodies, whose constant mass matrix is factorised anew in the list."""
@@ -215,11 +237,12 @@ class Varied:
         """The same number at other nodes, nearer to its value by the factor `closer`."""
         return replace(self, nodes=nodes, share=self.share / closer, _known=self._known if closer == 1.0 else {})
 
+    @cached_property
     def finer(self) -> Varied:
         """The same number for differences of a higher order, or nearer to its value."""
-        return _reached(self.with_nodes(BOTH)) if self.nodes == LINE else self.with_nodes(self.nodes, CLOSER)
+        return reached(self.with_nodes(BOTH)) if self.nodes == LINE else self.with_nodes(self.nodes, CLOSER)
 
-    def sum_of(self, function: Callable[[Equations, int], Array]) -> tuple[Array, Array]:
+    def sum_of(self, function: Callable[[Equations, int], Array]) -> Differenced:
         """The derivative by the number of what a function makes of the equations at a node, and its estimated error."""
         for node in self.nodes:
             self.at(node)  # the distance is known from here on
@@ -229,21 +252,21 @@ class Varied:
         """As `sum_of`, with nodes at which orders agree, where there are such."""
         varied = self
         for _ in range(ATTEMPTS):
-            found, doubt = varied.sum_of(lambda one, _node: function(one))
-            if agree(found, doubt):
+            one = varied.sum_of(lambda at, _node: function(at))
+            if one.agrees:
                 break
-            varied = varied.finer()
-        return found, doubt
+            varied = varied.finer
+        return one.found, one.doubt
 
-    def with_jump(self, function: Callable[[Equations], Array]) -> tuple[Array, Array]:
+    def with_jump(self, function: Callable[[Equations], Array]) -> Differenced:
         """As `sum_of`; the error contains how far the value is from the polynomial through those beside it: some numbers of
         exactly 0 stand for none."""
-        found, doubt = self.sum_of(lambda one, _: function(one))
-        if 0 not in self.nodes:
-            weights = [np.prod([b / (b - a) for b in self.nodes if b != a]) for a in self.nodes]
-            beside = np.tensordot(weights, np.array([function(self.at(node)) for node in self.nodes]), 1)
-            doubt = doubt + np.abs(function(self.base) - beside) / self.distance
-        return found, doubt
+        found = self.sum_of(lambda one, _: function(one))
+        if 0 in self.nodes:
+            return found
+        sides = [np.prod([b / (b - a) for b in self.nodes if b != a]) for a in self.nodes]
+        beside = np.tensordot(sides, np.array([function(self.at(node)) for node in self.nodes]), 1)
+        return found._replace(doubt=found.doubt + np.abs(function(self.base) - beside) / self.distance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,47 +314,12 @@ def refused(name: str, why: str) -> None:
     raise DerivativeError(f"there is no derivative by '{name}': {why}")
 
 
-def chart_of(name: str, base: Equations, t_end: float) -> Chart:
-    """The chart of a number by its name, made once for a scene; DerivativeError where it has none."""
-    if (name, t_end) not in base.charts:
-        made = _chart_of(name, base, t_end)
-        if len(base.charts) >= KEPT:
-            del base.charts[next(iter(base.charts))]
-        base.charts[name, t_end] = made
-    return base.charts[name, t_end]
-
-
-def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
-    varied = _reached(Varied(name, base, t_end))
-    for _ in range(1 + ATTEMPTS):
-        if not all(varied.at(node).same_as(base) for node in varied.nodes):
-            refused(name, "with another value the scene has other equations, not only other numbers in them")
-        found = [varied.with_jump(lambda one, what=what: getattr(one, what)) for what in ("inputs", "start")]  # type: ignore[misc]
-        # the start is found by iteration: where it hardly depends on the number, its digits need not fit together
-        if (_agree(*found[0], np.abs(base.inputs), varied.distance)
-                and _agree(*found[1], np.abs(base.start), varied.distance,
-                           _largest(base.start) * varied.share / varied.distance)):
-            return Chart(varied, found[0][0], found[1][0])
-        varied = varied.finer()
-    refused(name, f"what the scene makes of it is not smooth at its value {varied.value or 0.0:g}; vary it from another value")
-    raise AssertionError
-
-
-def agree(found: Array, doubt: Array) -> bool:
-    """Whether differences of two orders agree, or cannot."""
-    return not doubt.size or bool(doubt.max() <= ALIKE * np.abs(found).max()) or not np.isfinite(doubt).all()
-
-
-def _largest(values: Array) -> float:
+def size_of(values: Array) -> float:
+    """The largest magnitude, 0 of none."""
     return float(np.max(np.abs(values), initial=0.0))
 
 
-def _agree(found: Array, doubt: Array, size: Array, distance: float, slight: float = 0.0) -> bool:
-    """Whether differences agree; slight: derivatives that are smaller need no digits."""
-    return bool(np.all(doubt <= AGREED * (np.abs(found) + slight) + ROUNDING / distance * (1 + size)))
-
-
-def _reached(varied: Varied) -> Varied:
+def reached(varied: Varied) -> Varied:
     """The same with nodes on one side where the scene cannot be made on both; DerivativeError where it can on none."""
     problem: MbdaeError | None = None
     for nodes in (varied.nodes, ABOVE, BELOW):

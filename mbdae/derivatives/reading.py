@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import ATTEMPTS, BOTH, CLOSER, DISTANCE, Chart, Equations, agree, differenced, refused
+from mbdae.derivatives.chart import ATTEMPTS, BOTH, CLOSER, DISTANCE, Chart, Equations, differenced, refused
 from mbdae.derivatives.steps import Calls, Derived
 from mbdae.errors import DerivativeError, OptionError
 from mbdae.integrators import radau_table
@@ -177,11 +177,11 @@ def sampled(run: Solution, charts: Sequence[Chart], scale: Array) -> Calls:
 
 
 class Along:
-    """A run and its derivatives by numbers of the scene."""
+    """A run and its derivatives by numbers of the scene. finer: by what the tolerance of the result is divided in the run."""
 
-    def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], scale: Array) -> None:
+    def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], scale: Array, finer: float = 1.0) -> None:
         self.result = Result(result.prepared, run, None, result.t)  # type: ignore[arg-type]
-        self.charts, self.run = charts, run
+        self.charts, self.run, self.finer = charts, run, finer
         self.derived = Derived(run, charts, scale, sampled(run, charts, scale))
         refuse_jumps(self.derived)
         self._sums: dict[int, list[tuple[Array, Array]]] = {}
@@ -203,12 +203,12 @@ class Along:
             return read(self._result(base, _Moved(run.interpolant, self.tangent, k, count, node * by), run.y + node * by * own))
 
         for _ in range(ATTEMPTS):
-            found, doubt = differenced(lambda node, by=by: moved(node, by), BOTH, by)  # type: ignore[misc]
-            if agree(found, doubt):
+            one = differenced(lambda node, by=by: moved(node, by), BOTH, by)  # type: ignore[misc]
+            if one.agrees:
                 break
             by /= CLOSER
         explicit, further = self._explicit(k, lambda one: self._result(one, run.interpolant, run.y), read)
-        return self._finite(k, found + explicit), doubt + further
+        return self._finite(k, one.found + explicit), one.doubt + further
 
     def _explicit(self, k: int, at: Callable[[Equations], Result], read: Callable[[Result], Array]) -> tuple[Array, Array]:
         """Derivative of what is read of the same states, and its error."""
@@ -254,7 +254,7 @@ class Along:
                 def moved(node: int, j: int = j, by: float = by, part: str = part) -> Array:
                     return read(self._result(base, _Shifted(run.interpolant, j, node * by, part), run.y))
 
-                found, off = differenced(moved, SIDES, by)
+                found, off, _ = differenced(moved, SIDES, by)
                 given, doubt = weights * found, doubt + float(np.abs(weights) @ off) * size[j]
                 if whole:
                     np.add.at(ends[:, j], step, given * float(part == "value"))

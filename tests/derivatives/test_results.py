@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -259,3 +260,37 @@ def test_wrong_questions() -> None:
             (lambda: r.sensitivity(to="P.spring"), "one or more quantities")):
         with pytest.raises(mb.OptionError, match=said):
             call()
+
+
+def gyroscope(across: float = 9e-4) -> mb.Scene:
+    """Steady on its axis of symmetry: with another moment of inertia across it the motion would swing at 500 rad/s."""
+    s = mb.Scene("gyroscope", gravity=(0, 0, -9.81))
+    fork = s.rigid_body("fork", 0.0, (0, 0, 0), at=(0, 0, 0))
+    arm = s.rigid_body("arm", 0.0, (0, 0, 0), at=(0.1, 0, 0))
+    rotor = s.rigid_body("rotor", 1.2, (1.5e-3, 9e-4, across), at=(0.15, 0, 0))
+    s.revolute("turn", s.ground, fork, at=(0, 0, 0), axis=(0, 0, 1))
+    s.revolute("dip", fork, arm, at=(0, 0, 0), axis=(0, 1, 0))
+    s.revolute("spin", arm, rotor, at=(0.15, 0, 0), axis=(1, 0, 0), rate0=250.0)
+    return s
+
+
+def ball(radius: float = 0.2) -> mb.Scene:
+    """Rows of velocities: a ball rolls, pulled by a spring."""
+    s = mb.Scene("ball", gravity=(0.5, 0, -9.81))
+    body = s.rigid_body("body", 2.0, (0.03, 0.04, 0.02), at=(0, 0, 0.2), velocity=(1.2, -0.1, 0), angular_velocity=(0.5, 6, 0.3))
+    s.rolling("R", s.ground, body, at=(0, 0, 0.2), radius=radius)
+    s.spring("S", s.ground, body, (1, 1, 0.3), (0.05, 0, 0.2), stiffness=3.0)
+    return s
+
+
+@pytest.mark.parametrize(("scene", "at", "name", "read", "end"), [
+    (gyroscope, 9e-4, "rotor.inertia.2", "turn.rate", 0.05), (ball, 0.2, "R.radius", "body.angular_velocity[0]", 0.2)])
+def test_error_covers_what_the_motion_does_not_show(scene: Any, at: float, name: str, read: str, end: float) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)  # changed radii change the start
+        one = scene(at).simulate(end).gradient(mb.at_end(read), to=name)[name]
+        runs = {k: scene(at * (1 + 1e-3 * k)).simulate(end, solver=mb.DOP853(rtol=1e-13)) for k in (1, -1, 2, -2)}
+    ends = {k: float(r.value(read)[-1]) for k, r in runs.items()}
+    true = (2 / 3 * (ends[1] - ends[-1]) - 1 / 12 * (ends[2] - ends[-2])) / (1e-3 * at)
+    assert one.error < 1e-5 * abs(true)
+    assert abs(one.value - true) < one.error + 1e-8 * abs(true)  # rounding of the differences

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,14 @@ from mbdae.scene.record import item_name
 from mbdae.study.statements import call_of, changed
 
 ACCURACY, END = 1e-6, 0.2
-DRAWN = 12  #: numbers of a scene that are compared; all where None is given
-#: differences of order 4 of runs at 1e-13, at this share of a number (of 1 where it is 0), on one side where there is no other
-DISTANCE = 4e-3
-BOTH = {1: 2 / 3, -1: -2 / 3, 2: -1 / 12, -2: 1 / 12}
-ABOVE = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
+DRAWN = 6  #: numbers of a scene that are compared; all where None is given
+#: distance of the values in differences: the motion changes by this share of itself, or the number, where that is less
+DISTANCE = 2e-3
+#: values of differences of order 4, first, and of order 8; on one side where there is no other
+NEAR = {4: ((1, -1, 2, -2), (0, 1, 2, 3, 4), (0, -1, -2, -3, -4)),
+        8: ((1, -1, 2, -2, 3, -3, 4, -4), tuple(range(9)), tuple(range(0, -9, -1)))}
+EXACT = ((mb.DOP853(rtol=1e-13), 1e-13), (mb.RadauIIA(5, rtol=1e-12), 1e-11))  #: methods of runs, and their errors, of their size
+PATIENCE = 5.0  #: s; a scene whose run by the first method takes longer is stiff and run by the second
 NOTHING = 1e-10  #: a derivative below this share of the motion over the number counts as 0
 
 
@@ -73,45 +77,143 @@ def motion(result: Any) -> Any:
     return np.hstack([np.asarray(result.value(f"{name}.{what}")) for name in names for what in ("position", "velocity")])
 
 
-def at_end(result: Any) -> Any:
-    """(6 x bodies,) the motion at the end."""
-    return motion(result)[-1]
+def weights(nodes: Sequence[int]) -> Any:
+    """Weights of values at whole nodes by which their sum is the derivative at 0 of the polynomial through them."""
+    powers = np.vander(np.array(nodes, dtype=float), increasing=True).T
+    return np.linalg.lstsq(powers, np.eye(len(nodes))[1], rcond=None)[0]
 
 
-def difference(base: Any, name: str, end: float, solver: Any) -> tuple[Any, float, float]:
-    """The derivative of the motion at the end by a number, how far it is from the one at twice the distance, and the size of the
-    motion over the number."""
-    stated: list[float] = []
-    changed(base, name, lambda x: stated.append(x) or x, end)  # type: ignore[func-returns-value]
-    runs: dict[float, Any] = {}
+class Reference:
+    """Derivatives of what is read of a run, by differences of whole runs. base: the scene; read: function of a result that
+    returns numbers (k,); end: s."""
 
-    def run(by: float) -> Any:
-        if by not in runs:
-            runs[by] = at_end(changed(base, name, lambda x: x + by, end)[0].simulate(end, solver=solver, outputs=2))
-        return runs[by]
+    def __init__(self, base: Any, read: Any, end: float) -> None:
+        self.base, self.read, self.end = base, read, end
+        for self.solver, self.rounded in EXACT:
+            try:
+                run = base.simulate(end, solver=self.solver, outputs=2, max_wall=PATIENCE if self.solver is EXACT[0][0] else None)
+            except mb.MbdaeError:
+                if self.solver is EXACT[-1][0]:
+                    raise
+                continue
+            if run.solution.complete:
+                break
+        self.own = np.asarray(read(run))
+        self.most = float(np.abs(self.own).max()) or 1.0
 
-    by = DISTANCE * (abs(stated[0]) or 1.0)
-    for weights in (BOTH, {-k: -w for k, w in ABOVE.items()}, ABOVE):
+    def run(self, by: Mapping[str, float]) -> Any:
+        """What is read with some numbers larger."""
+        scene = self.base
+        for name, change in by.items():
+            scene = changed(scene, name, lambda x, change=change: x + change, self.end)[0]
+        return np.asarray(self.read(scene.simulate(self.end, solver=self.solver, outputs=2)))
+
+    def value(self, name: str) -> float:
+        """The number as it is stated, 1 where it is 0."""
+        stated: list[float] = []
+        changed(self.base, name, lambda x: stated.append(x) or x, self.end)  # type: ignore[func-returns-value]
+        return abs(stated[0]) or 1.0
+
+    def vanish(self, names: Sequence[str]) -> bool:
+        """Whether nothing changes with numbers that are larger by 5 to 10 %."""
+        by = {name: self.value(name) * (0.1 - 0.05 * i / len(names)) for i, name in enumerate(names)}
+        return bool(np.abs(self.run(by) - self.own).max() <= NOTHING / 10 * self.most)
+
+    def distance(self, name: str, size: float) -> float:
+        """By how much a number is changed whose derivative is about `size`."""
+        return DISTANCE * min(self.value(name), self.most / size if size else np.inf)
+
+    def difference(self, by: Mapping[str, float], order: int) -> tuple[Any, float]:
+        """The change (k,) of what is read, were it linear, when numbers change, and how far it may be off."""
+        for nodes in NEAR[order]:
+            try:
+                runs = np.array([self.run({n: k * x for n, x in by.items()}) - self.own if k else 0 * self.own for k in nodes])
+            except mb.MbdaeError:
+                if nodes is NEAR[order][-1]:
+                    raise
+                continue
+            break
+        found, lower = (np.tensordot(weights(nodes[:k]), runs[:k], 1) for k in (None, -2))
+        apart = float(np.abs(found - lower).max())
+        if order == 4 and 0 not in nodes:  # each order lower by two is off by the same factor more
+            apart *= min(apart / (float(np.abs(found).max()) or 1.0), 1.0)
+        return found, apart + self.rounded * self.most * float(np.abs(weights(nodes)).sum())
+
+
+KINDS = ("right", "zero", "wrong", "uncovered", "refused", "no reference")
+
+
+class Judged:
+    """Derivatives (`one.value`, `one.error`) of what is read at the end, by name, compared with a reference. found: names by
+    verdict (KINDS), and "wide": errors over what is off."""
+
+    def __init__(self, reference: Reference, told: Mapping[str, Any], warned: str, found: dict[str, Any],
+                 accuracy: float) -> None:
+        self.reference, self.told, self.warned, self.found, self.accuracy = reference, told, warned, found, accuracy
+        self.values = {name: np.ravel(one.value[-1]) for name, one in told.items()}
+        self.sizes = {name: float(np.abs(value).max()) for name, value in self.values.items()}
+
+    def zeros(self, names: Sequence[str]) -> None:
+        """Numbers whose derivatives are 0, all at once; where something changes with them, one by one."""
+        if not names or not self._made(lambda: self.reference.vanish(names), names):
+            for name in names if len(names) > 1 else ():
+                self.zeros([name])
+            if len(names) == 1:
+                self.some(names)
+            return
+        self.found["zero"] += names
+
+    def _made(self, what: Any, names: Sequence[str]) -> Any:
+        """What a function finds, None where the scene cannot be made or run with other values."""
         try:
-            near, far = (sum(w * run(k * d) for k, w in weights.items()) / d for d in (by, 2 * by))
-        except mb.MbdaeError:
-            if weights is ABOVE:
-                raise
-            continue
-        break
-    size = float(np.abs(next(iter(runs.values()))).max()) / (abs(stated[0]) or 1.0)
-    return near, float(np.abs(near - far).max()), size
+            return what()
+        except mb.MbdaeError as error:
+            if len(names) == 1:
+                self.found["no reference"].append(f"{names[0]}: {error}")
+            return None
+
+    def some(self, names: Sequence[str]) -> None:
+        """Numbers that change at once, each by as much as changes the motion by the same share; one by one where that is not
+        surely within their errors."""
+        reference = self.reference
+        by = {n: reference.distance(n, self.sizes[n] * len(names)) * (-1) ** i for i, n in enumerate(names)}
+        change = sum(self.values[n] * x for n, x in by.items())
+        error = sum(self.told[n].error * abs(x) for n, x in by.items())
+        for order in NEAR if len(names) == 1 else [4]:
+            made = self._made(lambda order=order: reference.difference(by, order), names)
+            if made is None:
+                break
+            off = float(np.abs(change - made[0]).max())
+            if off + made[1] <= error and (len(names) > 1 or made[1] <= error / 50):  # 50: what errors may be too large
+                break
+        if len(names) > 1 and (made is None or off + made[1] > error):
+            for name in names:
+                self.some([name])
+        elif made is not None:
+            if len(names) == 1 and self.sizes[names[0]] and made[1] <= error / 50:
+                self.found["wide"].append(error / max(off, made[1]))
+            for name in names:
+                self._one(name, abs(by[name]), off, made[1], error)
+
+    def _one(self, name: str, by: float, off: float, noise: float, error: float) -> None:
+        nothing = NOTHING * self.reference.most / self.reference.value(name)
+        largest, beyond = self.sizes[name], max(off - noise, 0.0) / by
+        text = f"{name} ({largest:.9g}, off {off / by:.1e}, error {error / by:.1e}, noise {noise / by:.1e})"
+        alone = beyond > 10 * self.accuracy * largest + nothing and f"'{name}'" not in self.warned
+        self.found["wrong" if beyond > 3 * error / by + nothing or alone else "right"].append(text)
+        if beyond > error / by + nothing:
+            self.found["uncovered"].append(text)
 
 
-def judge(base: Any, end: float, names: Any = None, seed: int = 0, options: Any = None) -> dict[str, list[str]]:
-    """Names of numbers by verdict: right, wrong, uncovered, refused."""
-    found: dict[str, list[str]] = {"right": [], "zero": [], "wrong": [], "uncovered": [], "refused": [], "no reference": []}
-    known = numbers(base)
-    if names is not None and len(known) > names:
+def judge(base: Any, end: float, names: Any = None, seed: int = 0, options: Any = None, read: Any = motion,
+          accuracy: float = ACCURACY, together: int = 4) -> dict[str, Any]:
+    """Names of numbers by verdict (KINDS), and "wide": errors over what is off, of those that are not 0. names: how many numbers,
+    all, or their names; together: how many are changed at once for the reference."""
+    found: dict[str, Any] = {kind: [] for kind in (*KINDS, "wide")}
+    known = numbers(base) if names is None or isinstance(names, int) else list(names)
+    if isinstance(names, int) and len(known) > names:
         known = [str(name) for name in np.random.default_rng(seed).choice(known, names, replace=False)]
-    run = base.simulate(end, accuracy=ACCURACY, outputs=2, **(options or {}))
-    explicit = isinstance(run.info.solver, mb.DOP853)
-    solver: Any = mb.DOP853(rtol=1e-13) if explicit else mb.RadauIIA(5, rtol=1e-12)
+    run = base.simulate(end, accuracy=accuracy, outputs=2, **(options or {}))
     left = []
     for name in known:
         try:
@@ -119,22 +221,16 @@ def judge(base: Any, end: float, names: Any = None, seed: int = 0, options: Any 
             left.append(name)
         except mb.DerivativeError as error:
             found["refused"].append(f"{name}: {error}")
-    derivatives = run.sensitivity(motion, to=left) if left else {}
-    for name in left:
-        one = derivatives[motion, name]
-        try:
-            true, noise, size = difference(base, name, end, solver)
-        except mb.MbdaeError as error:
-            found["no reference"].append(f"{name}: {error}")
-            continue
-        off = max(float(np.abs(one.value[-1] - true).max()) - 3 * noise, 0.0)
-        largest, nothing = float(np.abs(true).max()), NOTHING * size
-        said = f"{name} ({np.abs(one.value[-1]).max():.9g} for {np.abs(true).max():.9g}, off {off:.1e}, error {one.error:.1e})"
-        # beyond ten times the accuracy an error that covers is told by an AccuracyWarning
-        allowed = max(10 * ACCURACY * largest, one.error) + nothing
-        found["wrong" if off > allowed else "zero" if largest <= nothing else "right"].append(said)
-        if off > one.error + nothing:
-            found["uncovered"].append(said)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        derivatives = run.sensitivity(read, to=left) if left else {}
+    said = " ".join(str(one.message) for one in told)
+    reference = Reference(base, lambda result: np.ravel(result.value(read)[-1]), end)
+    by = Judged(reference, {name: derivatives[read, name] for name in left}, said, found, accuracy)
+    none = [name for name in left if by.sizes[name] <= NOTHING * reference.most / reference.value(name)]
+    by.zeros(none)
+    for name in (left := [name for name in left if name not in none])[::together]:
+        by.some(left[left.index(name) :][:together])
     return found
 
 
@@ -142,7 +238,10 @@ def counted(parts: list[dict[str, list[str]]]) -> list[Found]:
     """What the claim states of many scenes."""
     both = {kind: [one for part in parts for one in part[kind]] for kind in parts[0]}
     right = len(both["right"]) + len(both["zero"])
-    said = f"{right} derivatives ({len(both['zero'])} of them 0), {len(both['refused'])} refused"
+    said = (f"{right} derivatives ({len(both['zero'])} of them 0), {len(both['refused'])} refused, "
+            f"{len(both['no reference'])} without a reference")
     return [Found(len(both["wrong"]), 0, "derivatives", "wrong", note=f"{said}; wrong: {', '.join(both['wrong']) or 'none'}"),
             Found(len(both["uncovered"]), max(0.01 * right, 1), "derivatives", "errors that do not cover",
-                  note=", ".join(both["uncovered"]))]
+                  note=", ".join(both["uncovered"])),
+            Found(float(np.median(both["wide"])) if both["wide"] else 0.0, 50, "errors", "median of errors over what is off",
+                  note=f"of {len(both['wide'])} compared with a reference that is fifty times as exact")]
