@@ -21,7 +21,7 @@ from mbdae.integrators.named import solver_of
 from mbdae.notation import picture, rows, titled
 from mbdae.results.result import ATTACHED, Result
 from mbdae.results.storage import load as load
-from mbdae.run.asked import wanted_of
+from mbdae.results.stored_parts import wanted_of
 from mbdae.run.checkpoint import give_back, keeper_of, kept, progress_of, statement_of, taken
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from
@@ -40,7 +40,7 @@ from mbdae.threads import limited, single_threaded
 from mbdae.values import flag, number, of_class, option, optional, sequence, shown, text, whole
 
 if TYPE_CHECKING:
-    from mbdae.analysis import Equilibrium, Floquet, Linearization
+    from mbdae.analysis import Equilibrium, Floquet, Linearization, Periodic
     from mbdae.robots.joint_space import Tree
     from mbdae.run.stepper import Stepper
 else:
@@ -153,6 +153,13 @@ class Scene(SceneData):
         from mbdae.analysis import floquet
 
         return floquet(self, period, at, count, accuracy)
+
+    def periodic(self, period: Any = None, accuracy: float = 1e-6, start: Any = None, of: Any = None) -> Periodic:
+        """A motion that returns to its start after `period` (s), found by shooting, as a Result over one period with its
+        `multipliers` and `stable`; period=None: found, for scenes without drives. See `mbdae.analysis.periodic`."""
+        from mbdae.analysis import periodic
+
+        return periodic(self, period, accuracy, start, of)
 
     def tree(self) -> Tree:
         """Joint-space dynamics of the scene: mass matrix, bias, gravity, inverse and forward dynamics, Jacobians at given states;

@@ -185,18 +185,18 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     return found
 
 
-def start_at(scene: SceneData, at: Any) -> Start | None:
+def start_at(scene: SceneData, at: Any, name: str = "at") -> Start | None:
     """The state that `at` names: a Result (its end), (Result, t), an equilibrium; None for the start of the scene."""
     if at is None:
         return None
     given, t = at if isinstance(at, tuple) and len(at) == 2 else (at, None)
     if not isinstance(given, Result):
-        raise OptionError(f"at = {shown(at)} is no state: give a Result (its end), (Result, t), an equilibrium, or None for the "
-                          f"start of the scene")
+        raise OptionError(f"{name} = {shown(at)} is no state: give a Result (its end), (Result, t), an equilibrium, or None for "
+                          f"the start of the scene")
     result = given
     said, meant = ([item.name for item in known._items] for known in (result.prepared.model.scene, scene))
     if said != meant:
-        raise OptionError(f"at is a state of scene '{result.prepared.model.scene.name}', which has other items than "
+        raise OptionError(f"{name} is a state of scene '{result.prepared.model.scene.name}', which has other items than "
                           f"'{scene.name}': give a state of this scene")
     return result.state_for(scene, t)
 

@@ -22,7 +22,7 @@ from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Beside, Solution, check_times
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun
-from mbdae.run.asked import AskedToo
+from mbdae.results.stored_parts import AskedToo
 from mbdae.run.contacts import hidden_contacts, resolving
 from mbdae.run.estimate import (
     LOOSEST,

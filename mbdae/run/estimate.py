@@ -38,7 +38,7 @@ from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, by_speeds, check_times, scaled_distance
 from mbdae.results.clearance import OtherRun, some_of
-from mbdae.run.asked import AskedToo
+from mbdae.results.stored_parts import AskedToo
 from mbdae.run.contacts import Hidden, largest_tolerance
 from mbdae.run.growing import Growth
 from mbdae.system.base import Array, System

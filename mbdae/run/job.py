@@ -44,7 +44,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.integrators.stored_runs import keeping_runs
 from mbdae.results.accuracy import RunInfo
 from mbdae.results.result import Result
-from mbdae.run.asked import AskedToo, told
+from mbdae.results.stored_parts import AskedToo, told
 from mbdae.run.assessment import assessed, singular_stop
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives

@@ -24,6 +24,8 @@ from mbdae.values import SMALLEST, BadValueError, number, shown
 
 Check = Callable[[Any], Any]
 UNDEFINED = ("half turn", "points together", "some places")  #: states in which a law may say that it is not defined
+#: arguments of a law between bodies that say where its frames are
+PLACES = ("at", "axis", "at_l", "axis_x", "axis_l", "axis_x_l")
 OF_STATES = ("rate", "rates", "initial")  #: methods called only where there are states
 FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
 DERIVED_NAME = re.compile(r"named\d+|(q|u|up)_c?\d+_\d+|clock_\d+_\d+|[kl]_P0")  #: names of derivations, refused in a class

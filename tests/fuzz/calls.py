@@ -49,7 +49,8 @@ ELSEWHERE = {
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
     "read_table": "tests/inputs", "read_urdf": "tests/robots", "read_mjcf": "tests/robots",
     "Scene.write_mjcf": "tests/robots",
-    "SceneData.__getitem__": "statements of a scene", **dict.fromkeys(("params", "rate"), "statements of a law"), "load": "files",
+    "SceneData.__getitem__": "statements of a scene", "load": "files",
+    **dict.fromkeys(("params", "rate"), "statements of a law"),
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
     "Solver.between_breaks": "between modules", "State.save": "files",
     "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
@@ -258,6 +259,9 @@ CALLS: dict[str, Call] = {
                             "mbdae.analysis.linearization.complete_system"),
     "Scene.floquet": Call(lambda: scene().floquet, lambda: {"period": 1.0, "at": hanging(), "count": 1, "accuracy": 1e-6},
                           "mbdae.analysis.multipliers.prepare"),
+    "Scene.periodic": Call(lambda: scene().periodic,
+                           lambda: {"period": 1.0, "accuracy": 1e-6, "start": None, "of": ["hinge.angle"]},
+                           "mbdae.analysis.periodic._Search"),
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
@@ -369,7 +373,7 @@ SIZES: list[tuple[set[str], str]] = [
     ({"a half", "much"},
      "IDA.atol CVODE.atol DOP853.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step OneStep.step "
      "Solver.solve.t_end Solver.solve.max_wall measure_order.t_end "
-     "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
+     "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.periodic.period Scene.simulate.t_end "
      "Scene.simulate.max_wall DAE.simulate.t_end DAE.simulate.max_wall compare.t_end compare.max_wall extremes.t_end "
      "extremes.max_wall extremes.budget Result.animate.speed "
      "ComparisonData.cheapest.accuracy Scene.stepper.dt Stepper.advance.dt"),
