@@ -1,4 +1,4 @@
-"""`mbdae.export`: the equations of a scene or of a law as C, CasADi, SymPy or LaTeX.
+"""`mbdae.export`: the equations of a scene or of a law as C, CasADi, JAX, SymPy or LaTeX, of a scene as a unit of FMI.
 
 Exported functions of a single law: of x (unknowns of its frames, multipliers, states) and of its parameters p.
 """
@@ -225,8 +225,8 @@ class Export:
     missing     {function: reason}, for those that the scene does not have in this form
     text        the whole file; header: the declarations in C, with all names and units
 
-    `export["residual"]` is one function: in SymPy (steps, outputs) as `sympy.cse` returns them, a `casadi.Function`, in C the
-    name by which it is called, in LaTeX its equations."""
+    `export["residual"]` is one function: in SymPy (steps, outputs) as `sympy.cse` returns them, a `casadi.Function`, a function
+    of JAX arrays, in C and FMI the name by which it is called, in LaTeX its equations. The text of a unit is its description."""
 
     format: str
     program: Program
@@ -258,7 +258,7 @@ class Export:
 
     def save(self, path: Any) -> Path:
         """Write the file, for C also the header next to it, with suffix .h; returns the path. Raises OptionError where the
-        suffix is that of another format or the file cannot be written."""
+        suffix is that of another format, the file cannot be written, or no C compiler works that a unit of FMI needs."""
         suffix = FORMATS[self.format][1]
         named: Path = option("path", path, path_named, f"give the name of a file that ends in {suffix}")
         if named.suffix != suffix:
@@ -298,14 +298,16 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
 
     what: a scene, an item of one (its joint), a class of a law (the user's own too), a law with values, or a friction or normal
     law (as a part of the contact of a pin in its race).
-    format: "sympy", "c" (C99 and libm), "casadi" (`pip install mbdae[casadi]`) or "latex".
-    form: of a scene, as in `Scene.system`. `mb.Index1(multipliers="eliminated")` gives y' = f(t, y).
+    format: "sympy", "c" (C99 and libm), "casadi" (`pip install mbdae[casadi]`), "jax" (`pip install mbdae[jax]`), "latex", or
+    "fmi": a unit of FMI 3.0 of a scene without contacts, `.save("x.fmu")`, for which a C compiler is needed.
+    form: of a scene, as in `Scene.system`. `mb.Index1(multipliers="eliminated")` gives y' = f(t, y), as units have it.
     frames: of a law, the kinds of its nodes: "spatial", "planar", "point", "ground", ...; by default bodies in space.
     options: of a class of a law, as in `mb.report`.
 
     Functions of a scene, in SI units and rad; signals are one more argument of each where the scene has some: residual F(t, y,
-    y', p), jacobian (entries of dF/dy and dF/dy'), rates
-    y' = f(t, y, p) where the form has it, joint_forces (force on body l, N, and torque about the joint, N m, of every item).
+    y', p), jacobian (entries of dF/dy and dF/dy'), rates y' = f(t, y, p) where the form has it; mass_matrix M, bias h,
+    constraint_matrix G and gamma of M u' + h + G^T lambda = 0, G u' + gamma = 0; sensors (coordinates of joints, motions of
+    bodies), joint_forces (force on body l, N, and torque about the joint, N m, of every item).
     p: parameters of the laws by "item.name" and points of joints on their bodies; directions of axes, and all of beams, are
     numbers in the text. Switches of inputs of time are evaluated at t.
     Raises OptionError for what cannot be exported, SceneError for a scene with problems."""
@@ -322,6 +324,8 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
             program.drop_parameters()
     elif form is not None:
         raise OptionError(f"form = {shown(form)}: only a scene has a form; leave it out for a law")
+    elif format == "fmi":
+        raise OptionError("format = 'fmi': only a scene moves by itself, as a unit has to; export a law as 'c'")
     else:
         program = law_program(what.joint if isinstance(what, Connection) else what, frames, options)
     functions = program.functions.items()

@@ -197,6 +197,7 @@ def bouncing():
 
 @pytest.mark.parametrize(("make", "form", "words"), [
     (bouncing, None, "contacts of 'hinge' are impacts"), (four_bar, mb.GGL(), "a unit of FMI has y' = f"),
+    (lambda: mb.Revolute, None, "only a scene moves"),
 ])
 def test_refusals_say_why(make, form, words):
     with pytest.raises(mb.OptionError, match=words):

@@ -69,7 +69,7 @@ class Kernels:
         if nb.m and len(nb.rows) == len(m.rows):
             at = slice(nb.start["lambda"], nb.start["lambda"] + nb.m)
             multipliers = ((yp if nb.derivatives else y)[at] * nb.scaling())[None]
-        elif hasattr(self.system, "full") and not self.system.assembly.moved.sharing.nodes:
+        elif hasattr(self.system, "full") and len(self.system.full.numbering.rows) == len(m.rows):
             multipliers = (self.system.multipliers * self.system.full.numbering.scaling())[None]
         else:
             multipliers = m.accelerations(t, q, u, s)[1]
