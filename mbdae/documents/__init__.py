@@ -13,8 +13,21 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from unicodedata import combining, normalize
 
-from mbdae.documents.blocks import Block, Code, Drawing, Equation, Paragraph, Picture, Section, Table, every
-from mbdae.documents.formulas import extent, folded, split_text, width
+from mbdae.documents.blocks import (
+    Block,
+    Code,
+    Drawing,
+    Equation,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    every,
+    extent,
+    folded,
+    split_text,
+    width,
+)
 from mbdae.documents.html import html
 from mbdae.documents.mathml import GREEK, SIGNS
 from mbdae.errors import NamesArguments, OptionError

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from html import escape
 
-from mbdae.documents.formulas import BINARY, RELATIONS, extent, pieces, tokens
+from mbdae.documents.blocks import BINARY, RELATIONS, extent, pieces, tokens
 from mbdae.errors import MbdaeError
 
 GREEK = {

@@ -9,8 +9,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.documents import WIDEST, Document, displayed, plain
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
-from mbdae.documents.formulas import escaped, extent
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, extent
 from mbdae.errors import OptionError
 from mbdae.export.languages import CASADI, SYMPY, described
 from mbdae.export.program import Function, Program, reach, run, weights
