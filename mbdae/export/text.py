@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import symengine as se
 
-from mbdae.documents import WIDEST, Document, displayed, plain
+from mbdae.documents import WIDEST, Document, displayed
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, extent
+from mbdae.documents.mathml import plain
 from mbdae.errors import OptionError
 from mbdae.export.languages import CASADI, SYMPY, described
 from mbdae.export.program import Function, Program, reach, run, weights

@@ -266,8 +266,8 @@ class Forces(Stated):
         posed = ", ".join(f"${self.known[name].latex} = {v:g}$ {scalars[name].unit}" for name, v in numbers.items())
         posed = f" and {posed}" if posed else ""
         text = (f"As in the figure, with the axes of k along the inertial ones{posed}: the force $-8\\,\\mathbf{{i}}_y -"
-                f" 6\\,\\mathbf{{i}}_z$ (N) acts on l, {ARM:g} m along $\\mathbf{{x}}_l$ from the point of the joint, and everything"
-                " rests. From the balance of l, by the compiled rows:")
+                f" 6\\,\\mathbf{{i}}_z$ (N) acts on l, {ARM:g} m along $\\mathbf{{x}}_l$ from the point of the joint, and"
+                " everything rests. From the balance of l, by the compiled rows:")
         return [Section("Example", [Paragraph(text), Table(["", "value", "unit"], rows)])]
 
 
