@@ -34,6 +34,7 @@ from mbdae.errors import NamesArguments, OptionError
 from mbdae.files import write_file
 from mbdae.notation import framed
 from mbdae.values import file_to_write, option, optional, shown, text
+from mbdae.values import path as path_of
 
 # -- A document as a LaTeX article
 
@@ -273,7 +274,7 @@ class Document(NamesArguments):
         Displays are `equation` with labels such as `eq:revolute-joint:m-l`: the document that takes a piece in numbers them.
         Raises OptionError for a folder that cannot be made."""
         key = slug(self.title if name is None else option("name", name, text, "give a word, such as \"revolute\"")) or "report"
-        place = Path(option("folder", str(folder), text, "give the path of a folder"))
+        place: Path = option("folder", folder, path_of, "give the path of a folder")
         try:
             place.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -283,7 +284,8 @@ class Document(NamesArguments):
         said = f" The sha256 of the derived equations begins with {hashes[0][:32]}." if hashes else ""
         fields = {"title": f"{{{plain(self.title)}}}", "howpublished": f"Derivation by mbdae {modules['mbdae'].__version__}",
                   "note": f"Every equation was read back as printed and compared with those that are integrated.{said}"}
-        made[f"{key}.bib"] = "".join([f"@misc{{{key},\n", *(f"  {word} = {{{value}}},\n" for word, value in fields.items()), "}\n"])
+        said = "".join(f"  {word} = {{{value}}},\n" for word, value in fields.items())
+        made[f"{key}.bib"] = f"@misc{{{key},\n{said}}}\n"
         return [write_file(place / file, body) for file, body in made.items()]
 
     def _typeset(self, file: Path) -> Path:

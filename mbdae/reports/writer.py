@@ -292,7 +292,7 @@ def inlined(blocks: Sequence[Block], names: Collection[str], shared: float = 0.0
                     lines[i] = _with(lines[i], place, len(key), body)  # type: ignore[arg-type]
             gone.add(defined[0])
             again = True
-    return _rewritten(blocks, lines, gone)
+    return _rewritten(blocks, lines, gone, [tokens(name) for name in names])
 
 
 def places_of(key: list[str], line: list[str]) -> list[int | None]:
@@ -329,16 +329,18 @@ def _with(line: list[str], i: int, count: int, body: list[str]) -> list[str]:
     return [*line[:i], *put, *line[i + count :]]
 
 
-def _rewritten(blocks: Sequence[Block], lines: dict[int, list[str]], gone: set[int]) -> list[Block]:
-    """The blocks with their equations' new lines, without the equations in `gone` and what only led to them."""
+def _rewritten(blocks: Sequence[Block], lines: dict[int, list[str]], gone: set[int], keys: Sequence[list[str]]) -> list[Block]:
+    """The blocks with their equations' new lines, without the equations in `gone` and without a "with" before no definition of
+    one of the keys."""
     out: list[Block] = []
     for block in blocks:
         if isinstance(block, Section):
-            block = replace(block, blocks=_rewritten(block.blocks, lines, gone))
+            block = replace(block, blocks=_rewritten(block.blocks, lines, gone, keys))
         elif isinstance(block, Equation):
             if id(block) in gone:
                 continue
             block = replace(block, latex="".join(lines[id(block)]))
         out.append(block)
     leads = Paragraph("with")
-    return [b for b, after in zip(out, [*out[1:], None], strict=False) if b != leads or isinstance(after, Equation)]
+    return [b for b, after in zip(out, [*out[1:], None], strict=False) if b != leads or (
+        isinstance(after, Equation) and any(_body(key, tokens(after.latex)) for key in keys))]

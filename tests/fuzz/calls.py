@@ -323,6 +323,7 @@ CALLS: dict[str, Call] = {
                        "mbdae.documents.write_file"),
     **{f"Document.{name}": Call(lambda name=name: getattr(Document("none"), name), lambda: FILE, "mbdae.documents.write_file")  # type: ignore[misc]
        for name in ("to_html", "to_markdown", "to_latex")},
+    "Document.fragments": Call(lambda: Document("none").fragments, lambda: {"folder": folder(), "name": None}),
     "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
                           "mbdae.documents.write_file"),
 }
@@ -358,6 +359,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     **{(c, "hide"): ({*TEXT, "a tuple of text"}, "names, looked for where the picture is made") for c in (
         "Scene.draw", "Result.animate")},
     ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),
+    **{("Document.fragments", o): (TEXT, "a folder and its files may have any name") for o in ("folder", "name")},
     **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("compare", "extremes", "sweep")},
     ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),
     **{(c, "vector"): ({"a range"}, "three numbers") for c in ("Linearization.shares", "Floquet.shares")},
