@@ -14,8 +14,7 @@ from mbdae.audit.notation import AuditError
 from mbdae.audit.reading import Claimed, Printed, is_expression, read
 from mbdae.audit.verdicts import RIGHT, VERDICTS, Row, audit_text, told
 from mbdae.documents import Document
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
-from mbdae.documents.formulas import escaped
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped
 from mbdae.errors import OptionError, naming_arguments
 from mbdae.study import as_json
 from mbdae.values import BadValueError, of_class, option, shown, whole

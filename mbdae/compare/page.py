@@ -11,7 +11,7 @@ from typing import Any
 
 from mbdae.compare.measures import amount
 from mbdae.compare.table import COLUMNS, ComparisonData, Row, cells, failure_lines, pairwise_cells
-from mbdae.documents.formulas import escaped
+from mbdae.documents.blocks import escaped
 from mbdae.notation import counted, picture
 from mbdae.show.plots import COLOURS, checked, style, written
 from mbdae.study import bullets, document, headings, html_row, html_table, made_with, section

@@ -9,20 +9,34 @@ import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from sys import modules
 from tempfile import TemporaryDirectory
 from typing import Any
-from unicodedata import combining, normalize
 
-from mbdae.documents.blocks import Block, Code, Drawing, Equation, Paragraph, Picture, Section, Table, every
-from mbdae.documents.formulas import extent, folded, split_text, width
+from mbdae.documents.blocks import (
+    Block,
+    Code,
+    Drawing,
+    Equation,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    every,
+    extent,
+    folded,
+    split_text,
+    width,
+)
 from mbdae.documents.html import html
-from mbdae.documents.mathml import GREEK, SIGNS
+from mbdae.documents.mathml import plain, signs, verbatim
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.files import write_file
 from mbdae.notation import framed
-from mbdae.values import file_to_write, option, optional, shown
+from mbdae.values import file_to_write, option, optional, shown, text
+from mbdae.values import path as path_of
 
-# -- Text for TeX: escapes of special characters, Greek letters and signs, substitutes for characters that TeX lacks
+# -- A document as a LaTeX article
 
 
 #: packages needed for the text that this module writes
@@ -30,46 +44,6 @@ PACKAGES = r"""\usepackage[T1]{fontenc}
 \usepackage[utf8]{inputenc}
 \usepackage{lmodern}
 """
-_SPECIAL = {"\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "$": r"\$",
-            "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\ensuremath{<}", ">": r"\ensuremath{>}"}
-_NAMES = {sign: name for name, sign in reversed((GREEK | SIGNS).items()) if not sign.isascii() and name.isalpha()}
-#: Greek letters for which TeX has no command because they look like Latin ones
-_LATIN = dict(zip("ΑΒΕΖΗΙΚΜΝΟΡΤΧο", "ABEZHIKMNOPTXo", strict=True))
-_SIGNS = {sign: rf"\ensuremath{{\{name}}}" for sign, name in _NAMES.items()} | {
-    greek: rf"\ensuremath{{\mathrm{{{latin}}}}}" for greek, latin in _LATIN.items()} | {
-    "²": r"\ensuremath{^2}", "³": r"\ensuremath{^3}", "°": r"\ensuremath{^\circ}", "–": "--", "…": r"\ldots{}",
-    "−": r"\ensuremath{-}", "\xa0": "~"}
-_NOT_SET = "ĦħĸĿŀŉŦŧſ"  #: accented Latin letters that TeX does not set
-
-
-def plain(text: str) -> str:
-    """Text escaped so that TeX prints it as it is, in text and in `\\text` of formulas."""
-    return "".join(_SPECIAL.get(c) or _sign(c, _SIGNS) for c in text)
-
-
-def signs(latex: str) -> str:
-    """LaTeX with commands in place of characters that TeX does not read, in text or formulas."""
-    return "".join(_sign(c, _SIGNS) for c in latex)
-
-
-def verbatim(text: str) -> str:
-    """Text without characters that TeX does not read: Greek letters by their names, others by their code points."""
-    return "".join(_sign(c, _NAMES | _LATIN) for c in text)
-
-
-def _sign(c: str, known: dict[str, str]) -> str:
-    """One character as TeX reads it; unknown accents are dropped, other unknown characters written as U+ and their code point."""
-    if c in known:
-        return known[c]
-    if (c.isascii() and (c.isprintable() or c in "\n\t")) or ("À" <= c <= "ž" and c not in _NOT_SET):
-        return c
-    base = "".join(part for part in normalize("NFKD", c) if not combining(part))
-    return "".join(_sign(part, known) for part in base) if base not in ("", c) else "" if combining(c) else f"U+{ord(c):04X}"
-
-
-# -- A document as a LaTeX article
-
-
 HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepackage[margin=22mm]{geometry}
 \usepackage{amsmath,amssymb,bm,graphicx,longtable,array,tikz}
 \setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
@@ -120,6 +94,44 @@ def _tex_block(block: Block, level: int, files: Mapping[int, str]) -> str:
         return f"\\begin{{center}}\n{signs(block.content.tikz())}\n\n{_text(block.caption)}\n\\end{{center}}"
     shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
     return f"{shown}{_text(block.caption)}"
+
+
+# -- Pieces of a document for the text of another
+
+
+NEEDED = "amsmath, amssymb, bm, graphicx, longtable, array and tikz"  #: packages of a text that takes the pieces in
+
+
+def pieces_of(name: str, blocks: Sequence[Block]) -> dict[str, str]:
+    """LaTeX of every section, by the name of its file: displays with labels, which the document numbers that takes them in."""
+    places = dict[str, int]()
+
+    def once(text: str) -> str:
+        places[text] = places.get(text, 0) + 1
+        return text if places[text] == 1 else f"{text}-{places[text]}"
+
+    labels, left = dict[Any, str](), ""
+    for e in every(Equation, blocks):
+        left = e.latex.partition("=")[0].strip() or left
+        labels[e.number] = once(f"eq:{name}:{slug(left) or 'display'}")
+    first = [b for b in blocks if not isinstance(b, Section)]
+    parts = [("introduction", first), *((slug(b.title), b.blocks) for b in blocks if isinstance(b, Section))]
+    return {once(f"{name}-{part}"): _piece(inside, labels) for part, inside in parts if inside}
+
+
+def _piece(blocks: Sequence[Block], labels: Mapping[Any, str]) -> str:
+    """Blocks of a section; displays as `equation` with their labels, numbers in tables as references."""
+    body = "\n\n".join(_tex_block(block, 4, {}) for block in blocks)
+    display = re.compile(r"\\begin\{gather\*\}\n(.*?) \\tag\{(\d+)\}\n\\end\{gather\*\}", re.DOTALL)
+    body = display.sub(lambda m: f"\\begin{{equation}}\\label{{{labels[int(m[2])]}}}\n{m[1]}\n\\end{{equation}}", body)
+    body = re.sub(r"(?m)^\((\d+)\)(?= )", lambda m: f"\\eqref{{{labels[int(m[1])]}}}", body)
+    return f"% needs the packages {NEEDED}\n{body}\n"
+
+
+def slug(latex: str) -> str:
+    """A text or formula in small letters, digits and hyphens, for labels and names of files."""
+    latex = re.sub(r"\\(mathbf|boldsymbol|mathrm|mathsf|text|left|right|operatorname|begin|end)\b", " ", latex)
+    return "-".join(re.findall(r"[a-z0-9]+", latex.lower())) if len(latex) < 200 else ""
 
 
 def displayed(formula: str) -> str:
@@ -233,10 +245,10 @@ class Document(NamesArguments):
 
     def _text(self, made: Callable[..., str], path: Any) -> str:
         place = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
-        text = made(self.title, self.blocks)
+        found = made(self.title, self.blocks)
         if place is not None:
-            write_file(place, text)
-        return text
+            write_file(place, found)
+        return found
 
     def _repr_html_(self) -> str:
         return framed(self.to_html())
@@ -254,6 +266,27 @@ class Document(NamesArguments):
             ".html": self.to_html, ".md": lambda: self._with_pictures(file), ".tex": lambda: self._with_pictures(file),
         }
         return write_file(file, writers[file.suffix.lower()]())
+
+    def fragments(self, folder: str | Path, name: str | None = None) -> list[Path]:
+        r"""Write every section as a file for `\\input`, and `<name>.bib` with the origin of the formulas; returns the paths.
+
+        folder: made where it is missing; name: first word of files, labels and the key of the BibTeX entry, by default the title.
+        Displays are `equation` with labels such as `eq:revolute-joint:m-l`: the document that takes a piece in numbers them.
+        Raises OptionError for a folder that cannot be made."""
+        key = slug(self.title if name is None else option("name", name, text, "give a word, such as \"revolute\"")) or "report"
+        place: Path = option("folder", folder, path_of, "give the path of a folder")
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OptionError(f"folder = {shown(str(folder))}: {error.strerror or error}; give another folder") from None
+        made = {f"{file}.tex": body for file, body in pieces_of(key, self.blocks).items()}
+        hashes = re.findall(r"`([0-9a-f]{32,64})…?`", self.to_markdown())
+        said = f" The sha256 of the derived equations begins with {hashes[0][:32]}." if hashes else ""
+        fields = {"title": f"{{{plain(self.title)}}}", "howpublished": f"Derivation by mbdae {modules['mbdae'].__version__}",
+                  "note": f"Every equation was read back as printed and compared with those that are integrated.{said}"}
+        said = "".join(f"  {word} = {{{value}}},\n" for word, value in fields.items())
+        made[f"{key}.bib"] = f"@misc{{{key},\n{said}}}\n"
+        return [write_file(place / file, body) for file, body in made.items()]
 
     def _typeset(self, file: Path) -> Path:
         """Compile the document's LaTeX to a PDF; OptionError without a TeX installation."""

@@ -8,8 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from html import escape
 
-from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
-from mbdae.documents.formulas import split_text, tokens
+from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table, split_text, tokens
 from mbdae.documents.mathml import GREEK, FormulaError, display, inline
 
 # -- Meanings of the symbols in a formula as plain text, from the tables of symbols in its document

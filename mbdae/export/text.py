@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import symengine as se
 
-from mbdae.documents import WIDEST, Document, displayed, plain
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
-from mbdae.documents.formulas import escaped, extent
+from mbdae.documents import WIDEST, Document, displayed
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, extent
+from mbdae.documents.mathml import plain
 from mbdae.errors import OptionError
 from mbdae.export.languages import CASADI, JAX, SYMPY, File, described, size_of
 from mbdae.export.program import Function, Program, reach, run, weights

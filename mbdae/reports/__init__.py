@@ -23,6 +23,7 @@ from mbdae.laws.journal import JournalContact
 from mbdae.reports.calculus import summed
 from mbdae.reports.joint_page import CONVENTION, JointReport, effort, want_efforts
 from mbdae.reports.law_page import LawPage
+from mbdae.reports.lecture import lecture, taught
 from mbdae.reports.letters import Letter, letters
 from mbdae.reports.line_page import LinePage
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, Page, described, document, provenance, title_of
@@ -43,7 +44,7 @@ from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.outputs import dynamics
 from mbdae.symbolic.part import Part
-from mbdae.values import shown
+from mbdae.values import option, shown, word
 
 
 class ForceReport(LawPage):
@@ -229,10 +230,12 @@ def names() -> list[str]:
 
 
 @naming_arguments
-def report(what: Any, **options: Any) -> Document:
+def report(what: Any, level: str = "full", **options: Any) -> Document:
     """The report (a `Document`) of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or a name.
 
-    options: those of the law; a parameter given as None is left out of the statement. Options of joints:
+    level "full" shows the whole derivation; "lecture" what one teaches of it, a joint on at most two pages: coordinates, one
+    statement, forces and what they mean, Jacobian and an example in numbers, without the prescribed motions that a joint may
+    have. options: those of the law; a parameter given as None is left out of the statement. Options of joints:
 
     kept       whether the coordinates are unknowns; by default True where the joint cannot be stated without them
     friction   a friction law, such as mb.Coulomb(0.3, 1e-3), pressed by the joint's own reaction; by default none
@@ -242,6 +245,8 @@ def report(what: Any, **options: Any) -> Document:
                without multipliers; for mb.Revolute also mb.Clearance(...), with its contact
 
     `.save("x.html")` writes it, also as .md, .tex or .pdf. Raises OptionError or LawError for what a law does not have."""
+    if option("level", level, word, "give one of these", words=("full", "lecture")) == "lecture":
+        return _lecture(what, options)
     if isinstance(what, SceneData):
         _refuse(what, options)
         return scene_sheet(what)
@@ -268,6 +273,17 @@ def report(what: Any, **options: Any) -> Document:
     if isinstance(what, type) and issubclass(what, Law):
         return _of_law(what, structure_of(what, options))
     raise OptionError(f"what = {shown(what)}: give a law, a joint model, a joint, a scene, or one of {', '.join(names())}")
+
+
+def _lecture(what: Any, options: dict[str, Any]) -> Document:
+    """The report of what is taught of a law, joint model or scene."""
+    law: Any = exported().get(what, what) if isinstance(what, str) else what.joint if isinstance(what, Connection) else what
+    joint = isinstance(law, type) and issubclass(law, Joint)
+    if joint:
+        options = dict.fromkeys(law.drives()) | options
+        if law.states_motion() and law.frames == ("k", "l") and not {"friction", "model"} & {*options}:
+            return lecture(law, structure_of(law, options))
+    return taught(report(law if joint else what, **options), [])
 
 
 def _model(what: Any) -> Any:
@@ -318,7 +334,7 @@ def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document
 
 def _clearance(normal: Any, friction: Any, length: float | None) -> Document:
     """The report of a revolute with clearance: the rows that remain, then the contact."""
-    left_out = {"length": None} if length is None else {}
+    left_out: dict[str, Any] = {"length": None} if length is None else {}
     rows = report(ClearanceRevolute, tilting=length is not None, drive=None)
     contact = report(JournalContact, normal=normal, friction=friction, **left_out)
     text = (

@@ -13,7 +13,7 @@ from mbdae.errors import LawError
 from mbdae.notation import counted
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import effort_unit
-from mbdae.reports.page import BOTH, DERIVED, KERNEL, MOVED, described, document, provenance, row_name
+from mbdae.reports.page import BOTH, DERIVED, KERNEL, MOVED, below, described, document, provenance
 from mbdae.reports.recursive_page import RecursivePage, matrix, origin, recursive_pages
 from mbdae.reports.sections import (
     coordinates_section,
@@ -237,11 +237,6 @@ class JointReport(LawPage):
 def summed(terms: list[str]) -> str:
     """Terms with their signs as a sum."""
     return (terms[0] + "".join(f" - {t[1:]}" if t.startswith("-") else f" + {t}" for t in terms[1:])) if terms else "0"
-
-
-def below(row: str) -> str:
-    """The name of a row as a subscript."""
-    return f"{{\\text{{{row_name(row)}}}}}"
 
 
 def effort(name: str) -> str:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section
+from mbdae.reports.reading import Symbols, key_of
 from mbdae.reports.vectors import Base, NamedQuantities
 from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.part import Parameter
@@ -231,3 +233,54 @@ def _own(letter: str, taken: Collection[str]) -> str:
     while letter in taken:
         letter += "'"
     return letter
+
+
+# -- symbols where they appear
+
+
+def introduced(blocks: Sequence[Block], rows: Sequence[Sequence[str]], told: set[str] | None = None) -> list[Block]:
+    """The blocks with a sentence after the equations in which a symbol stands for the first time: its unit and meaning.
+
+    rows: those of a table of symbols; told: symbols that earlier blocks have introduced, to which these are added."""
+    told = set() if told is None else told
+    known = {latex: (unit, meaning) for cell, unit, meaning in rows for latex in re.findall(r"\$([^$]*)\$", cell)
+             for latex in latex.split(r",\ ")}
+    symbols, out, new = Symbols(known), list[Block](), dict[str, None]()
+    for block, after in zip(blocks, [*blocks[1:], None], strict=False):
+        if isinstance(block, Section):
+            block = Section(block.title, introduced(block.blocks, rows, told), block.level)
+        out.append(block)
+        if isinstance(block, Equation):
+            new |= dict.fromkeys(latex for latex in _symbols(symbols, known, block.latex) if latex not in told)
+        if new and not isinstance(after, Equation) and after != Paragraph("with"):
+            told |= {*new}
+            out.append(Paragraph(f"Here {_meanings({latex: known[latex] for latex in new})}."))
+            new = {}
+    return out
+
+
+def _symbols(symbols: Symbols, known: Mapping[str, Any], latex: str) -> list[str]:
+    """The symbols of a formula, in their order."""
+    line, i, found, names = key_of(latex), 0, list[str](), {key_of(name): name for name in known}
+    while i < len(line):
+        key = symbols.at(line, i)
+        i += len(key) if key else 1
+        if key and line[i : i + 1] not in (("_",), ("'",)):
+            found.append(names[key])
+    return found
+
+
+def _meanings(new: Mapping[str, tuple[str, str]]) -> str:
+    """Symbols with their meanings, those of the same kind on several bodies or rows together."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for latex, (unit, meaning) in new.items():
+        found.setdefault((unit, meaning), []).append(latex)
+    kinds: dict[tuple[str, str], list[tuple[str, list[str]]]] = {}
+    for (unit, meaning), letters_ in found.items():
+        kind = re.sub(r"\bbody \$[a-z]\$", "its body", re.sub(r"of row \S+$", "of its row", meaning))
+        kinds.setdefault((unit, kind), []).append((meaning, letters_))
+    said = []
+    for (unit, kind), parts in kinds.items():
+        shown = ", ".join(f"${latex}$" for _, each in parts for latex in each)
+        said.append(f"{shown}{f' ({unit})' if unit != '1' else ''}: {kind if len(parts) > 1 else parts[0][0]}")
+    return "; ".join(said)

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from mbdae.documents import Document
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, every, numbered
-from mbdae.documents.formulas import escaped
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, every, numbered
 from mbdae.formulations import ggl_outputs
 from mbdae.kernels.plan import linearised_plan
-from mbdae.reports.letters import Letter, results, worded
+from mbdae.reports.letters import Letter, introduced, results, worded
 from mbdae.reports.reading import RELATIONS, Key, LatexReader, Symbols, UnreadError, key_of, members
 from mbdae.reports.states import POINTS, residual
-from mbdae.reports.writer import Writer
+from mbdae.reports.writer import Writer, inlined
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import fingerprint
 
@@ -260,11 +259,15 @@ class Page:
         return Printed(self.given(), self.wanted).read(blocks)
 
 
-def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]], convention: str, tail: list[Block]) -> Document:
-    """A document whose pages have numbered equations, which are read back. head: blocks without equations, after which the
-    symbols of all pages are listed; convention: sentence below these, or ""; tail: blocks after the checks."""
-    blocks = [part.blocks for part in numbered([Section("", part) for _, part in pages])]  # type: ignore[union-attr]
+def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]], convention: str, tail: list[Block],
+             shared: float = 0.0) -> Document:
+    """A document whose pages have numbered equations, which are read back. head: blocks without equations; convention: sentence
+    below these, or ""; symbols are explained where they appear and listed at the end; tail: blocks after the checks; shared: as
+    in `inlined`."""
     rows = dict.fromkeys(tuple(row) for page, _ in pages for row in page.symbols())
+    names = [[n for n in page.own if not any(n in latex for latex in page.wanted)] for page, _ in pages]
+    parts = [Section("", inlined(part, own, shared)) for (_, part), own in zip(pages, names, strict=True)]
+    blocks = [part.blocks for part in numbered(introduced(parts, list(rows))) if isinstance(part, Section)]
     checks = [c for (page, _), part in zip(pages, blocks, strict=True) for c in page.printed(list(part))]
     stated = [{k: w.unit for k, w in page.wanted.items() if w.values is not None} for page, _ in pages if page.stated]
     letters = [row[0] for row in rows] + [name for page, _ in pages for name in page.own]
@@ -276,8 +279,9 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
     head = [*head, *(Paragraph(f"**The units do not fit: {c.what}.**") for c in units if not c.holds)]
     checks += units
     table = Table(SYMBOLS, [*map(list, rows), *results(dict(sides))])
-    symbols = Section("Symbols", [table, *([Paragraph(convention)] if convention else [])])
-    return Document(title, [*head, symbols, *(b for part in blocks for b in part), checks_section(checks), *tail])
+    told = [Paragraph(convention)] if convention else []
+    body = [b for part in blocks for b in part]
+    return Document(title, [*head, *told, *body, Section("Symbols", [table]), checks_section(checks), *tail])
 
 
 # -- names and origin of laws
@@ -286,6 +290,11 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
 def row_name(name: str) -> str:
     """Name of a row in text."""
     return name.replace("_", " ")
+
+
+def below(row: str) -> str:
+    """The name of a row as a subscript."""
+    return f"{{\\text{{{row_name(row)}}}}}"
 
 
 def title_of(law: type) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.documents import Document
-from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, curve
+from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Point, Section, Table
 from mbdae.laws.friction import Friction
 from mbdae.laws.joints import Prismatic
 from mbdae.laws.journal import JournalContact
@@ -202,3 +202,25 @@ def part_section(s: ReportedLaw) -> list[Section]:
     parts = [(key, part, part.cls.__name__) for key, part in s.structure.options if isinstance(part, PartStructure)]
     rows = [[key, f"`mb.report(mb.{name}(...))`", short_hash(PartPage(part).d)] for key, part, name in parts]
     return [Section("Laws it contains", [Table(["law", "its report", "sha256 there"], rows)])] if rows else []
+
+
+def curve(x: Any, y: Any, across: str, up: str) -> Drawing:
+    """A curve y(x) with its axes; across, up: labels of the axes."""
+    width, height, margin = 520, 260, 46
+    low, high = min(0.0, float(min(y))), max(0.0, float(max(y)))
+    span, first, last = (high - low) or 1.0, float(min(x)), float(max(x))
+
+    def at(a: float, b: float) -> Point:
+        return margin + (a - first) / (last - first) * (width - margin - 12), height - 34 - (b - low) / span * (height - 52)
+
+    found = Drawing(width, height, f"{up} over {across}")
+    found.line([at(first, 0), at(last, 0)], "#999")
+    found.line([at(first, low), at(first, high)], "#999")
+    found.line([at(float(a), float(b)) for a, b in zip(x, y, strict=True)], "#0072b2", 2)
+    for number in dict.fromkeys((low, 0.0, high)):
+        found.text(margin - 6, at(first, number)[1] + 4, f"{number:.3g}", "end")
+    for number in (first, last):
+        found.text(at(number, 0)[0], height - 18, f"{number:.3g}")
+    found.text((width + margin) / 2, height - 4, across)
+    found.text(margin + 6, 14, up, "start")
+    return found

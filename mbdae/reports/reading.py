@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.documents.formulas import tokens
+from mbdae.documents.blocks import tokens
 from mbdae.errors import MbdaeError, internal
 from mbdae.symbolic.rebuild import complex_atan2
 
@@ -304,17 +304,10 @@ class LatexReader:
 
 
 class _Filled(np.ndarray):
-    """A zero vector or unit that becomes, inside a matrix, a zero or unit block of fitting size."""
-
-    one: bool
+    """A zero vector or unit that becomes, inside a matrix, a zero or unit block of fitting size, times its first entry."""
 
     def __new__(cls, one: bool, points: int) -> _Filled:
-        found = np.zeros((points, 3)).view(cls)
-        found.one = one
-        return found
-
-    def __array_finalize__(self, obj: Any) -> None:
-        self.one = getattr(obj, "one", False)
+        return np.full((points, 3), float(one)).view(cls)
 
 
 def assembled(rows: list[list[Any]], points: int) -> Array:
@@ -328,9 +321,8 @@ def assembled(rows: list[list[Any]], points: int) -> Array:
     for i, row in enumerate(blocks):
         cells = []
         for j, block in enumerate(row):
-            unit = getattr(rows[i][j], "one", False)
-            filled = np.eye(high[i], wide[j]) if unit else np.zeros((high[i], wide[j]))
-            cells.append(np.broadcast_to(filled if block is None else block, (points, high[i], wide[j])))
+            filled = np.eye(high[i], wide[j]) * rows[i][j][0, 0] if block is None else block
+            cells.append(np.broadcast_to(filled, (points, high[i], wide[j])))
         out.append(np.concatenate(cells, axis=2))
     return np.concatenate(out, axis=1)
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, every
-from mbdae.documents.formulas import escaped
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, every
 from mbdae.errors import MbdaeError
 from mbdae.reports.letters import unit_text
 from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash

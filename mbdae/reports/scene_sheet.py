@@ -11,8 +11,7 @@ import numpy as np
 
 from mbdae.analysis import linearize
 from mbdae.documents import Document
-from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, numbered, pattern
-from mbdae.documents.formulas import escaped
+from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, Table, escaped, numbered
 from mbdae.errors import MbdaeError, SteadyError
 from mbdae.formulations import system_for
 from mbdae.notation import counted
@@ -226,3 +225,15 @@ def _inertia(b: Any) -> str:
 def scene_sheet(scene: SceneData) -> Document:
     """The overview of a scene; raises SceneError with every problem found."""
     return Sheet(scene).document()
+
+
+def pattern(entries: Any, n: int, title: str) -> Drawing:
+    """Entries (row, column) of a square matrix as dots; in a large matrix neighbouring dots merge."""
+    size = 420.0
+    cell, found = size / max(n, 1), Drawing(size, size, title)
+    found.line([(0, 0), (size, 0), (size, size), (0, size), (0, 0)], "#999")
+    side = max(cell * 0.92, 0.7)
+    for i, j in entries:
+        x, y = j * cell, i * cell
+        found.line([(x, y), (x + side, y), (x + side, y + side), (x, y + side)], "#0072b2", 0, fill="#0072b2")
+    return found

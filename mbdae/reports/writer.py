@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 import symengine as se
 
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, every, pieces, tokens, width
 from mbdae.errors import LawError, internal
 from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Vector
 from mbdae.symbolic.vectors import Expr
@@ -253,3 +255,92 @@ class Writer:
 def subscript(side: str) -> str:
     """LaTeX of the name of a frame as an index."""
     return side if len(side) == 1 else f"{{\\text{{{side}}}}}"
+
+
+# -- quantities that one formula uses are written where they are used
+
+LONGEST = 48.0  #: width in letters above which a formula keeps a line of its own
+#: tokens before and after a term that may stand without brackets
+_BEFORE = {"", "=", "+", "-", "{", "&", ",", "(", r"\\"}
+_AFTER = {"", "=", "+", "-", "}", "&", ",", ")", r"\right", r"\\", r"\end"}
+_MARKED = {r"\dot", r"\ddot", r"\tilde", r"\hat", r"\bar", r"\delta", "t"}  #: before a brace: a symbol made of another
+
+
+def inlined(blocks: Sequence[Block], names: Collection[str], shared: float = 0.0) -> list[Block]:
+    """The blocks with every definition of a name that is used once written at its place.
+
+    names: LaTeX of quantities with a definition in the blocks; shared: width in letters up to which a definition is also
+    written at several places."""
+    lines = {id(e): tokens(e.latex) for e in every(Equation, blocks)}
+    told = " ".join(b.text for b in every(Paragraph, blocks))
+    todo = [tokens(name) for name in names if len(tokens(name)) > 1 and name not in told]
+    gone, again = set[int](), True
+    while again:
+        again = False
+        for key in todo:
+            at = [(i, places_of(key, line)) for i, line in lines.items() if i not in gone]
+            defined = [i for i, places in at if places == [0] and _body(key, lines[i])]
+            uses = [(i, places) for i, places in at if places and i not in defined]
+            if len(defined) != 1 or not uses or any(place is None for _, places in uses for place in places):
+                continue
+            body = _body(key, lines[defined[0]])
+            wide, count = width("".join(body)), sum(len(places) for _, places in uses)
+            if wide > (LONGEST if count == 1 else shared):
+                continue
+            for i, places in uses:
+                for place in reversed(places):
+                    lines[i] = _with(lines[i], place, len(key), body)  # type: ignore[arg-type]
+            gone.add(defined[0])
+            again = True
+    return _rewritten(blocks, lines, gone, [tokens(name) for name in names])
+
+
+def places_of(key: list[str], line: list[str]) -> list[int | None]:
+    """Where a symbol stands in a line of tokens; None where it is a part of another symbol."""
+    found: list[int | None] = []
+    for i in range(len(line) - len(key) + 1):
+        if line[i : i + len(key)] == key:
+            after = line[i + len(key) : i + len(key) + 1]
+            if after not in (["_"], ["'"]):
+                found.append(None if i > 1 and line[i - 1] == "{" and line[i - 2] in _MARKED else i)
+    return found
+
+
+def _body(key: list[str], line: list[str]) -> list[str]:
+    """What a line defines a symbol as; empty where it is no such definition of one line."""
+    rest = line[len(key) :]
+    while rest and rest[0].isspace():
+        rest.pop(0)
+    ends = {"=", r"\begin", r"\\", "<", ">", r"\approx", r"\ne"}
+    return rest[2:] if rest[:1] == ["="] and not ends & {*rest[1:]} and line[: len(key)] == key else []
+
+
+def _with(line: list[str], i: int, count: int, body: list[str]) -> list[str]:
+    """A line with a formula in place of the tokens of a symbol, in brackets where it would bind otherwise."""
+    def near(part: list[str]) -> str:
+        return next((t for t in part if not t.isspace() and t != r"\,"), "")
+
+    before, after = near(line[:i][::-1]), near(line[i + count :])
+    text = "".join(body)
+    terms, factors = len(pieces(text)[0]) > 1 or body[0] == "-", {r"\cdot", r"\times", r"\,"} & {*body}
+    loose = before in _BEFORE and after in _AFTER and not (before in ("+", "-") and (body[0] == "-" or (before == "-" and terms)))
+    plain = loose or not (terms or factors or after == "^" or body[0] in _FUNCTIONS.values())
+    put = body if plain else [r"\left", "(", *body, r"\right", ")"]
+    return [*line[:i], *put, *line[i + count :]]
+
+
+def _rewritten(blocks: Sequence[Block], lines: dict[int, list[str]], gone: set[int], keys: Sequence[list[str]]) -> list[Block]:
+    """The blocks with their equations' new lines, without the equations in `gone` and without a "with" before no definition of
+    one of the keys."""
+    out: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Section):
+            block = replace(block, blocks=_rewritten(block.blocks, lines, gone, keys))
+        elif isinstance(block, Equation):
+            if id(block) in gone:
+                continue
+            block = replace(block, latex="".join(lines[id(block)]))
+        out.append(block)
+    leads = Paragraph("with")
+    return [b for b, after in zip(out, [*out[1:], None], strict=False) if b != leads or (
+        isinstance(after, Equation) and any(_body(key, tokens(after.latex)) for key in keys))]

@@ -287,7 +287,7 @@ CALLS: dict[str, Call] = {
     "export": Call(lambda: mb.export, lambda: {"what": mb.FixedOrientation, "format": "sympy", "form": None, "frames": None}),
     "Export.save": Call(lambda: mb.export(mb.FixedOrientation).save, lambda: {"path": folder() / "a.py"}),
     "Export.__getitem__": Call(lambda: mb.export(mb.FixedOrientation, "sympy").__getitem__, lambda: {"name": "G"}),
-    "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation}),
+    "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation, "level": "lecture"}),
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
@@ -328,6 +328,7 @@ CALLS: dict[str, Call] = {
                        "mbdae.documents.write_file"),
     **{f"Document.{name}": Call(lambda name=name: getattr(Document("none"), name), lambda: FILE, "mbdae.documents.write_file")  # type: ignore[misc]
        for name in ("to_html", "to_markdown", "to_latex")},
+    "Document.fragments": Call(lambda: Document("none").fragments, lambda: {"folder": folder(), "name": None}),
     "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
                           "mbdae.documents.write_file"),
 }
@@ -363,6 +364,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     **{(c, "hide"): ({*TEXT, "a tuple of text"}, "names, looked for where the picture is made") for c in (
         "Scene.draw", "Result.animate")},
     ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),
+    **{("Document.fragments", o): (TEXT, "a folder and its files may have any name") for o in ("folder", "name")},
     **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("compare", "extremes", "sweep")},
     ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),
     **{(c, "vector"): ({"a range"}, "three numbers") for c in ("Linearization.shares", "Floquet.shares")},

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 
-from mbdae.documents.blocks import Equation, Paragraph, Section, Table
-from mbdae.documents.formulas import split_text
+from mbdae.documents.blocks import Equation, Paragraph, Section, Table, split_text
 
 VECTORS = re.compile(r"\\(?:mathbf|boldsymbol)\{(?:[^{}]|\{[^{}]*\})*\}(?:_[a-z])?")
 SCALARS = re.compile(r"\\(?:eta|lambda|varphi|mu|sigma)_(?:\{(?:[^{}]|\{[^{}]*\})*\}|[a-z0-9])")

@@ -12,8 +12,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.documents import COMPILERS, Document
-from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table
-from mbdae.documents.formulas import folded, pieces
+from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table, folded, pieces
 from mbdae.documents.mathml import FormulaError, inline
 from mbdae.reports import names
 

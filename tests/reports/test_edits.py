@@ -20,7 +20,7 @@ KINDS = {
     "factors of a vector product": (rf"{VECTOR}\\times {VECTOR}", r"\2\\times \1"),
     "another body": (r"\}_k(?![a-z])", "}_l"),
     "another axis": (r"\\mathbf\{x\}", r"\\mathbf{y}"),
-    "a factor": (r"= (?!0)", "= 2\\\\,"),
+    "a factor": (r"= (?!0|\\mathbf\{0\})", "= 2\\\\,"),
     "a dropped term": (r" [+-] [^+]*$", ""),
     "a dropped rate": (r"\\dot\{", "{"),
     "sine for cosine": (r"\\cos ", r"\\sin "),

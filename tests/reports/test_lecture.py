@@ -1,0 +1,78 @@
+"""Reports for a lecture: every joint holds and is short, and single edits of its print are told."""
+
+from __future__ import annotations
+
+import random
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import mbdae as mb
+from mbdae.documents.blocks import Equation, every, numbered
+from mbdae.laws import joints
+from mbdae.reports import page
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from reading import holds_and_defines
+from test_edits import KINDS, edited
+
+TAUGHT = [law for law in (getattr(joints, name) for name in joints.__all__)
+          if law.states_motion() and law.velocity_constraints is mb.Joint.velocity_constraints]
+
+
+@pytest.mark.parametrize("law", TAUGHT, ids=lambda law: law.__name__)
+def test_a_joint_as_it_is_taught(law):
+    document = mb.report(law, level="lecture")
+    holds_and_defines(document, law.__name__)
+    text = document.to_markdown()
+    assert "\n| symbol |" not in text
+    assert "\nwith\n" not in text  # no name but those of the statement
+    assert len(list(every(Equation, document.blocks))) <= 20
+    assert text.count("Here ") >= 2
+
+
+def test_what_a_revolute_holds_is_written_with_its_axes():
+    text = mb.report(mb.Revolute, level="lecture").to_markdown()
+    assert r"\mathbf{m}_l = -\lambda_{\text{tilt y}}\,\mathbf{y}_l + \lambda_{\text{tilt x}}\,\mathbf{x}_l" in text
+    assert r"\mathbf{m}_l\cdot \mathbf{z}_k = 0" in text
+    # 10 N at 0.5 m along x_l, turned by 0.6 rad: moment about z 0.5 cos(0.6) 8 N
+    assert "| held about $\\varphi$ | 3.301 | N m |" in text
+    assert "drive" not in text.split("## Forces")[1].split("It does no work")[0]
+
+
+@pytest.mark.parametrize("seed", range(len(KINDS)))
+def test_single_edits_of_the_print_are_told(seed, monkeypatch):
+    rng, (pattern, place) = random.Random(seed), list(KINDS.values())[seed]
+    kind = list(KINDS)[seed]
+    found = []
+    for law in (mb.Revolute, mb.Screw, mb.Cylindrical):
+        with monkeypatch.context() as patch:
+            patch.setattr(page, "numbered", lambda blocks, law=law: _kept(numbered(blocks), law, found))
+            mb.report(law, level="lecture")
+    open_ = [(law, e) for law, e in found if re.search(pattern, e.latex)]
+    if not open_:
+        pytest.skip("no such place in a lecture")
+    law, e = rng.choice(open_)
+    at = rng.choice(list(re.finditer(pattern, e.latex)))
+    inside = re.sub(pattern, place, at[0]) + e.latex[at.end() :] if kind != "a dropped term" else ""
+    line = e.latex[: at.start()] + inside
+    monkeypatch.setattr(page, "numbered", lambda blocks: edited(numbered(blocks), e.number, line))
+    assert "NOT EQUAL" in mb.report(law, level="lecture").to_markdown(), f"{kind} in {law.__name__}: {e.latex} -> {line}"
+
+
+def _kept(blocks, law, found):
+    found += [(law, e) for e in every(Equation, blocks)]
+    return blocks
+
+
+def test_other_laws_keep_their_derivation_without_tables():
+    for name in ("pointspring", "gear", "lugre", "rigidbody"):
+        text = mb.report(name, level="lecture").to_markdown()
+        assert "All " in text
+        assert "sha256" not in text
+        assert "\n| symbol |" not in text
+    with pytest.raises(mb.OptionError, match="level = 'short' is not one of 'full', 'lecture'"):
+        mb.report("gear", level="short")
