@@ -147,6 +147,8 @@ class Link:
     shapes: list[tuple[str, Pose, tuple[float, ...]]] = field(default_factory=list)
     color: Any = None
     gravity: Any = None  #: (3,) its own, m/s^2; None: that of the scene
+    velocity: Any = (0, 0, 0)  #: at the start, of a link that floats: of its centre, m/s, inertial; spin: rad/s
+    spin: Any = (0, 0, 0)
 
 
 @dataclass
@@ -169,6 +171,7 @@ class Joint:
     spring: float = 0.0
     rest: float = 0.0
     start: float = 0.0
+    rate: float = 0.0
     stop: Stop | None = None
 
 
@@ -243,7 +246,8 @@ def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
         else:
             bodies[link.name] = s.rigid_body(link.name, link.mass, link.inertia, at=pose.point(link.centre), rotation=pose.R,
                                              shape=[_shape(pose @ at, kind, size) for kind, at, size in link.shapes] or None,
-                                             color=link.color, as_given=True, gravity=link.gravity)
+                                             color=link.color, as_given=True, gravity=link.gravity, velocity=link.velocity,
+                                             angular_velocity=link.spin)
         s.frame(link.name, bodies[link.name], at=pose.p, rotation=pose.R)
         if joint is not None and bodies[link.name] is not on:
             _joint(s, robot, joint, on, bodies[link.name], pose)
@@ -316,6 +320,8 @@ def _options(robot: Robot, joint: Joint) -> dict[str, Any]:
                               f"or pass stop=")
     if start:
         options["start"] = start
+    if joint.rate:
+        options["start_rate"] = joint.rate
     if joint.damping:
         options["damper"] = joint.damping
     if joint.spring:

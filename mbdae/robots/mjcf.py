@@ -10,23 +10,24 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SceneError
+from mbdae.errors import OptionError, SceneError, unknown_name
 from mbdae.robots import Joint, Link, Pose, Robot, build, clean, library, parsed, text_of
 
 MOST_INCLUDED = 100  #: files that a model may include
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
 FREE, BALL, SLIDE, HINGE = range(4)
+SIZES = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 2, 3, 4, 5, 6, 7
 
 
-def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any) -> Any:
+def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) -> Any:
     """The scene of an MJCF file; arguments as of `mb.read_mjcf`, make: the class of scenes."""
     mujoco = library("mujoco", "reading MJCF")
     found, data = text_of(path, "read_mjcf")
     _included(parsed(data, found.name, "mujoco"), found.resolve(), [found.resolve().parent.parent, set()])
     model = _compiled(mujoco, found)
     robot = Robot(_name(model, "names", 0) or found.stem)
-    reader = _Reader(mujoco, model, robot, limits, stop)
+    reader = _Reader(mujoco, model, robot, limits, stop, key)
     reader.refuse()
     reader.bodies()
     reader.equalities()
@@ -111,9 +112,14 @@ def _name(model: Any, array: str, i: int) -> str:
 class _Reader:
     """A compiled model into a `Robot`."""
 
-    def __init__(self, mujoco: Any, model: Any, robot: Robot, limits: bool, stop: Any) -> None:
+    def __init__(self, mujoco: Any, model: Any, robot: Robot, limits: bool, stop: Any, key: Any) -> None:
         self.mujoco, self.m, self.robot, self.limits, self.stop = mujoco, model, robot, limits, stop
         self.data = mujoco.MjData(model)
+        self.start, self.rates = self._key(key)
+        for i, kind in enumerate(model.jnt_type):  # what has no coordinate of its own in a scene is drawn as it starts
+            if kind in (FREE, BALL):
+                q = int(model.jnt_qposadr[i])
+                self.data.qpos[q : q + SIZES[int(kind)]] = self.start[q : q + SIZES[int(kind)]]
         mujoco.mj_kinematics(model, self.data)
         self.names = ["", *(_name(model, "name_bodyadr", i) or f"body {i}" for i in range(1, model.nbody))]
         self.joint_names = [_name(model, "name_jntadr", i) or self._unnamed(i) for i in range(model.njnt)]
@@ -125,6 +131,20 @@ class _Reader:
 
     def _unnamed(self, i: int) -> str:
         return f"joint {i} of {self.names[int(self.m.jnt_bodyid[i])]}"
+
+    def _key(self, key: Any) -> tuple[Any, Any]:
+        """qpos and qvel of the key frame that was asked for; without one, those of the file."""
+        m = self.m
+        names = [_name(m, "name_keyadr", i) for i in range(m.nkey)]
+        if key is None:
+            if names:
+                self.robot.told.append(f"key frames ({', '.join(map(repr, names[:8]))}) are not read; key= makes one the start")
+            return m.qpos0.copy(), np.zeros(m.nv)
+        if key not in names:
+            raise OptionError(f"key = {unknown_name(str(key), names)}" if names else f"key = {key!r}: the file has no key frames")
+        q, i = m.key_qpos[names.index(key)].copy(), names.index(key)
+        self.mujoco.mj_normalizeQuat(m, q)
+        return q, m.key_qvel[i].copy()
 
     # -- what cannot be said
 
@@ -202,7 +222,11 @@ class _Reader:
         parent, pose = self.names[int(m.body_parentid[b])], self._pose(m.body_pos[b], m.body_quat[b])
         joints = range(int(m.body_jntadr[b]), int(m.body_jntadr[b]) + int(m.body_jntnum[b]))
         if len(joints) == 1 and int(m.jnt_type[joints[0]]) == FREE and not parent:
-            robot.links[link.name], robot.roots[link.name] = link, pose
+            q, v = int(m.jnt_qposadr[joints[0]]), int(m.jnt_dofadr[joints[0]])
+            robot.links[link.name], robot.roots[link.name] = link, self._pose(self.start[q : q + 3], self.start[q + 3 : q + 7])
+            R = robot.roots[link.name].R
+            link.spin = R @ self.rates[v + 3 : v + 6]
+            link.velocity = self.rates[v : v + 3] + np.cross(link.spin, R @ link.centre)
             return
         if not len(joints):
             robot.joints.append(Joint(f"{link.name} fixed", "fixed", parent, link.name, pose))
@@ -221,10 +245,16 @@ class _Reader:
         word = {FREE: "free", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}[kind]
         made = Joint(self.joint_names[i], word, parent, child, pose, np.array(m.jnt_pos[i]), np.array(m.jnt_axis[i]))
         if kind in (FREE, BALL):
+            if kind == BALL:
+                R = self._pose(np.zeros(3), self.start[q : q + 4]).R
+                made.pose = pose @ Pose(R, made.at - R @ made.at)
+                if np.any(self.rates[dof : dof + 3]):
+                    self.robot.heard.append(f"joint '{made.name}': the velocity of a ball joint in the key frame is left out")
             return made
         made.damping, made.friction = float(m.dof_damping[dof]), float(m.dof_frictionloss[dof])
         made.rotor, made.spring = float(m.dof_armature[dof]), float(m.jnt_stiffness[i])
         ref = float(m.qpos0[q])
+        made.start, made.rate = float(self.start[q]) - ref, float(self.rates[dof])
         made.rest = float(m.qpos_spring[q]) - ref
         if ref:
             self.robot.told.append(f"joint '{made.name}': its coordinate is 0 as drawn, where the file counts from {ref:g}")
@@ -300,6 +330,8 @@ class _Reader:
         kinds = {HINGE: "angle", SLIDE: "displacement"}
         words = [f"{self.joint_names[i]}.{kinds[int(m.jnt_type[i])]}" for i in (one, other) if i >= 0]
         of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
-        next(j for j in self.robot.joints if j.name == self.joint_names[one]).start = a0
+        joints = {j.name: j for j in self.robot.joints}
+        made, of_ = joints[self.joint_names[one]], joints.get(self.joint_names[other] if other >= 0 else "")
+        made.start, made.rate = a0 + (a1 * of_.start if of_ else 0.0), a1 * of_.rate if of_ else 0.0
         self.robot.closing.append(lambda s, _: s.couple(name, of, a0))
         return []
