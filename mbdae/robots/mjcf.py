@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError, unknown_name
-from mbdae.robots import Joint, Link, Pose, Robot, build, clean, library, parsed, text_of
+from mbdae.robots import Joint, Link, Pose, Robot, build, library
+from mbdae.robots.bounds import MOST_MADE, Files, parsed, text_of
 
-MOST_INCLUDED = 100  #: files that a model may include
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
 FREE, BALL, SLIDE, HINGE = range(4)
 SIZES = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos
@@ -24,7 +24,8 @@ def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) ->
     """The scene of an MJCF file; arguments as of `mb.read_mjcf`, make: the class of scenes."""
     mujoco = library("mujoco", "reading MJCF")
     found, data = text_of(path, "read_mjcf")
-    _included(parsed(data, found.name, "mujoco"), found.resolve(), [found.resolve().parent.parent, set()])
+    if Files(found.resolve()).check(parsed(data, found.name, "mujoco")) > MOST_MADE:
+        raise OptionError(f"{found.name}: with what is attached the model has more than {MOST_MADE} elements; state fewer")
     model = _compiled(mujoco, found)
     robot = Robot(_name(model, "names", 0) or found.stem)
     reader = _Reader(mujoco, model, robot, limits, stop, key)
@@ -33,42 +34,6 @@ def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) ->
     reader.equalities()
     reader.tell()
     return build(make, robot, tuple(map(float, model.opt.gravity)), keep)
-
-
-def _included(root: Any, path: Path, bounds: list[Any]) -> None:
-    """Check what a file and those that it includes name: no plugins, nothing from elsewhere than the folders around the file."""
-    for element in root.iter():
-        if not isinstance(element.tag, str):
-            continue
-        if element.tag in ("plugin", "extension"):
-            raise OptionError(f"{path.name}, line {element.sourceline}: plugins are code, which is not run; remove "
-                              f"<{element.tag}>")
-        wrong = [value for value in element.attrib.values() if "://" in value]
-        if wrong:
-            raise OptionError(f"{path.name}, line {element.sourceline}: {wrong[0]!r} is no file of this machine; nothing is "
-                              f"fetched")
-    for element in root.iter("include"):
-        file = (path.parent / element.get("file", "")).resolve()
-        if not file.is_relative_to(bounds[0]) or not file.is_file():
-            file = (bounds[0] / path.parent.name / element.get("file", "")).resolve()
-        if not file.is_relative_to(bounds[0]) or not file.is_file():
-            raise OptionError(f"{path.name}, line {element.sourceline}: includes {element.get('file')!r}, which is no file in "
-                              f"the folder of the model or beside it")
-        if file in bounds[1]:
-            continue
-        bounds[1].add(file)
-        if len(bounds[1]) > MOST_INCLUDED:
-            raise OptionError(f"{path.name}: more than {MOST_INCLUDED} files are included")
-        data = clean(file.read_bytes(), file.name)
-        _included(parsed(data, file.name, _outermost(data)), file, bounds)
-
-
-def _outermost(data: bytes) -> str:
-    """Name of the first element: an included file may begin with any of them."""
-    import re
-
-    found = re.search(rb"<\s*([A-Za-z_][\w.-]*)", re.sub(rb"<!--.*?-->|<\?.*?\?>", b"", data, flags=re.DOTALL))
-    return found.group(1).decode() if found else "mujoco"
 
 
 @contextmanager

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
-from mbdae.robots import EXTRA, Joint, Link, Pose, Robot, bounds_of, build, library, parsed, text_of
+from mbdae.robots import EXTRA, Joint, Link, Pose, Robot, build, library
+from mbdae.robots.bounds import bounds_of, parsed, text_of
 from mbdae.scene.components import Stop
 
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed", "floating": "free",
@@ -35,6 +36,10 @@ def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep
     yourdfpy = library("yourdfpy", "reading URDF")
     found, data = text_of(path, "read_urdf")
     root = parsed(data, found.name, "robot")
+    strange = next((e for e in root.iter() if isinstance(e.tag, str) and e.tag.startswith("{")), None)
+    if strange is not None:
+        raise OptionError(f"{found.name}, line {strange.sourceline}: <{strange.prefix}:{strange.tag.partition('}')[2]}> is no URDF; "
+                          f"let xacro, or whatever reads it, write the URDF file first")
     wrong = _mistakes(root)
     if wrong:
         raise SceneError([f"{found.name}: {text}" for text in wrong])
@@ -42,9 +47,9 @@ def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep
     robot = Robot(raw.name or found.stem)
     _links(robot, raw, found, packages, meshes)
     _joints(robot, raw, limits, stop)
-    for tag, what in UNREAD.items():
-        if count := len(root.findall(tag)):
-            robot.told.append(f"{what} ({count} <{tag}>) are not read")
+    for tag in dict.fromkeys(e.tag for e in root if e.tag not in ("link", "joint", "material")):
+        what = UNREAD.get(tag, "elements that are none of URDF")
+        robot.told.append(f"{what} ({len(root.findall(tag))} <{tag}>) are not read")
     if any(link.find("collision") is not None for link in root.findall("link")):
         robot.told.append("shapes for collisions are not read: state contacts by s.contact")
     _root(robot, raw, floating)
