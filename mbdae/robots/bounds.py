@@ -1,11 +1,16 @@
 """Files of robots, read with bounds: no entities, no network, nothing outside of the folders that were given, nothing that grows
-beyond reason."""
+beyond reason; MuJoCo kept from writing of its own accord."""
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import re
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +20,7 @@ from mbdae.errors import OptionError
 from mbdae.robots import library
 
 #: bytes of a file of XML, of a mesh, and how many elements one may have and how deep
-LARGEST, LARGEST_MESH, MOST_ELEMENTS, DEEPEST = 32_000_000, 256_000_000, 200_000, 200
+LARGEST, LARGEST_MESH, MOST_ELEMENTS, DEEPEST = 32_000_000, 256_000_000, 200_000, 1000
 ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1")
 MESHES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf", ".off")  #: formats that are drawn
 MOST_INCLUDED = 100  #: files that a model may include
@@ -27,6 +32,7 @@ MOST: dict[Any, int] = {("replicate", "count"): MOST_MADE, ("composite", "count"
                         "actdim": 1000, ("numeric", "size"): 1_000_000, "nkey": 10_000, "nuserdata": 1_000_000}
 MOST_USER = 1000  #: numbers of its user that an element has (nuser_...)
 GROWING = ("composite", "flexcomp")
+DIGITS = 17  #: of numbers in the file: all of them
 
 
 def text_of(path: Any, what: str) -> tuple[Path, bytes]:
@@ -64,7 +70,7 @@ def clean(data: bytes, name: str) -> bytes:
 def parsed(data: bytes, name: str, root: str) -> Any:
     """The root element of XML, without comments; OptionError with the place of the mistake."""
     etree = library("lxml.etree", f"reading {name}")
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, remove_comments=True,
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True, remove_comments=True,
                              remove_pis=True, recover=False)
     try:
         found = etree.fromstring(data, parser)
@@ -179,3 +185,40 @@ def _outermost(data: bytes) -> str:
     """Name of the first element: an included file may begin with any of them."""
     found = re.search(rb"<\s*([A-Za-z_][\w.-]*)", re.sub(rb"<!--.*?-->|<\?.*?\?>", b"", data, flags=re.DOTALL))
     return found.group(1).decode() if found else "mujoco"
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """MuJoCo writes warnings to the standard streams and a file in the working folder: both are kept away."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    before, kept = Path.cwd(), [os.dup(1), os.dup(2)]
+    with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nothing:
+        try:
+            os.chdir(folder)
+            os.dup2(nothing.fileno(), 1)
+            os.dup2(nothing.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept[0], 1)
+            os.dup2(kept[1], 2)
+            for descriptor in kept:
+                os.close(descriptor)
+            os.chdir(before)
+
+
+@contextmanager
+def all_digits(mujoco: Any) -> Iterator[None]:
+    """MuJoCo writes numbers with 6 digits, unless its library is told otherwise."""
+    found = next(iter(sorted(Path(mujoco.__file__).parent.glob("*mujoco.*so*")) + sorted(Path(mujoco.__file__).parent.glob(
+        "*mujoco*.d*"))), None)
+    mine: Any = ctypes.CDLL(str(found)) if found else None
+    ask, tell = (getattr(mine, f"_mjPRIVATE__{word}_xml_precision", None) for word in ("get", "set"))
+    if ask is None or tell is None:
+        raise OptionError(f"write_mjcf: MuJoCo {mujoco.__version__} writes numbers with 6 digits alone; install another version")
+    before = ask()
+    tell(DIGITS)
+    try:
+        yield
+    finally:
+        tell(before)

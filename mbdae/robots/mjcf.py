@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +9,7 @@ import numpy as np
 
 from mbdae.errors import OptionError, SceneError, unknown_name
 from mbdae.robots import Joint, Link, Pose, Robot, build, library
-from mbdae.robots.bounds import MOST_MADE, Files, parsed, text_of
+from mbdae.robots.bounds import MOST_MADE, Files, parsed, quiet, text_of
 
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
 FREE, BALL, SLIDE, HINGE = range(4)
@@ -33,30 +30,7 @@ def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) ->
     reader.bodies()
     reader.equalities()
     reader.tell()
-    return build(make, robot, tuple(map(float, model.opt.gravity)), keep)
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """MuJoCo writes warnings to the standard streams and a file in the working folder: both are kept away."""
-    import sys
-    import tempfile
-
-    sys.stdout.flush()
-    sys.stderr.flush()
-    before, kept = Path.cwd(), [os.dup(1), os.dup(2)]
-    with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nothing:
-        try:
-            os.chdir(folder)
-            os.dup2(nothing.fileno(), 1)
-            os.dup2(nothing.fileno(), 2)
-            yield
-        finally:
-            os.dup2(kept[0], 1)
-            os.dup2(kept[1], 2)
-            for descriptor in kept:
-                os.close(descriptor)
-            os.chdir(before)
+    return build(make, robot, (0.0, 0.0, 0.0) if "GRAVITY" in reader.off else tuple(map(float, model.opt.gravity)), keep)
 
 
 def _compiled(mujoco: Any, path: Path) -> Any:
@@ -81,6 +55,11 @@ class _Reader:
         self.mujoco, self.m, self.robot, self.limits, self.stop = mujoco, model, robot, limits, stop
         self.data = mujoco.MjData(model)
         self.start, self.rates = self._key(key)
+        bits = mujoco.mjtDisableBit  #: names of MuJoCo's switches that are off: of gravity, springs, dampers, ...
+        self.off = {word[7:] for word in dir(bits) if word.startswith("mjDSBL_")
+                    and model.opt.disableflags & int(getattr(bits, word))}
+        self.off |= {"SPRING", "DAMPER"} if "PASSIVE" in self.off else set()
+        self.off |= {"FRICTIONLOSS", "LIMIT", "EQUALITY"} if "CONSTRAINT" in self.off else set()
         for i, kind in enumerate(model.jnt_type):  # what has no coordinate of its own in a scene is drawn as it starts
             if kind in (FREE, BALL):
                 q = int(model.jnt_qposadr[i])
@@ -100,16 +79,19 @@ class _Reader:
     def _key(self, key: Any) -> tuple[Any, Any]:
         """qpos and qvel of the key frame that was asked for; without one, those of the file."""
         m = self.m
-        names = [_name(m, "name_keyadr", i) for i in range(m.nkey)]
+        names = [_name(m, "name_keyadr", i) or f"key {i}" for i in range(m.nkey)]
         if key is None:
             if names:
-                self.robot.told.append(f"key frames ({', '.join(map(repr, names[:8]))}) are not read; key= makes one the start")
+                said = f"{', '.join(map(repr, names[:8]))}{', ...' if len(names) > 8 else ''}"
+                self.robot.told.append(f"key frames ({said}) are not read; key= makes one the start")
             return m.qpos0.copy(), np.zeros(m.nv)
         if key not in names:
             raise OptionError(f"key = {unknown_name(str(key), names)}" if names else f"key = {key!r}: the file has no key frames")
-        q, i = m.key_qpos[names.index(key)].copy(), names.index(key)
+        q, v = m.key_qpos[names.index(key)].copy(), m.key_qvel[names.index(key)].copy()
         self.mujoco.mj_normalizeQuat(m, q)
-        return q, m.key_qvel[i].copy()
+        if not (np.all(np.isfinite(q)) and np.all(np.isfinite(v))):
+            raise SceneError([f"key frame '{key}': a number of it is not finite"])
+        return q, v
 
     # -- what cannot be said
 
@@ -173,8 +155,8 @@ class _Reader:
             made.inertia = (made.inertia + made.inertia.T) / 2
             self._shapes(b, made)
             self._carried(b, made)
-            if m.body_gravcomp[b]:
-                made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity)
+            if m.body_gravcomp[b] and not self.off >= {"SPRING", "DAMPER"}:  # without both MuJoCo leaves it out, too
+                made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity * ("GRAVITY" not in self.off))
         taken = {*self.names, *self.joint_names}
         for i in range(m.nsite):
             name = _name(m, "name_siteadr", i)
@@ -216,14 +198,15 @@ class _Reader:
                 if np.any(self.rates[dof : dof + 3]):
                     self.robot.heard.append(f"joint '{made.name}': the velocity of a ball joint in the key frame is left out")
             return made
-        made.damping, made.friction = float(m.dof_damping[dof]), float(m.dof_frictionloss[dof])
-        made.rotor, made.spring = float(m.dof_armature[dof]), float(m.jnt_stiffness[i])
+        acts = {"DAMPER": m.dof_damping[dof], "FRICTIONLOSS": m.dof_frictionloss[dof], "SPRING": m.jnt_stiffness[i]}
+        made.damping, made.friction, made.spring = (0.0 if word in self.off else float(x) for word, x in acts.items())
+        made.rotor = float(m.dof_armature[dof])
         ref = float(m.qpos0[q])
         made.start, made.rate = float(self.start[q]) - ref, float(self.rates[dof])
         made.rest = float(m.qpos_spring[q]) - ref
         if ref:
             self.robot.told.append(f"joint '{made.name}': its coordinate is 0 as drawn, where the file counts from {ref:g}")
-        if m.jnt_limited[i] and self.limits:
+        if m.jnt_limited[i] and self.limits and "LIMIT" not in self.off:
             low, high = (float(x) - ref for x in m.jnt_range[i])
             made.limits, made.stop = (low, high), self.stop
         return made
@@ -247,9 +230,10 @@ class _Reader:
     def equalities(self) -> None:
         m, wrong = self.m, []
         types = self.mujoco.mjtEq
+        self.hinges = self._hinges()
         for e in range(m.neq):
             name, kind = _name(m, "name_eqadr", e) or f"equality {e}", int(m.eq_type[e])
-            if not m.eq_active0[e]:
+            if not m.eq_active0[e] or "EQUALITY" in self.off:
                 self.robot.told.append(f"'{name}' is not active in the file, and not read")
             elif kind in (types.mjEQ_CONNECT, types.mjEQ_WELD):
                 wrong += self._closed(e, name, kind == types.mjEQ_WELD)
@@ -260,11 +244,26 @@ class _Reader:
         if wrong:
             raise SceneError(wrong)
 
+    def _hinges(self) -> dict[int, Any]:
+        """Where two connects between the same two bodies are one hinge: the first of them -> the axis, the second one -> None."""
+        m, found, pairs = self.m, dict[int, Any](), dict[frozenset[int], list[int]]()
+        for e in range(m.neq):
+            if m.eq_active0[e] and int(m.eq_type[e]) == self.mujoco.mjtEq.mjEQ_CONNECT:
+                pairs.setdefault(frozenset(self._ends(e)[0]), []).append(e)
+        for es in pairs.values():
+            points = [one.p if self._of_sites(e) else one.point(m.eq_data[e][:3]) for e in es for one in self._ends(e)[1][:1]]
+            if len(es) == 2 and np.linalg.norm(points[1] - points[0]) > 1e-6 * max(float(m.stat.extent), 1e-3):
+                found |= {es[0]: points[1] - points[0], es[1]: None}
+        return found
+
+    def _of_sites(self, e: int) -> bool:
+        return int(self.m.eq_objtype[e]) == int(self.mujoco.mjtObj.mjOBJ_SITE)
+
     def _ends(self, e: int) -> tuple[list[int], list[Pose]]:
         """Numbers of both bodies and the poses, as drawn, of the frames that the equality names."""
         m, d = self.m, self.data
         ids = [int(m.eq_obj1id[e]), int(m.eq_obj2id[e])]
-        if int(m.eq_objtype[e]) == int(self.mujoco.mjtObj.mjOBJ_SITE):
+        if self._of_sites(e):
             return [int(m.site_bodyid[i]) for i in ids], [Pose(d.site_xmat[i].reshape(3, 3), d.site_xpos[i].copy()) for i in ids]
         return ids, [Pose(d.xmat[i].reshape(3, 3).copy(), d.xpos[i].copy()) for i in ids]
 
@@ -272,7 +271,7 @@ class _Reader:
         """A weld or a ball joint between two bodies; it has to hold as drawn."""
         m, slack = self.m, CLOSED * max(float(self.m.stat.extent), 1.0)
         bodies, (one, other) = self._ends(e)
-        sites, data = int(m.eq_objtype[e]) == int(self.mujoco.mjtObj.mjOBJ_SITE), m.eq_data[e]
+        sites, data = self._of_sites(e), m.eq_data[e]
         k, l = (self.names[b] or "ground" for b in bodies)
         at = one.p if sites else one.point(data[3:6]) if weld else one.point(data[:3])
         off = np.linalg.norm(at - (other.p if sites else other.point(data[:3] if weld else data[3:6])))
@@ -282,7 +281,10 @@ class _Reader:
             turned = float(np.max(np.abs(wanted - other.R)))
         if off > slack or turned > slack:
             return [f"equality '{name}': it does not hold as drawn, {off:.3g} m and {turned:.3g} apart; draw the bodies closed"]
-        self.robot.closing.append(lambda s, _: s.weld(name, k, l, at=at) if weld else s.spherical(name, k, l, at=at))
+        if weld or e not in self.hinges:
+            self.robot.closing.append(lambda s, _: s.weld(name, k, l, at=at) if weld else s.spherical(name, k, l, at=at))
+        elif (axis := self.hinges[e]) is not None:
+            self.robot.closing.append(lambda s, _: s.revolute(name, k, l, at=at, axis=axis))
         return []
 
     def _tied(self, e: int, name: str) -> list[str]:
@@ -294,6 +296,8 @@ class _Reader:
             return [f"equality '{name}': it ties joints of more than one coordinate, which is not modelled"]
         kinds = {HINGE: "angle", SLIDE: "displacement"}
         words = [f"{self.joint_names[i]}.{kinds[int(m.jnt_type[i])]}" for i in (one, other) if i >= 0]
+        if a0:
+            self.robot.told.append(f"'{name}' holds from the start on; MuJoCo starts at the file's zero, and is pulled to it")
         of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
         joints = {j.name: j for j in self.robot.joints}
         made, of_ = joints[self.joint_names[one]], joints.get(self.joint_names[other] if other >= 0 else "")
