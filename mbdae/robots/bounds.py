@@ -143,6 +143,8 @@ class Files:
             for key, value in element.attrib.items():
                 if "://" in value:
                     raise OptionError(f"{where}: {value!r} is no file of this machine; nothing is fetched")
+                if key not in ("name", "class") and re.search(r"(?i)(?<![\w.-])[-+]?(nan|inf|infinity)(?![\w.-])", value):
+                    raise OptionError(f"{where}: {key} = {value!r} is no finite number")
                 if (most := MOST_USER if key.startswith("nuser_") else MOST.get((tag, key), MOST.get(key))) is not None:
                     many *= _product(value, most, f"{where}: {key}")
                 if key.endswith("dir"):

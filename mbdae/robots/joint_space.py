@@ -25,8 +25,9 @@ from mbdae.system.model.trees import find_trees
 from mbdae.threads import single_threaded
 
 Array = NDArray[np.float64]
-#: steps of a program that are compiled together; with 1500 a call took 1.5 to 2 times as long, and compiling as long
-BLOCK = 8000
+#: steps of a program that are compiled together: with more, calls are faster (half the time with all in one), but the search of
+#: symengine for common subexpressions never ended for some robots (1848 steps of gymnasium's ant)
+BLOCK = 1500
 SLICE = 32  #: states that pass through all blocks of a program together
 LEVEL = 2  #: LLVM's level of optimisation
 FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
@@ -252,7 +253,7 @@ class Chain:
 def blocks(program: Program, inputs: list[Expr], outputs: list[Expr]) -> list[Kernel]:
     """Kernels that evaluate outputs of a program one after the other, each at most BLOCK steps: the search for common
     subexpressions of long programs may take forever. Each hands on what later ones read."""
-    needed = program.needed(outputs)
+    needed = program.late(outputs)
     found: list[Kernel] = []
     for first in range(0, max(len(needed), 1), BLOCK):
         here, later = needed[first : first + BLOCK], needed[first + BLOCK :]

@@ -48,8 +48,9 @@ MJCF = """<mujoco><compiler angle="radian"/><worldbody>
   </worldbody></mujoco>"""
 BOMB = "<!DOCTYPE r [<!ENTITY a0 'ha'>" + "".join(f"<!ENTITY a{i} '{f'&a{i - 1};' * 10}'>" for i in range(1, 12)) + "]>"
 HEAD = {"urdf": "<robot", "xml": "<mujoco"}
+COPY = '<replicate count="3000" offset="1 0 0">'
 NUMBER = re.compile(r'[-+]?\d+\.?\d*(?:e[-+]?\d+)?')
-ALLOWED = 2_000_000_000  #: bytes that a process may take; reading one file of them takes what MuJoCo, Trimesh and this package take
+ALLOWED = 6_000_000_000  #: bytes of address space that a process may take, so that a failure does not take the machine
 SECONDS = 20.0  #: CPU s for one file
 
 
@@ -97,7 +98,7 @@ def garbage(d: Draft) -> None:
 
 def word_for_number(d: Draft) -> None:
     d.swap(r'(?:xyz|rpy|value|ixx|iyy|size|pos|mass|diaginertia|axis|armature|damping|stiffness|upper|multiplier)="([^"]*)"',
-           d.pick(["nan", "inf", "-inf", "1e999", "", "one", "0x", "1,2,3", "1 2", "1_0", "None", "nan nan nan", "1e400 0 0"]))
+           d.pick(["nan", "inf", "-inf", "1e999", "one", "0x", "1,2,3", "1_0", "None", "nan nan nan", "1e400 0 0"]))
 
 
 def not_finite(d: Draft) -> None:
@@ -159,14 +160,15 @@ def includes(d: Draft) -> None:
 def absurd(d: Draft) -> None:
     """Sizes beyond reason."""
     common = {"deep": "<a>" * 100_000 + "</a>" * 100_000, "wide": "<a/>" * 400_000, "hollow": ""}
-    mjcf = {"memory": '<size memory="900G"/>', "texture": '<asset><texture name="t" type="2d" builtin="flat" width="900000" '
-            'height="900000"/></asset>', "field": '<asset><hfield name="h" nrow="90000" ncol="90000" size="1 1 1 1"/></asset>',
-            "copies": '<worldbody><replicate count="900000000" offset="1 0 0"><body><geom size="1"/></body></replicate></worldbody>',
-            "nested": "<worldbody>" + '<replicate count="3000" offset="1 0 0">' * 3 + '<geom size="1"/>' + "</replicate>" * 3
-            + "</worldbody>", "grid": '<worldbody><flexcomp name="f" type="grid" count="9000 9000 9" spacing="1 1 1" mass="1"/>'
-            "</worldbody>", "composite": '<worldbody><body><composite type="cable" count="900000 1 1" size="1"><geom size="0.1"/>'
-            "</composite></body></worldbody>", "stack": '<size njmax="2000000000" nconmax="2000000000"/>',
-            "user": '<size nuser_body="2000000000"/>', "userdata": '<size nuserdata="2000000000"/>', "keys": '<size nkey="2000000000"/>'}
+    mjcf = {
+        "texture": '<asset><texture name="t" type="2d" builtin="flat" width="900000" height="900000"/></asset>',
+        "field": '<asset><hfield name="h" nrow="90000" ncol="90000" size="1 1 1 1"/></asset>',
+        "copies": '<worldbody><replicate count="900000000" offset="1 0 0"><geom size="1"/></replicate></worldbody>',
+        "nested": f"<worldbody>{COPY * 3}<geom size='1'/>{'</replicate>' * 3}</worldbody>",
+        "grid": '<worldbody><flexcomp name="f" type="grid" count="9000 9000 9" spacing="1 1 1" mass="1"/></worldbody>',
+        "stack": '<size njmax="2000000000" nconmax="2000000000"/>', "user": '<size nuser_body="2000000000"/>',
+        "memory": '<size memory="900G"/>', "userdata": '<size nuserdata="2000000000"/>', "keys": '<size nkey="2000000000"/>',
+        "numeric": '<custom><numeric name="n" size="2000000000" data="1"/></custom>'}
     choices = common | (mjcf if d.kind == "xml" else {})
     way = d.pick(list(choices))
     d.inside(choices[way])
@@ -178,15 +180,16 @@ def absurd(d: Draft) -> None:
 def structure(d: Draft) -> None:
     """Names that are missing, twice there, unknown, or in a circle."""
     if d.kind == "urdf":
-        d.swap(*d.pick([(r'child link="([^"]*)"', "nobody"), (r'parent link="(base|upper)"', "finger"), (r'link name="([^"]*)"', "x"),
-                        (r'( izz="[^"]*")', ""), (r'joint name="([^"]*)" type="(?:c|r)', "grip"), (r'mimic joint="([^"]*)"', "grip"),
-                        (r'type="([^"]*)"', "ball"), (r'(<parent link="\w+"/>)', ""), (r'(<mass value="\w+"/>)', ""),
-                        (r"</?(robot)", "model"), (r'axis xyz="([^"]*)"', "0 0 0"), (r'( name="shoulder")', "")]))
-        return
-    d.swap(*d.pick([(r'body name="(leg)"', "trunk"), (r'joint name="(hip)"', "swing"), (r"(<freejoint/>)", "<freejoint/>" * 2),
-                    (r'axis="([^"]*)"', "0 0 0"), (r"</?(mujoco)", "model"), (r'(pos)="', "position"), (r'angle="([^"]*)"', "turns"),
-                    (r'type="(box)"', "cube"), (r'(<site name="eye")', '<site name="eye"/><site name="eye"'),
-                    (r"(<freejoint/>)", '<freejoint/><joint type="hinge"/>'), (r"(<worldbody>)", "<worldbody><freejoint/>")]))
+        ways = [(r'child link="([^"]*)"', "nobody"), (r'parent link="(base|upper)"', "finger"), (r'link name="([^"]*)"', "x"),
+                (r'( izz="[^"]*")', ""), (r'joint name="([^"]*)" type="(?:c|r)', "grip"), (r'mimic joint="([^"]*)"', "grip"),
+                (r'type="([^"]*)"', "ball"), (r'(<parent link="\w+"/>)', ""), (r'(<mass value="\w+"/>)', ""),
+                (r"</?(robot)", "model"), (r'axis xyz="([^"]*)"', "0 0 0"), (r'( name="shoulder")', "")]
+    else:
+        ways = [(r'body name="(leg)"', "trunk"), (r'joint name="(hip)"', "swing"), (r"(<freejoint/>)", "<freejoint/>" * 2),
+                (r'axis="([^"]*)"', "0 0 0"), (r"</?(mujoco)", "model"), (r'(pos)="', "position"),
+                (r'angle="([^"]*)"', "turns"), (r'type="(box)"', "cube"), (r'(<site name="eye")', '<site name="eye"/>' * 2),
+                (r"(<freejoint/>)", '<freejoint/><joint type="hinge"/>'), (r"(<worldbody>)", "<worldbody><freejoint/>")]
+    d.swap(*d.pick(ways))
 
 
 def foreign(d: Draft) -> None:
@@ -194,31 +197,35 @@ def foreign(d: Draft) -> None:
     if d.kind == "urdf":
         d.swap(r'type="([^"]*)"', d.pick(["__import__('os').system('touch x')", "${7*7}", "$(find x)", "{{x}}"]))
         return
+    asset = d.pick(['model name="m" file="/etc/passwd"', 'model name="m" file="http://127.0.0.1:9/"',
+                    'mesh name="m" file="/etc/passwd"', 'texture file="/etc/passwd" type="2d"',
+                    'hfield name="h" file="/dev/zero" size="1 1 1 1"', 'mesh name="m" file="/dev/zero"'])
     d.inside(d.pick(['<extension><plugin plugin="mujoco.elasticity.cable"/></extension>', "<plugin/>",
+                     f"<asset><{asset}/></asset>",
                      '<worldbody><body><freejoint/><geom size="1"/><plugin plugin="x"/></body></worldbody>',
-                     '<worldbody><body name="o"><freejoint/><geom size="1"/><attach model="m" body="b" prefix="p"/></body></worldbody>',
-                     '<asset><model name="m" file="/etc/passwd"/></asset>', '<asset><model name="m" file="http://127.0.0.1:9/"/></asset>',
-                     '<asset><mesh name="m" file="/etc/passwd"/></asset>', '<asset><texture file="/etc/passwd" type="2d"/></asset>',
-                     '<asset><hfield name="h" file="/dev/zero" size="1 1 1 1"/></asset>', '<worldbody><flexcomp name="f" type="mesh" '
-                     'file="/etc/passwd" mass="1"/></worldbody>', '<compiler meshdir="/" /><asset><mesh file="/etc/hosts.stl"/></asset>']))
+                     '<worldbody><body name="o"><attach model="m" body="b" prefix="p"/></body></worldbody>',
+                     '<worldbody><flexcomp name="f" type="mesh" file="/etc/passwd" mass="1"/></worldbody>',
+                     '<compiler meshdir="/" /><asset><mesh file="/etc/hosts.stl"/></asset>']))
 
 
 def meshes(d: Draft) -> None:
     """Meshes that are missing, elsewhere, or hostile. URDF is read without the picture, and says so."""
-    names = ["package://arm/meshes/none.stl", "package://nobody/a.stl", "http://127.0.0.1:9/a.stl", "https://127.0.0.1:9/a.dae",
-             "ftp://127.0.0.1/a.stl", "file:///etc/passwd", "file:///dev/zero", "package://arm/../../../../../../../etc/passwd",
-             "../../../../../../../../etc/passwd", "package://..//etc/passwd", "/dev/zero", "", "x" * 5000, "data:model/stl;base64,AA",
-             "package://arm/meshes/bad.stl", "package://arm/meshes/bad.dae", "package://arm/meshes/bad.obj", "package://arm/robots",
-             "package://arm/meshes/bad.gltf", "package://arm/meshes/bad.zip", "package://arm/meshes/bad.ply", "bad.py"]
-    name = d.pick(names)
+    bad = [f"package://arm/meshes/bad.{kind}" for kind in ("stl", "dae", "obj", "gltf", "zip", "ply")]
+    away = "../" * 9 + "etc/passwd"
+    name = d.pick([*bad, "package://arm/meshes/none.stl", "package://nobody/a.stl", "http://127.0.0.1:9/a.stl", "file:///etc/passwd",
+                   "https://127.0.0.1:9/a.dae", "ftp://127.0.0.1/a.stl", "file:///dev/zero", f"package://arm/{away}", away,
+                   "package://..//etc/passwd", "/dev/zero", "", "x" * 5000, "package://arm/robots",
+                   "data:model/stl;base64,AA", "bad.py"])
+    view = {"buffer": 0, "byteLength": 2**40}
     gltf = {"asset": {"version": "2.0"}, "buffers": [{"uri": "http://127.0.0.1:9/b.bin", "byteLength": 2**40}], "scene": 0,
-            "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3",
-            "count": 2**31}], "bufferViews": [{"buffer": 0, "byteLength": 2**40}], "meshes": [{"primitives": [{"attributes":
-            {"POSITION": 0}}]}]}
-    for extension, data in {"stl": b"\0" * 80 + b"\xff\xff\xff\xff" + b"\0" * 50, "dae": (BOMB + "<COLLADA>&a11;</COLLADA>").encode(),
-                            "obj": b"mtllib http://127.0.0.1:9/m.mtl\nv nan 0 0\nv 1e999 0 0\nf 1 2 999999999\n",
-                            "gltf": json.dumps(gltf).encode(), "zip": b"PK\x03\x04" + b"\0" * 100,
-                            "ply": b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n"}.items():
+            "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "bufferViews": [view],
+            "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 2**31}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}
+    ply = b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n"
+    obj = b"mtllib http://127.0.0.1:9/m.mtl\nv nan 0 0\nv 1e999 0 0\nf 1 2 999999999\n"
+    stl, dae = b"\0" * 80 + b"\xff" * 4 + b"\0" * 50, f"{BOMB}<COLLADA>&a11;</COLLADA>".encode()
+    for extension, data in {"stl": stl, "dae": dae, "obj": obj, "gltf": json.dumps(gltf).encode(), "ply": ply,
+                            "zip": b"PK\x03\x04" + b"\0" * 100}.items():
         d.beside(f"../meshes/bad.{extension}", data)
     d.beside("bad.py", "open('executed', 'w').write('x')")
     if d.kind == "urdf":
@@ -227,9 +234,11 @@ def meshes(d: Draft) -> None:
         d.inside(f'<asset><mesh name="m" file="{name.replace("package://arm", "..")}"/></asset>')
 
 
-WAYS = (truncated, garbage, word_for_number, not_finite, no_body, entities, encodings, includes, absurd, structure, foreign, meshes)
+WAYS = (truncated, garbage, word_for_number, not_finite, no_body, entities, encodings, includes, absurd, structure, foreign,
+        meshes)
 TOLD = ("includes", "meshes")  #: ways after which a URDF file may be read all the same, with a sentence on what is left out
 FILES = 300
+WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
 def made(folder: Path, number: int) -> tuple[Path, str, str]:
@@ -242,17 +251,16 @@ def made(folder: Path, number: int) -> tuple[Path, str, str]:
     return draft.path, kind, way.__name__
 
 
-def watch(seen: list[str], inside: Path) -> None:
+def watch(seen: list[str]) -> None:
     """Keep what this process fetches, starts or writes from here on."""
-    words = ("socket.", "subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.fork", "pickle.", "urllib.", "ftplib.", "ctypes.dlopen",
-             "webbrowser.", "os.remove", "os.rename")
+    words = ("socket.", "subprocess.", "os.system", "os.exec", "os.posix_spawn", "os.fork", "pickle.", "urllib.", "ftplib.",
+             "ctypes.dlopen", "webbrowser.", "os.remove", "os.rename")
 
     def hook(event: str, args: tuple[Any, ...]) -> None:
         if event.startswith(words) and not (event == "os.remove" and str(args[0]) == "MUJOCO_LOG.TXT"):
             seen.append(f"{event} {str(args)[:100]}")
-        elif event == "open" and isinstance(args[2], int) and args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
-            if str(args[0]) != os.devnull:
-                seen.append(f"writes {args[0]}")
+        elif event == "open" and isinstance(args[2], int) and args[2] & WRITING and str(args[0]) != os.devnull:
+            seen.append(f"writes {args[0]}")
 
     sys.addaudithook(hook)
 
@@ -285,9 +293,9 @@ def reading(folder: Path, numbers: list[int]) -> None:
         (folder / str(n)).mkdir()
         files.append((n, *made(folder / str(n), n)))
     seen: list[str] = []
-    watch(seen, folder)
+    watch(seen)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))  # whoever writes a byte to a file, in C too, is ended
-    resource.setrlimit(resource.RLIMIT_AS, (3 * ALLOWED, 3 * ALLOWED))
+    resource.setrlimit(resource.RLIMIT_AS, (ALLOWED, ALLOWED))
     for n, path, kind, way in files:
         os.chdir(path.parent)
         before, begin = sorted(folder.rglob("*")), time.process_time()
