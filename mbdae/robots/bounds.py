@@ -209,6 +209,14 @@ def quiet() -> Iterator[None]:
             os.chdir(before)
 
 
+def put(j: Any, word: str, value: float) -> None:
+    """State the damping or stiffness of a joint in a specification of MuJoCo: a number, in later versions a polynomial."""
+    if np.ndim(found := getattr(j, word)):
+        found[0] = value
+    else:
+        setattr(j, word, value)
+
+
 @contextmanager
 def all_digits(mujoco: Any) -> Iterator[None]:
     """MuJoCo writes numbers with 6 digits, unless its library is told otherwise."""

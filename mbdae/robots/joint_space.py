@@ -25,8 +25,8 @@ from mbdae.system.model.trees import find_trees
 from mbdae.threads import single_threaded
 
 Array = NDArray[np.float64]
-#: steps of a program that are compiled together: with more, calls are faster (half the time with all in one), but the search of
-#: symengine for common subexpressions never ended for some robots (1848 steps of gymnasium's ant)
+#: steps of a program that are compiled together: all in one, calls take half the time, but for some robots (1848 steps of
+#: gymnasium's ant) symengine's search for common subexpressions did not end
 BLOCK = 1500
 SLICE = 32  #: states that pass through all blocks of a program together
 LEVEL = 2  #: LLVM's level of optimisation
@@ -64,8 +64,7 @@ class Tree:
                               f"coordinates"])
         self._program = JointSpaceProgram(model, self._coordinates, folded)
         self.scene = scene
-        moved = list(dict.fromkeys(c.joint for c in self._coordinates))
-        self.names = tuple(name.removesuffix(FLOATS.format("")) for name in moved)
+        self.names = tuple(dict.fromkeys(c.joint.removesuffix(FLOATS.format("")) for c in self._coordinates))
         self.coordinates = tuple(entry for c in self._coordinates for entry in (
             [f"{c.joint}.{c.name}"] if c.nv == 1 else [f"{c.joint}.{c.name}[{i}]" for i in range(c.nv)]))
         self.nq, self.nv = sum(c.nq for c in self._coordinates), sum(c.nv for c in self._coordinates)

@@ -17,7 +17,7 @@ from mbdae.laws.joint_rows import Free
 from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
-from mbdae.robots.bounds import all_digits, quiet
+from mbdae.robots.bounds import all_digits, put, quiet
 from mbdae.robots.joint_space import FLOATS, Tree, couples
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import Box, Cylinder, Sphere
@@ -245,8 +245,7 @@ class _Writer:
             return
         for step in steps if sense > 0 else reversed(steps):
             key = (c.name, str(step.amount))
-            name = c.name if len(steps) == 1 else " ".join(key)
-            axis = joint_axes(law, c.k) @ [float(x) for x in step.axis]
+            name, axis = c.name if len(steps) == 1 else " ".join(key), joint_axes(law, c.k) @ [float(x) for x in step.axis]
             self.joints[key] = made.add_joint(name=name, type=kinds.mjJNT_HINGE if step.turns else kinds.mjJNT_SLIDE, pos=at,
                                               axis=sense * drawn.R.T @ axis, armature=float(c.rotor.get(key[1], 0.0)))
             self.names[key] = (name, "angle" if step.turns else "displacement")
@@ -265,8 +264,8 @@ class _Writer:
 
     def _loaded(self, j: Any, c: Any, force: Any) -> None:
         load = self._number(force.load, c, "load") if isinstance(force, JointLoad) else 0.0
-        if load and j.stiffness[0]:
-            j.springref += load / j.stiffness[0]
+        if load and (stiffness := float(np.ravel(j.stiffness)[0])):
+            j.springref += load / stiffness
         elif load:
             self.wrong.append(f"joint '{c.name}': MJCF says no load on it (but actuators, which are no part of the mechanics)")
 
@@ -279,9 +278,10 @@ class _Writer:
 
     def _acts(self, j: Any, c: Any, force: Any) -> None:
         if isinstance(force, JointDamper):
-            j.damping[0] = self._number(force.damping, c, "damper")
+            put(j, "damping", self._number(force.damping, c, "damper"))
         elif isinstance(force, JointSpring):
-            j.stiffness[0], j.springref = self._number(force.stiffness, c, "spring"), self._number(force.rest, c, "rest")
+            put(j, "stiffness", self._number(force.stiffness, c, "spring"))
+            j.springref = self._number(force.rest, c, "rest")
         elif isinstance(force, JointStop):
             low, high = force.lower, force.upper
             j.limited = self.mujoco.mjtLimited.mjLIMITED_TRUE
@@ -309,8 +309,7 @@ class _Writer:
                 self.told.append(f"'{c.name}' couples exactly in the scene, softly in MuJoCo")
                 return
         if type(law) in (Weld, Spherical, Revolute) and len(c.laws) == 1 and all(b.name in self.made for b in (c.k, c.l)):
-            at = c.l.drawn.position if law.at is None else np.asarray(law.at, dtype=float)
-            self._closed(c, c.name, at, type(law) is Weld)
+            self._closed(c, c.name, at := c.l.drawn.position if law.at is None else np.array(law.at, dtype=float), type(law) is Weld)
             if type(law) is Revolute:  # two balls on its axis
                 self._closed(c, f"{c.name} axis", at + joint_axes(law, c.k)[:, 2], False)
             self.solved = True
@@ -321,9 +320,9 @@ class _Writer:
             "bodies" if c.is_joint else "take it out of the scene that is written"))
 
     def _closed(self, c: Any, name: str, at: Any, weld: bool) -> None:
-        kinds, ends = self.mujoco.mjtEq, ["world" if b is self.s.ground else b.name for b in (c.k, c.l)]
-        made = self.spec.add_equality(name=name, type=kinds.mjEQ_WELD if weld else kinds.mjEQ_CONNECT, name1=ends[0],
-                                      name2=ends[1], objtype=self.mujoco.mjtObj.mjOBJ_BODY)
+        kinds, (k, l) = self.mujoco.mjtEq, ("world" if b is self.s.ground else b.name for b in (c.k, c.l))
+        made = self.spec.add_equality(name=name, type=kinds.mjEQ_WELD if weld else kinds.mjEQ_CONNECT, name1=k, name2=l,
+                                      objtype=self.mujoco.mjtObj.mjOBJ_BODY)
         made.data[:11] = *self._inside((c.l if weld else c.k).name, Pose(p=at)).p, *np.zeros(7), float(weld)
 
     def starts(self, model: Any) -> None:

@@ -131,8 +131,9 @@ def test_what_is_written_moves_as_the_scene(tmp_path: Path) -> None:
         assert one.follows == other.follows
         q, v = one.zero + 0.0, rng.normal(size=one.nv)
         q[-2:] = rng.normal(size=2)
-        assert other.mass_matrix(q) == pytest.approx(one.mass_matrix(q), abs=1e-12)
-        assert other.bias(q, v) == pytest.approx(one.bias(q, v), abs=1e-11)
+        # MuJoCo 3.3 finds principal axes to 1e-11, later ones to round-off
+        assert other.mass_matrix(q) == pytest.approx(one.mass_matrix(q), abs=1e-10)
+        assert other.bias(q, v) == pytest.approx(one.bias(q, v), abs=1e-10)
         assert set(s.frames) <= set(again.frames)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
     data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
@@ -140,7 +141,7 @@ def test_what_is_written_moves_as_the_scene(tmp_path: Path) -> None:
     mujoco.mj_forward(model, data)
     for column, unit in zip(M, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, column, unit)
-    assert pytest.approx(one.mass_matrix(q), abs=1e-12) == M.T
+    assert pytest.approx(one.mass_matrix(q), abs=1e-10) == M.T
 
 
 def test_forces_limits_loops_and_starts_are_written(tmp_path: Path) -> None:
