@@ -65,8 +65,7 @@ def _compare(one: Tree, other: Tree, writer: _Writer) -> None:
     q_of, v_of = np.zeros(one.nq, dtype=int), np.zeros(one.nv, dtype=int)
     for c in one._coordinates:
         name = c.joint.removesuffix(FLOATS.format(""))
-        as_written = writer.names.get((name, c.name), (writer.renamed.get(name, name), c.name))
-        found = there.get(as_written)
+        found = there.get(writer.names.get((name, c.name), (writer.renamed.get(name, name), c.name)))
         if found is None or found.nv != c.nv:
             raise SceneError([f"joint '{c.joint}': MJCF does not say it with the same coordinates"])
         q_of[c.q : c.q + c.nq], v_of[c.v : c.v + c.nv] = range(found.q, found.q + c.nq), range(found.v, found.v + c.nv)
@@ -301,7 +300,7 @@ class _Writer:
         law, kinds = c.laws[0], self.mujoco.mjtEq
         if isinstance(law, Gear | Rack | WeightedSum) and len(couples(law)[0]) == 2:
             ((one, f), (other, g)), value = couples(law)[0], self._number(couples(law)[1], c, "value")
-            if one in self.joints and other in self.joints and f:
+            if {one, other} <= self.joints.keys() and f:
                 made = self.spec.add_equality(name=c.name, type=kinds.mjEQ_JOINT, name1=self.names[one][0],
                                               name2=self.names[other][0], objtype=self.mujoco.mjtObj.mjOBJ_JOINT)
                 made.data[:5] = value / f, -g / f, 0, 0, 0
@@ -309,7 +308,8 @@ class _Writer:
                 self.told.append(f"'{c.name}' couples exactly in the scene, softly in MuJoCo")
                 return
         if type(law) in (Weld, Spherical, Revolute) and len(c.laws) == 1 and all(b.name in self.made for b in (c.k, c.l)):
-            self._closed(c, c.name, at := c.l.drawn.position if law.at is None else np.array(law.at, dtype=float), type(law) is Weld)
+            at = c.l.drawn.position if law.at is None else np.array(law.at, dtype=float)
+            self._closed(c, c.name, at, type(law) is Weld)
             if type(law) is Revolute:  # two balls on its axis
                 self._closed(c, f"{c.name} axis", at + joint_axes(law, c.k)[:, 2], False)
             self.solved = True
