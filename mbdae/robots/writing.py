@@ -20,9 +20,8 @@ from mbdae.robots import Pose, library
 from mbdae.robots.bounds import all_digits, put, quiet
 from mbdae.robots.joint_space import FLOATS, Tree, couples
 from mbdae.scene.models import spanning_tree
-from mbdae.scene.shapes import Box, Cylinder, Sphere
+from mbdae.scene.shapes import Box, Cylinder, Sphere, joint_axes
 from mbdae.symbolic.motion import Step, symbolic_motion
-from mbdae.system.model.nodes import joint_axes
 
 STATES = 5  #: random states at which inverse dynamics of the file are compared with those of the scene
 #: largest difference of its forces, over the largest of them: round-off of two roots of quaternions and of principal axes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import warnings
 from collections.abc import Sequence
+from contextlib import chdir
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def written(name: str) -> Found:
 
 
 def quiet(measure: Any, *args: Any) -> Any:
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder, chdir(folder):  # MuJoCo writes a log where it is
         warnings.simplefilter("ignore", mb.AccuracyWarning)
         return measure(*args)
 
