@@ -86,15 +86,16 @@ def read_urdf(path: Any, floating: bool = False, gravity: Sequence[float] = (0, 
 
 
 @naming_arguments
-def read_mjcf(path: Any, keep_inertias: bool = False, limits: bool = True, stop: Any = None) -> Scene:
+def read_mjcf(path: Any, keep_inertias: bool = False, limits: bool = True, stop: Any = None, key: str | None = None) -> Scene:
     """The model of an MJCF file as a scene, every joint recursive, as MuJoCo's compiler resolves it; see docs/robots.md. Needs
-    the extra `robots`. Options and errors as of `read_urdf`; gravity is that of the file."""
+    the extra `robots`. key: the key frame that is the start. Other options and errors as of `read_urdf`; gravity is that of the
+    file."""
     from mbdae.robots.mjcf import read
     from mbdae.robots.urdf import options
 
     keeps, limited_ = (option(name, value, flag, "give True or False")
                        for name, value in {"keep_inertias": keep_inertias, "limits": limits}.items())
-    return read(Scene, path, keeps, limited_, options(stop))  # type: ignore[no-any-return]
+    return read(Scene, path, keeps, limited_, options(stop), key)  # type: ignore[no-any-return]
 
 
 class Scene(SceneData):

@@ -11,7 +11,7 @@ import symengine as se
 from numpy.typing import ArrayLike, NDArray
 
 from mbdae.disk.entries import key_of
-from mbdae.errors import OptionError, SceneError, unknown_name
+from mbdae.errors import LawError, OptionError, SceneError, unknown_name
 from mbdae.kernels import Kernel
 from mbdae.laws.joint_rows import Free
 from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
@@ -25,7 +25,9 @@ from mbdae.system.model.trees import find_trees
 from mbdae.threads import single_threaded
 
 Array = NDArray[np.float64]
-BLOCK = 1500  #: steps of a program that are compiled together
+#: steps of a program that are compiled together: all in one, calls take half the time, but for some robots (1848 steps of
+#: gymnasium's ant) symengine's search for common subexpressions did not end
+BLOCK = 1500
 SLICE = 32  #: states that pass through all blocks of a program together
 LEVEL = 2  #: LLVM's level of optimisation
 FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
@@ -35,12 +37,15 @@ ORIGIN = (0.0, 0.0, 0.0)
 class Tree:
     """Joint-space dynamics of a scene: M(q) a + bias(q, v) = tau. Arrays are one state (n,) or batches (..., n).
 
-    names: joints in the order of q, base outwards, in the order of the scene; a body that no joint carries stands there
-    by its name. coordinates: names of the entries of v, "J.angle"; q differs where a joint turns freely: it then has a quaternion
-    (w, x, y, z) and v the angular velocity (3,) in axes of the moving body. A floating body has x, y, z of its point in inertial
-    axes, then this quaternion; v its velocity and angular velocity likewise. zero (nq,): q of the drawing or the file's zero.
-    follows: coordinates that a coupling (a mimic joint) makes multiples of others, folded in and left out; closing: joints that
-    close loops, which are no part of the tree.
+    Results carry no error estimate: they are closed expressions, exact up to rounding. Measured on nine robots at 100 states
+    beside Pinocchio: 1e-14 of the largest entry, forward dynamics 1e-12; this grows with the condition number of M.
+
+    names: joints in the order of q, base outwards, in the order of the scene; a body that no joint carries stands there by its
+    name. coordinates: names of the entries of v, "J.angle"; q differs where a joint turns freely: it then has a quaternion
+    (w, x, y, z) and v the angular velocity (3,), in axes that turn with the body and are the inertial ones as drawn, whatever the
+    axes of its link. A floating body has x, y, z of its point in inertial axes, then this quaternion; v likewise. zero (nq,): q
+    of the drawing or the file's zero. follows: coordinates that a coupling (a mimic joint) makes multiples of others, folded in
+    and left out; closing: joints that close loops, which are no part of the tree.
 
     tau: forces (N) and torques (N m) along v. Of the scene's forces gravity alone counts; springs, dampers, friction, limits and
     loads act in runs. Where `at` is asked: in the axes of the link from its origin in the file, or from the centre as drawn."""
@@ -59,12 +64,11 @@ class Tree:
                               f"coordinates"])
         self._program = JointSpaceProgram(model, self._coordinates, folded)
         self.scene = scene
-        moved = list(dict.fromkeys(c.joint for c in self._coordinates))
-        self.names = tuple(name.removesuffix(FLOATS.format("")) for name in moved)
+        self.names = tuple(dict.fromkeys(c.joint.removesuffix(FLOATS.format("")) for c in self._coordinates))
         self.coordinates = tuple(entry for c in self._coordinates for entry in (
             [f"{c.joint}.{c.name}"] if c.nv == 1 else [f"{c.joint}.{c.name}[{i}]" for i in range(c.nv)]))
         self.nq, self.nv = sum(c.nq for c in self._coordinates), sum(c.nv for c in self._coordinates)
-        self.zero = neutral(self._coordinates)
+        self.zero = np.concatenate([np.eye(4)[0] if c.nq == 4 else np.zeros(1) for c in self._coordinates])
         self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
         inside = {name for tree in trees for name in tree.names} | couplings
         ties = [c for c in moving.connections if c.is_joint or isinstance(c.laws[0], Coupling)]
@@ -75,7 +79,7 @@ class Tree:
         self._quaternions = np.array([range(c.q, c.q + 4) for c in self._coordinates if c.nq == 4], dtype=np.intp)
 
     def __repr__(self) -> str:
-        return f"<Tree of scene '{self.scene.name}': {self.nv} degrees of freedom, joints {', '.join(self.names)}>"
+        return f"<Tree of scene '{self.scene.name}': {self.nv} degrees of freedom, exact up to rounding; {', '.join(self.names)}>"
 
     # -- dynamics
 
@@ -97,7 +101,12 @@ class Tree:
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
         """Accelerations a (..., nv) for forces tau at q and v."""
-        return self._at("forward_dynamics", lambda p: p.forward(), "qvt", (self.nv,), q, v, tau)
+        try:
+            return self._at("forward_dynamics", lambda p: p.forward(), "qvt", (self.nv,), q, v, tau)
+        except LawError as error:  # a division by 0, seen when compiling
+            still = [name for name, m in zip(self.coordinates, np.diag(self.mass_matrix(self.zero)), strict=True) if m <= 0]
+            raise SceneError([f"{', '.join(still) or 'a coordinate'}: no inertia is moved by it, so that nothing says how it "
+                              f"accelerates; give its body inertia, or the joint rotor="]) from error
 
     # -- frames
 
@@ -243,7 +252,7 @@ class Chain:
 def blocks(program: Program, inputs: list[Expr], outputs: list[Expr]) -> list[Kernel]:
     """Kernels that evaluate outputs of a program one after the other, each at most BLOCK steps: the search for common
     subexpressions of long programs may take forever. Each hands on what later ones read."""
-    needed = program.needed(outputs)
+    needed = program.late(outputs)
     found: list[Kernel] = []
     for first in range(0, max(len(needed), 1), BLOCK):
         here, later = needed[first : first + BLOCK], needed[first + BLOCK :]
@@ -339,8 +348,3 @@ def couples(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
         return [(law.of["displacement"], 1.0), (law.of["angle"], -float(law.radius))], 0.0
     terms = [(law.of[f"c{n + 1}"], float(getattr(law, f"factor{n + 1}"))) for n in range(len(law.of))]
     return terms, law.value
-
-
-def neutral(coordinates: list[Coordinate]) -> Array:
-    """q of the drawing."""
-    return np.concatenate([np.eye(4)[0] if c.nq == 4 else np.zeros(1) for c in coordinates] or [np.zeros(0)])

@@ -2,95 +2,35 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SceneError
-from mbdae.robots import Joint, Link, Pose, Robot, build, clean, library, parsed, text_of
+from mbdae.errors import OptionError, SceneError, unknown_name
+from mbdae.robots import Joint, Link, Pose, Robot, build, library
+from mbdae.robots.bounds import MOST_MADE, Files, parsed, quiet, text_of
 
-MOST_INCLUDED = 100  #: files that a model may include
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
 FREE, BALL, SLIDE, HINGE = range(4)
+SIZES = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 2, 3, 4, 5, 6, 7
 
 
-def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any) -> Any:
+def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) -> Any:
     """The scene of an MJCF file; arguments as of `mb.read_mjcf`, make: the class of scenes."""
     mujoco = library("mujoco", "reading MJCF")
     found, data = text_of(path, "read_mjcf")
-    _included(parsed(data, found.name, "mujoco"), found.resolve(), [found.resolve().parent.parent, set()])
+    if Files(found.resolve()).check(parsed(data, found.name, "mujoco")) > MOST_MADE:
+        raise OptionError(f"{found.name}: with what is attached the model has more than {MOST_MADE} elements; state fewer")
     model = _compiled(mujoco, found)
     robot = Robot(_name(model, "names", 0) or found.stem)
-    reader = _Reader(mujoco, model, robot, limits, stop)
+    reader = _Reader(mujoco, model, robot, limits, stop, key)
     reader.refuse()
     reader.bodies()
     reader.equalities()
     reader.tell()
-    return build(make, robot, tuple(map(float, model.opt.gravity)), keep)
-
-
-def _included(root: Any, path: Path, bounds: list[Any]) -> None:
-    """Check what a file and those that it includes name: no plugins, nothing from elsewhere than the folders around the file."""
-    for element in root.iter():
-        if not isinstance(element.tag, str):
-            continue
-        if element.tag in ("plugin", "extension"):
-            raise OptionError(f"{path.name}, line {element.sourceline}: plugins are code, which is not run; remove "
-                              f"<{element.tag}>")
-        wrong = [value for value in element.attrib.values() if "://" in value]
-        if wrong:
-            raise OptionError(f"{path.name}, line {element.sourceline}: {wrong[0]!r} is no file of this machine; nothing is "
-                              f"fetched")
-    for element in root.iter("include"):
-        file = (path.parent / element.get("file", "")).resolve()
-        if not file.is_relative_to(bounds[0]) or not file.is_file():
-            file = (bounds[0] / path.parent.name / element.get("file", "")).resolve()
-        if not file.is_relative_to(bounds[0]) or not file.is_file():
-            raise OptionError(f"{path.name}, line {element.sourceline}: includes {element.get('file')!r}, which is no file in "
-                              f"the folder of the model or beside it")
-        if file in bounds[1]:
-            continue
-        bounds[1].add(file)
-        if len(bounds[1]) > MOST_INCLUDED:
-            raise OptionError(f"{path.name}: more than {MOST_INCLUDED} files are included")
-        data = clean(file.read_bytes(), file.name)
-        _included(parsed(data, file.name, _outermost(data)), file, bounds)
-
-
-def _outermost(data: bytes) -> str:
-    """Name of the first element: an included file may begin with any of them."""
-    import re
-
-    found = re.search(rb"<\s*([A-Za-z_][\w.-]*)", re.sub(rb"<!--.*?-->|<\?.*?\?>", b"", data, flags=re.DOTALL))
-    return found.group(1).decode() if found else "mujoco"
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """MuJoCo writes warnings to the standard streams and a file in the working folder: both are kept away."""
-    import sys
-    import tempfile
-
-    sys.stdout.flush()
-    sys.stderr.flush()
-    before, kept = Path.cwd(), [os.dup(1), os.dup(2)]
-    with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nothing:
-        try:
-            os.chdir(folder)
-            os.dup2(nothing.fileno(), 1)
-            os.dup2(nothing.fileno(), 2)
-            yield
-        finally:
-            os.dup2(kept[0], 1)
-            os.dup2(kept[1], 2)
-            for descriptor in kept:
-                os.close(descriptor)
-            os.chdir(before)
+    return build(make, robot, (0.0, 0.0, 0.0) if "GRAVITY" in reader.off else tuple(map(float, model.opt.gravity)), keep)
 
 
 def _compiled(mujoco: Any, path: Path) -> Any:
@@ -111,9 +51,19 @@ def _name(model: Any, array: str, i: int) -> str:
 class _Reader:
     """A compiled model into a `Robot`."""
 
-    def __init__(self, mujoco: Any, model: Any, robot: Robot, limits: bool, stop: Any) -> None:
+    def __init__(self, mujoco: Any, model: Any, robot: Robot, limits: bool, stop: Any, key: Any) -> None:
         self.mujoco, self.m, self.robot, self.limits, self.stop = mujoco, model, robot, limits, stop
         self.data = mujoco.MjData(model)
+        self.start, self.rates = self._key(key)
+        bits = mujoco.mjtDisableBit  #: names of MuJoCo's switches that are off: of gravity, springs, dampers, ...
+        self.off = {word[7:] for word in dir(bits) if word.startswith("mjDSBL_")
+                    and model.opt.disableflags & int(getattr(bits, word))}
+        self.off |= {"SPRING", "DAMPER"} if "PASSIVE" in self.off else set()
+        self.off |= {"FRICTIONLOSS", "LIMIT", "EQUALITY"} if "CONSTRAINT" in self.off else set()
+        for i, kind in enumerate(model.jnt_type):  # what has no coordinate of its own in a scene is drawn as it starts
+            if kind in (FREE, BALL):
+                q = int(model.jnt_qposadr[i])
+                self.data.qpos[q : q + SIZES[int(kind)]] = self.start[q : q + SIZES[int(kind)]]
         mujoco.mj_kinematics(model, self.data)
         self.names = ["", *(_name(model, "name_bodyadr", i) or f"body {i}" for i in range(1, model.nbody))]
         self.joint_names = [_name(model, "name_jntadr", i) or self._unnamed(i) for i in range(model.njnt)]
@@ -125,6 +75,23 @@ class _Reader:
 
     def _unnamed(self, i: int) -> str:
         return f"joint {i} of {self.names[int(self.m.jnt_bodyid[i])]}"
+
+    def _key(self, key: Any) -> tuple[Any, Any]:
+        """qpos and qvel of the key frame that was asked for; without one, those of the file."""
+        m = self.m
+        names = [_name(m, "name_keyadr", i) or f"key {i}" for i in range(m.nkey)]
+        if key is None:
+            if names:
+                said = f"{', '.join(map(repr, names[:8]))}{', ...' if len(names) > 8 else ''}"
+                self.robot.told.append(f"key frames ({said}) are not read; key= makes one the start")
+            return m.qpos0.copy(), np.zeros(m.nv)
+        if key not in names:
+            raise OptionError(f"key = {unknown_name(str(key), names)}" if names else f"key = {key!r}: the file has no key frames")
+        q, v = m.key_qpos[names.index(key)].copy(), m.key_qvel[names.index(key)].copy()
+        self.mujoco.mj_normalizeQuat(m, q)
+        if not (np.all(np.isfinite(q)) and np.all(np.isfinite(v))):
+            raise SceneError([f"key frame '{key}': a number of it is not finite"])
+        return q, v
 
     # -- what cannot be said
 
@@ -188,8 +155,8 @@ class _Reader:
             made.inertia = (made.inertia + made.inertia.T) / 2
             self._shapes(b, made)
             self._carried(b, made)
-            if m.body_gravcomp[b]:
-                made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity)
+            if m.body_gravcomp[b] and not self.off >= {"SPRING", "DAMPER"}:  # without both MuJoCo leaves it out, too
+                made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity * ("GRAVITY" not in self.off))
         taken = {*self.names, *self.joint_names}
         for i in range(m.nsite):
             name = _name(m, "name_siteadr", i)
@@ -202,7 +169,11 @@ class _Reader:
         parent, pose = self.names[int(m.body_parentid[b])], self._pose(m.body_pos[b], m.body_quat[b])
         joints = range(int(m.body_jntadr[b]), int(m.body_jntadr[b]) + int(m.body_jntnum[b]))
         if len(joints) == 1 and int(m.jnt_type[joints[0]]) == FREE and not parent:
-            robot.links[link.name], robot.roots[link.name] = link, pose
+            q, v = int(m.jnt_qposadr[joints[0]]), int(m.jnt_dofadr[joints[0]])
+            robot.links[link.name], robot.roots[link.name] = link, self._pose(self.start[q : q + 3], self.start[q + 3 : q + 7])
+            R = robot.roots[link.name].R
+            link.spin = R @ self.rates[v + 3 : v + 6]
+            link.velocity = self.rates[v : v + 3] + np.cross(link.spin, R @ link.centre)
             return
         if not len(joints):
             robot.joints.append(Joint(f"{link.name} fixed", "fixed", parent, link.name, pose))
@@ -221,14 +192,21 @@ class _Reader:
         word = {FREE: "free", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}[kind]
         made = Joint(self.joint_names[i], word, parent, child, pose, np.array(m.jnt_pos[i]), np.array(m.jnt_axis[i]))
         if kind in (FREE, BALL):
+            if kind == BALL:
+                R = self._pose(np.zeros(3), self.start[q : q + 4]).R
+                made.pose = pose @ Pose(R, made.at - R @ made.at)
+                if np.any(self.rates[dof : dof + 3]):
+                    self.robot.heard.append(f"joint '{made.name}': the velocity of a ball joint in the key frame is left out")
             return made
-        made.damping, made.friction = float(m.dof_damping[dof]), float(m.dof_frictionloss[dof])
-        made.rotor, made.spring = float(m.dof_armature[dof]), float(m.jnt_stiffness[i])
+        acts = {"DAMPER": m.dof_damping[dof], "FRICTIONLOSS": m.dof_frictionloss[dof], "SPRING": m.jnt_stiffness[i]}
+        made.damping, made.friction, made.spring = (0.0 if word in self.off else float(x) for word, x in acts.items())
+        made.rotor = float(m.dof_armature[dof])
         ref = float(m.qpos0[q])
+        made.start, made.rate = float(self.start[q]) - ref, float(self.rates[dof])
         made.rest = float(m.qpos_spring[q]) - ref
         if ref:
             self.robot.told.append(f"joint '{made.name}': its coordinate is 0 as drawn, where the file counts from {ref:g}")
-        if m.jnt_limited[i] and self.limits:
+        if m.jnt_limited[i] and self.limits and "LIMIT" not in self.off:
             low, high = (float(x) - ref for x in m.jnt_range[i])
             made.limits, made.stop = (low, high), self.stop
         return made
@@ -252,9 +230,10 @@ class _Reader:
     def equalities(self) -> None:
         m, wrong = self.m, []
         types = self.mujoco.mjtEq
+        self.hinges = self._hinges()
         for e in range(m.neq):
             name, kind = _name(m, "name_eqadr", e) or f"equality {e}", int(m.eq_type[e])
-            if not m.eq_active0[e]:
+            if not m.eq_active0[e] or "EQUALITY" in self.off:
                 self.robot.told.append(f"'{name}' is not active in the file, and not read")
             elif kind in (types.mjEQ_CONNECT, types.mjEQ_WELD):
                 wrong += self._closed(e, name, kind == types.mjEQ_WELD)
@@ -265,11 +244,26 @@ class _Reader:
         if wrong:
             raise SceneError(wrong)
 
+    def _hinges(self) -> dict[int, Any]:
+        """Where two connects between the same two bodies are one hinge: the first of them -> the axis, the second one -> None."""
+        m, found, pairs = self.m, dict[int, Any](), dict[frozenset[int], list[int]]()
+        for e in range(m.neq):
+            if m.eq_active0[e] and int(m.eq_type[e]) == self.mujoco.mjtEq.mjEQ_CONNECT:
+                pairs.setdefault(frozenset(self._ends(e)[0]), []).append(e)
+        for es in pairs.values():
+            points = [one.p if self._of_sites(e) else one.point(m.eq_data[e][:3]) for e in es for one in self._ends(e)[1][:1]]
+            if len(es) == 2 and np.linalg.norm(points[1] - points[0]) > 1e-6 * max(float(m.stat.extent), 1e-3):
+                found |= {es[0]: points[1] - points[0], es[1]: None}
+        return found
+
+    def _of_sites(self, e: int) -> bool:
+        return int(self.m.eq_objtype[e]) == int(self.mujoco.mjtObj.mjOBJ_SITE)
+
     def _ends(self, e: int) -> tuple[list[int], list[Pose]]:
         """Numbers of both bodies and the poses, as drawn, of the frames that the equality names."""
         m, d = self.m, self.data
         ids = [int(m.eq_obj1id[e]), int(m.eq_obj2id[e])]
-        if int(m.eq_objtype[e]) == int(self.mujoco.mjtObj.mjOBJ_SITE):
+        if self._of_sites(e):
             return [int(m.site_bodyid[i]) for i in ids], [Pose(d.site_xmat[i].reshape(3, 3), d.site_xpos[i].copy()) for i in ids]
         return ids, [Pose(d.xmat[i].reshape(3, 3).copy(), d.xpos[i].copy()) for i in ids]
 
@@ -277,7 +271,7 @@ class _Reader:
         """A weld or a ball joint between two bodies; it has to hold as drawn."""
         m, slack = self.m, CLOSED * max(float(self.m.stat.extent), 1.0)
         bodies, (one, other) = self._ends(e)
-        sites, data = int(m.eq_objtype[e]) == int(self.mujoco.mjtObj.mjOBJ_SITE), m.eq_data[e]
+        sites, data = self._of_sites(e), m.eq_data[e]
         k, l = (self.names[b] or "ground" for b in bodies)
         at = one.p if sites else one.point(data[3:6]) if weld else one.point(data[:3])
         off = np.linalg.norm(at - (other.p if sites else other.point(data[:3] if weld else data[3:6])))
@@ -287,7 +281,10 @@ class _Reader:
             turned = float(np.max(np.abs(wanted - other.R)))
         if off > slack or turned > slack:
             return [f"equality '{name}': it does not hold as drawn, {off:.3g} m and {turned:.3g} apart; draw the bodies closed"]
-        self.robot.closing.append(lambda s, _: s.weld(name, k, l, at=at) if weld else s.spherical(name, k, l, at=at))
+        if weld or e not in self.hinges:
+            self.robot.closing.append(lambda s, _: s.weld(name, k, l, at=at) if weld else s.spherical(name, k, l, at=at))
+        elif (axis := self.hinges[e]) is not None:
+            self.robot.closing.append(lambda s, _: s.revolute(name, k, l, at=at, axis=axis))
         return []
 
     def _tied(self, e: int, name: str) -> list[str]:
@@ -299,7 +296,11 @@ class _Reader:
             return [f"equality '{name}': it ties joints of more than one coordinate, which is not modelled"]
         kinds = {HINGE: "angle", SLIDE: "displacement"}
         words = [f"{self.joint_names[i]}.{kinds[int(m.jnt_type[i])]}" for i in (one, other) if i >= 0]
+        if a0:
+            self.robot.told.append(f"'{name}' holds from the start on; MuJoCo starts at the file's zero, and is pulled to it")
         of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
-        next(j for j in self.robot.joints if j.name == self.joint_names[one]).start = a0
+        joints = {j.name: j for j in self.robot.joints}
+        made, of_ = joints[self.joint_names[one]], joints.get(self.joint_names[other] if other >= 0 else "")
+        made.start, made.rate = a0 + (a1 * of_.start if of_ else 0.0), a1 * of_.rate if of_ else 0.0
         self.robot.closing.append(lambda s, _: s.couple(name, of, a0))
         return []

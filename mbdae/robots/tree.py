@@ -262,20 +262,23 @@ class JointSpaceProgram:
 
     # -- frames
 
-    def find(self, body: str) -> tuple[int, int]:
-        """Number of the tree of a body, and its number there."""
-        return next((n, one.bodies[body]) for n, one in enumerate(self.trees) if body in one.bodies)
+    def find(self, body: str) -> tuple[int, int] | None:
+        """Number of the tree of a body, and its number there; None: the ground."""
+        return next(((n, one.bodies[body]) for n, one in enumerate(self.trees) if body in one.bodies), None)
 
     def motion(self, body: str, offset: Array, turned: Array) -> tuple[list[Expr], list[list[Expr]], list[Expr]]:
         """Of a frame on a body: the vector from its centre to the point `at`, its axes (rows of R), and that point."""
-        n, j = self.find(body)
-        passes, values, let = self.trees[n].passes, self.made.values, self.made.program.let
-        kind, column = passes.bodies[j].kernels.kind, passes.bodies[j].kernels.outward.column
+        values, let, place = self.made.values, self.made.program.let, self.find(body)
+        flat, at = False, dict[str, int]()  # slots of what moves
+        if place is not None:
+            passes, j = self.trees[place[0]].passes, place[1]
+            flat = passes.bodies[j].kernels.kind.flat
+            at = {key[1]: passes.at(j, key) for key in passes.bodies[j].kernels.outward.column if key[0] == "x"}
 
         def number(name: str, otherwise: int = 0) -> Expr:
-            return values[passes.at(j, ("x", name))] if ("x", name) in column else se.Integer(otherwise)
+            return values[at[name]] if name in at else se.Integer(otherwise)
 
-        if kind.flat:
+        if flat:
             c, s = number("cos", 1), number("sin")
             R = [[c, -s, 0], [s, c, 0], [0, 0, 1]]
         else:
@@ -289,9 +292,11 @@ class JointSpaceProgram:
     def jacobian(self, body: str, offset: Array, turned: Array) -> list[list[Expr]]:
         """(6, n) rows: velocity of the point, angular velocity."""
         self._begin()
-        (n, j), arm = self.find(body), Vec(*self.motion(body, offset, turned)[0])
-        passes, let, values = self.trees[n].passes, self.made.program.let, self.made.values
         J: list[list[Expr]] = [[se.Integer(0)] * len(self.v) for _ in AXES]
+        if (place := self.find(body)) is None:
+            return J
+        (n, j), arm = place, Vec(*self.motion(body, offset, turned)[0])
+        passes, let, values = self.trees[n].passes, self.made.program.let, self.made.values
         rates, columns = dict(self._rates(n)), dict[Place, list[Expr]]()
         chain = [j]
         while passes.bodies[chain[-1]].parent >= 0:

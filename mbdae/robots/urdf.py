@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
-from mbdae.robots import EXTRA, Joint, Link, Pose, Robot, bounds_of, build, library, parsed, text_of
+from mbdae.robots import EXTRA, Joint, Link, Pose, Robot, build, library
+from mbdae.robots.bounds import bounds_of, parsed, text_of
 from mbdae.scene.components import Stop
 
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed", "floating": "free",
@@ -26,6 +27,11 @@ NUMBERS = {"inertia": (*NEEDED["inertia"],), "mass": ("value",), "mimic": ("mult
            "limit": ("lower", "upper", "effort", "velocity"), "dynamics": ("damping", "friction"),
            "cylinder": ("radius", "length"), "sphere": ("radius",)}
 TRIPLES = {"origin": ("xyz", "rpy"), "axis": ("xyz",), "box": ("size",), "mesh": ("scale",)}
+#: attributes that are read; of others the scene says that they are not
+READ = {"robot": ("name",), "link": ("name",), "joint": ("name", "type"), "origin": ("xyz", "rpy"), "axis": ("xyz",),
+        "mass": ("value",), "inertia": NUMBERS["inertia"], "limit": ("lower", "upper", "effort"), "dynamics": NUMBERS["dynamics"],
+        "mimic": ("joint", *NUMBERS["mimic"])}
+ONCE = ("inertial", "mass", "inertia", "origin", "axis", "limit", "dynamics", "mimic", "parent", "child", "geometry")
 UNREAD = {"transmission": "transmissions", "gazebo": "what it says to Gazebo", "sensor": "sensors"}
 
 
@@ -35,6 +41,11 @@ def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep
     yourdfpy = library("yourdfpy", "reading URDF")
     found, data = text_of(path, "read_urdf")
     root = parsed(data, found.name, "robot")
+    strange = next((e for e in root.iter() if isinstance(e.tag, str) and e.tag.startswith("{")), None)
+    if strange is not None:
+        name = f"{strange.prefix}:{strange.tag.partition('}')[2]}"
+        raise OptionError(f"{found.name}, line {strange.sourceline}: <{name}> is no URDF; let xacro, or whatever reads it, write "
+                          f"the URDF file first")
     wrong = _mistakes(root)
     if wrong:
         raise SceneError([f"{found.name}: {text}" for text in wrong])
@@ -42,9 +53,14 @@ def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep
     robot = Robot(raw.name or found.stem)
     _links(robot, raw, found, packages, meshes)
     _joints(robot, raw, limits, stop)
-    for tag, what in UNREAD.items():
-        if count := len(root.findall(tag)):
-            robot.told.append(f"{what} ({count} <{tag}>) are not read")
+    for tag in dict.fromkeys(e.tag for e in root if e.tag not in ("link", "joint", "material")):
+        what = UNREAD.get(tag, "elements that are none of URDF")
+        robot.told.append(f"{what} ({len(root.findall(tag))} <{tag}>) are not read")
+    unread = {f"{key} of <{e.tag}>": None for e in root.iter(*READ) if not any(a.tag in UNREAD for a in e.iterancestors())
+              for key in e.attrib if key not in READ[e.tag]}
+    unread |= {f"<{e.tag}> of <joint>": None for e in root.iter("safety_controller", "calibration")}
+    if unread:
+        robot.told.append(f"not read: {', '.join(unread)}")
     if any(link.find("collision") is not None for link in root.findall("link")):
         robot.told.append("shapes for collisions are not read: state contacts by s.contact")
     _root(robot, raw, floating)
@@ -79,6 +95,10 @@ def _mistakes(root: Any) -> list[str]:
                   if key in element.attrib and _numbers(element.get(key), 1) is None]
         wrong += [f"{where}: {key} = {element.get(key)!r} is not three finite numbers" for key in TRIPLES.get(tag, ())
                   if key in element.attrib and _numbers(element.get(key), 3) is None]
+        twice = [one for one in ONCE if len(element.findall(one)) > 1]
+        wrong += [f"{where} has more than one <{one}>" for one in twice]
+        if "quat_xyzw" in element.attrib:
+            wrong.append(f"{where}: quat_xyzw is not read; state rpy")
         if tag == "inertial" and (element.find("mass") is None or element.find("inertia") is None):
             wrong.append(f"{where} needs <mass> and <inertia>")
         if tag == "joint" and element.getparent() is root and (element.find("parent") is None or element.find("child") is None):
@@ -186,6 +206,13 @@ def _joints(robot: Robot, raw: Any, limits: bool, stop: Any) -> None:
             del mimics[one.name]
     wrong += [f"joint '{name}': it mimics '{m.joint}', which is no joint with one coordinate" for name, m in mimics.items()
               if m.joint not in scalar or name not in scalar or m.joint == name]
+    for name in mimics:
+        at, seen = name, list[str]()
+        while at in mimics and at not in seen:
+            seen.append(at)
+            at = mimics[at].joint
+        if at == name and len(seen) > 1:
+            wrong.append(f"joint '{name}': {', '.join(map(repr, seen))} mimic each other in a circle")
     if wrong:
         raise SceneError(wrong)
     for one in _outwards(robot, raw.joints):

@@ -2,37 +2,35 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import symengine as se
 
 from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
 from mbdae.laws.forces import JointDamper, JointFriction, JointLoad, JointSpring
 from mbdae.laws.friction import Coulomb
 from mbdae.laws.joint_rows import Free
-from mbdae.laws.joints import Prismatic, Revolute, Spherical, Weld
+from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
+from mbdae.robots.bounds import all_digits, put, quiet
 from mbdae.robots.joint_space import FLOATS, Tree, couples
-from mbdae.robots.mjcf import quiet
 from mbdae.scene.models import spanning_tree
-from mbdae.scene.shapes import Box, Cylinder, Sphere
+from mbdae.scene.shapes import Box, Cylinder, Sphere, joint_axes
+from mbdae.symbolic.motion import Step, symbolic_motion
 
-STATES = 5  #: random states at which mass matrix and bias of the file are compared with those of the scene
-#: largest difference of these, over their largest entry: round-off of two roots of quaternions and of principal axes
+STATES = 5  #: random states at which inverse dynamics of the file are compared with those of the scene
+#: largest difference of its forces, over the largest of them: round-off of two roots of quaternions and of principal axes
 EQUAL = 1e-9
-DIGITS = 17  #: of numbers in the file: all of them
 
 
 def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
     """Write the MJCF file of a scene; arguments and errors as of `Scene.write_mjcf`, read: `mb.read_mjcf`."""
     mujoco = library("mujoco", "writing MJCF")
-    to = Path(path)
     if scene.problems:
         raise SceneError(list(scene.problems))
     writer = _Writer(mujoco, scene)
@@ -40,65 +38,49 @@ def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
     if writer.wrong:
         raise SceneError(writer.wrong)
     try:
-        with quiet(), _all_digits(mujoco):
-            writer.starts(writer.spec.compile())
+        with quiet():
+            model = writer.spec.compile()
+        writer.starts(model)
+        with quiet(), all_digits(mujoco):
             writer.spec.compile()
             text = writer.spec.to_xml()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SceneError([f"MJCF cannot say this scene: {' '.join(str(error).split())}"]) from error
-    with replacing(to) as new:
+    with replacing(Path(path)) as new:
         new = Path(new)
         new.write_text(text, encoding="utf-8")
-        _compare(scene.tree(), read(new).tree(), writer.renamed)
+        try:
+            again = read(new).tree()
+        except OptionError as error:
+            raise SceneError([f"what MJCF says of scene '{scene.name}' cannot be read back: "
+                              f"{str(error).removeprefix(new.name)}; nothing was written"]) from error
+        _compare(scene.tree(), again, writer)
     return tuple(writer.told)
 
 
-@contextmanager
-def _all_digits(mujoco: Any) -> Iterator[None]:
-    """MuJoCo writes numbers with 6 digits, unless its library is told otherwise."""
-    found = next(iter(sorted(Path(mujoco.__file__).parent.glob("*mujoco.*so*")) + sorted(Path(mujoco.__file__).parent.glob(
-        "*mujoco*.d*"))), None)
-    mine: Any = ctypes.CDLL(str(found)) if found else None
-    ask, tell = (getattr(mine, f"_mjPRIVATE__{word}_xml_precision", None) for word in ("get", "set"))
-    if ask is None or tell is None:
-        raise OptionError(f"write_mjcf: MuJoCo {mujoco.__version__} writes numbers with 6 digits alone; install another version")
-    before = ask()
-    tell(DIGITS)
-    try:
-        yield
-    finally:
-        tell(before)
-
-
-def _compare(one: Tree, other: Tree, renamed: dict[str, str]) -> None:
-    """Mass matrix and bias of what was written against those of the scene, coordinates by name."""
-    joints: dict[str, list[Any]] = {}
-    for c in other._coordinates:
-        joints.setdefault(c.joint.removesuffix(FLOATS.format("")), []).append(c)
+def _compare(one: Tree, other: Tree, writer: _Writer) -> None:
+    """Forces of the scene for accelerations, which hold mass matrix and bias, against what was written, coordinates by name."""
+    there = {(c.joint.removesuffix(FLOATS.format("")), c.name): c for c in other._coordinates}
     q_of, v_of = np.zeros(one.nq, dtype=int), np.zeros(one.nv, dtype=int)
-    taken: dict[str, int] = {}
     for c in one._coordinates:
         name = c.joint.removesuffix(FLOATS.format(""))
-        there = joints.get(renamed.get(name, name), [])
-        n = taken.get(name, 0)
-        taken[name] = n + 1
-        if n >= len(there) or there[n].nv != c.nv:
+        found = there.get(writer.names.get((name, c.name), (writer.renamed.get(name, name), c.name)))
+        if found is None or found.nv != c.nv:
             raise SceneError([f"joint '{c.joint}': MJCF does not say it with the same coordinates"])
-        q_of[c.q : c.q + c.nq] = range(there[n].q, there[n].q + c.nq)
-        v_of[c.v : c.v + c.nv] = range(there[n].v, there[n].v + c.nv)
+        q_of[c.q : c.q + c.nq], v_of[c.v : c.v + c.nv] = range(found.q, found.q + c.nq), range(found.v, found.v + c.nv)
     rng = np.random.default_rng(0)
     for _ in range(STATES):
-        q, v = rng.normal(size=one.nq), rng.normal(size=one.nv)
+        q, (v, a) = rng.normal(size=one.nq), rng.normal(size=(2, one.nv))
         for c in one._coordinates:
             if c.nq == 4:
                 q[c.q : c.q + 4] /= np.linalg.norm(q[c.q : c.q + 4])
-        q_there, v_there = np.zeros(other.nq), np.zeros(other.nv)
-        q_there[q_of], v_there[v_of] = q, v
-        for a, b in ((one.mass_matrix(q), other.mass_matrix(q_there)[np.ix_(v_of, v_of)]),
-                     (one.bias(q, v), other.bias(q_there, v_there)[v_of])):
-            if not np.max(np.abs(a - b)) <= EQUAL * max(1e-9, float(np.max(np.abs(a)))):
-                raise SceneError([f"what MJCF says of this scene moves otherwise: its mass matrix or bias differs by "
-                                  f"{np.max(np.abs(a - b)):.3g}, of {np.max(np.abs(a)):.3g}; nothing was written"])
+        q_there, (v_there, a_there) = np.zeros(other.nq), np.zeros((2, other.nv))
+        q_there[q_of], v_there[v_of], a_there[v_of] = q, v, a
+        tau, again = one.inverse_dynamics(q, v, a), other.inverse_dynamics(q_there, v_there, a_there)[v_of]
+        off, size = float(np.max(np.abs(tau - again))), float(np.max(np.abs(tau)))
+        if not off <= EQUAL * max(1e-9, size):
+            raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {off:.3g}, of "
+                              f"{size:.3g}; nothing was written"])
 
 
 class _Writer:
@@ -111,18 +93,20 @@ class _Writer:
         self.renamed: dict[str, str] = {}
         self.made: dict[str, Any] = {"ground": self.spec.worldbody}
         self.poses: dict[str, Pose] = {"ground": Pose()}
-        self.joints: dict[str, Any] = {}
-        self.start: dict[str, float] = {}
-        self.rates: dict[str, float] = {}
+        self.joints: dict[tuple[str, str], Any] = {}  #: by joint and coordinate
+        self.names: dict[tuple[str, str], tuple[str, str]] = {}  #: the same in the scene that is read back
+        self.start: dict[tuple[str, str], float] = {}
+        self.rates: dict[tuple[str, str], float] = {}
+        self.solved = False  #: whether the start follows from couplings and loops
 
     def write(self) -> None:
         self.spec.modelname, self.spec.compiler.degree = self.s.name, False
         self.spec.compiler.inertiafromgeom = self.mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         self.spec.option.gravity = [float(g) for g in self.s.gravity]
-        self._refuse()
+        tree = spanning_tree(self.s)
+        self._refuse([*tree.roots])
         if self.wrong:
             return
-        tree = spanning_tree(self.s)
         carried = {child.name: (parent, joint) for parent, joint, child in tree.edges}
         moves = {joint.name for _, joint, _ in tree.edges}
         onto = self._merged(tree)
@@ -145,15 +129,15 @@ class _Writer:
             at = self._inside(f.body.name, Pose(f.axes, f.point))
             self.made[f.body.name].add_site(name=name, pos=at.p, quat=self._quat(at.R), group=4)
 
-    def _refuse(self) -> None:
+    def _refuse(self, roots: list[Any]) -> None:
         s, say = self.s, self.wrong.append
         if not s.space:
             say(f"scene '{s.name}' is planar, and MJCF speaks of space: state it in space")
         for b in s.bodies:
             if b.inertia is None:
                 say(f"'{b.name}' is a point mass or a beam, which MJCF does not say; state s.rigid_body")
-            elif b.given_velocity:
-                say(f"body '{b.name}': a start velocity is not in MJCF; leave it out, and set qvel there")
+            elif b.given_velocity and b not in roots:
+                say(f"body '{b.name}': MJCF has start velocities of joints alone; state start_rate of the one that carries it")
             elif b.gravity is not None and self._lifted(b) is None:
                 say(f"body '{b.name}': its gravity is not along that of the scene, as in MJCF (gravcomp)")
         for what, items in (("line load", s.line_loads), ("controller", s.controllers)):
@@ -243,37 +227,49 @@ class _Writer:
             return
         if isinstance(law, Weld) and len(c.laws) == 1:
             return
-        kind = next((k for of, k in ((Revolute, kinds.mjJNT_HINGE), (Prismatic, kinds.mjJNT_SLIDE), (Spherical, kinds.mjJNT_BALL),
-                                     (Free, kinds.mjJNT_FREE)) if type(law) is of), None)
-        if kind is None or c.prescribed or c.others or c.loose:
+        steps = self._steps(law)
+        if not (steps or type(law) in (Spherical, Free)) or c.prescribed or c.others or c.loose:
             why = "a prescribed motion" if c.prescribed else f"{type(law).__name__} with this model"
-            self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF, which has hinges, slides, balls and free joints")
+            self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF, which has hinges, slides, chains of them, balls and "
+                              f"free joints")
             return
-        if kind == kinds.mjJNT_FREE:
+        if type(law) is Free:
             if sense < 0 or c.k is not self.s.ground or len(c.laws) > 1:
                 self.wrong.append(f"joint '{c.name}': MJCF has free joints of bodies on the ground alone, without forces")
             made.add_freejoint(name=c.name)
             self.renamed[c.name] = body.name
             return
-        name = c.name
         at = drawn.R.T @ (np.asarray(law.at, dtype=float) - drawn.p)
-        self.joints[name] = j = made.add_joint(name=name, type=kind, pos=at)
-        if kind == kinds.mjJNT_BALL:
+        if not steps:
+            made.add_joint(name=c.name, type=kinds.mjJNT_BALL, pos=at)
             if sense < 0 or len(c.laws) > 1:
-                self.wrong.append(f"joint '{name}': a ball of MJCF turns its outer body, l, relative to k, without forces")
+                self.wrong.append(f"joint '{c.name}': a ball of MJCF turns its outer body, l, relative to k, without forces")
             return
-        axis = np.asarray(law.axis, dtype=float)
-        j.axis = sense * drawn.R.T @ axis / np.linalg.norm(axis)
-        j.armature = float(next(iter(c.rotor.values()), 0.0))
+        for step in steps if sense > 0 else reversed(steps):
+            key = (c.name, str(step.amount))
+            name, axis = c.name if len(steps) == 1 else " ".join(key), joint_axes(law, c.k) @ [float(x) for x in step.axis]
+            self.joints[key] = made.add_joint(name=name, type=kinds.mjJNT_HINGE if step.turns else kinds.mjJNT_SLIDE, pos=at,
+                                              axis=sense * drawn.R.T @ axis, armature=float(c.rotor.get(key[1], 0.0)))
+            self.names[key] = (name, "angle" if step.turns else "displacement")
         for word, held, to in (("start", c.hold, self.start), ("start rate", c.hold_rate, self.rates)):
-            to.update((name, self._number(value, c, word)) for value in held.values())
-        for force in c.laws[1:]:
-            self._acts(j, c, force)
-        load = next((self._number(f.load, c, "load") for f in c.laws[1:] if isinstance(f, JointLoad)), 0.0)
-        if load and not j.stiffness[0]:
-            self.wrong.append(f"joint '{name}': MJCF says no load on it (but actuators, which are no part of the mechanics)")
+            to.update(((c.name, key), self._number(value, c, word)) for key, value in held.items())
+        for act in (self._acts, self._loaded):  # what MJCF says of a load stands on the spring
+            for force in c.laws[1:]:
+                act(self.joints[c.name, getattr(force, "coordinate", None) or str(steps[-1].amount)], c, force)
+
+    def _steps(self, law: Any) -> tuple[Step, ...]:
+        """The hinges and slides of a joint, one for each coordinate; () where it is no chain of such."""
+        motion = symbolic_motion(law) if hasattr(law, "states_motion") else None
+        steps = () if motion is None else motion.steps
+        return steps if [s.amount for s in steps] == [se.Symbol(c) for c in law.coordinates] and not any(
+            s.rotation for s in steps) else ()
+
+    def _loaded(self, j: Any, c: Any, force: Any) -> None:
+        load = self._number(force.load, c, "load") if isinstance(force, JointLoad) else 0.0
+        if load and (stiffness := float(np.ravel(j.stiffness)[0])):
+            j.springref += load / stiffness
         elif load:
-            j.springref += load / j.stiffness[0]
+            self.wrong.append(f"joint '{c.name}': MJCF says no load on it (but actuators, which are no part of the mechanics)")
 
     def _number(self, value: Any, c: Any, what: str) -> float:
         try:
@@ -284,16 +280,18 @@ class _Writer:
 
     def _acts(self, j: Any, c: Any, force: Any) -> None:
         if isinstance(force, JointDamper):
-            j.damping[0] = self._number(force.damping, c, "damper")
+            put(j, "damping", self._number(force.damping, c, "damper"))
         elif isinstance(force, JointSpring):
-            j.stiffness[0], j.springref = self._number(force.stiffness, c, "spring"), self._number(force.rest, c, "rest")
+            put(j, "stiffness", self._number(force.stiffness, c, "spring"))
+            j.springref = self._number(force.rest, c, "rest")
         elif isinstance(force, JointStop):
             low, high = force.lower, force.upper
             j.limited = self.mujoco.mjtLimited.mjLIMITED_TRUE
             j.range = [-1e10 if low is None else float(low), 1e10 if high is None else float(high)]
             self.told.append(f"joint '{c.name}': its limits are those of the scene, but yield as MuJoCo's do (solreflimit)")
-        elif isinstance(force, JointFriction) and type(force.friction) is Coulomb and force.normal_force is not None:
-            lever = 1.0 if isinstance(c.laws[0], Prismatic) else float(force.radius)
+        elif (isinstance(force, JointFriction) and len(c.coordinates) == 1 and type(force.friction) is Coulomb
+              and force.normal_force is not None):
+            lever = 1.0 if j.type == self.mujoco.mjtJoint.mjJNT_SLIDE else float(force.radius)
             j.frictionloss = self._number(force.normal_force, c, "normal force") * lever * float(force.friction.mu)
             self.told.append(f"joint '{c.name}': its friction jumps at rest in MuJoCo, where the scene smooths it")
         elif not isinstance(force, JointLoad):
@@ -304,33 +302,52 @@ class _Writer:
     def _closing(self, c: Any) -> None:
         law, kinds = c.laws[0], self.mujoco.mjtEq
         if isinstance(law, Gear | Rack | WeightedSum) and len(couples(law)[0]) == 2:
-            ((one, _), f), ((other, _), g) = couples(law)[0]
-            value = self._number(couples(law)[1], c, "value")
-            if one in self.joints and other in self.joints and f:
-                made = self.spec.add_equality(name=c.name, type=kinds.mjEQ_JOINT, objtype=self.mujoco.mjtObj.mjOBJ_JOINT,
-                                              name1=one, name2=other)
+            ((one, f), (other, g)), value = couples(law)[0], self._number(couples(law)[1], c, "value")
+            if {one, other} <= self.joints.keys() and f:
+                made = self.spec.add_equality(name=c.name, type=kinds.mjEQ_JOINT, name1=self.names[one][0],
+                                              name2=self.names[other][0], objtype=self.mujoco.mjtObj.mjOBJ_JOINT)
                 made.data[:5] = value / f, -g / f, 0, 0, 0
+                self.solved = self.solved or bool(value)
+                self.told.append(f"'{c.name}' couples exactly in the scene, softly in MuJoCo")
                 return
-        ends = ["world" if b is self.s.ground else b.name for b in (c.k, c.l)]
-        if type(law) in (Weld, Spherical) and len(c.laws) == 1 and all(b.name in self.made for b in (c.k, c.l)):
-            weld, at = type(law) is Weld, c.l.drawn.position if law.at is None else np.asarray(law.at, dtype=float)
-            point = self._inside((c.l if weld else c.k).name, Pose(p=at)).p
-            made = self.spec.add_equality(name=c.name, type=kinds.mjEQ_WELD if weld else kinds.mjEQ_CONNECT, name1=ends[0],
-                                          name2=ends[1], objtype=self.mujoco.mjtObj.mjOBJ_BODY)
-            made.data[:11] = *point, *np.zeros(7), float(weld)
+        if type(law) in (Weld, Spherical, Revolute) and len(c.laws) == 1 and all(b.name in self.made for b in (c.k, c.l)):
+            at = c.l.drawn.position if law.at is None else np.array(law.at, dtype=float)
+            self._closed(c, c.name, at, type(law) is Weld)
+            if type(law) is Revolute:  # two balls on its axis
+                self._closed(c, f"{c.name} axis", at + joint_axes(law, c.k)[:, 2], False)
+            self.solved = True
             self.told.append(f"'{c.name}' closes a loop: exact in the scene, soft in MuJoCo")
             return
         self.wrong.append(f"{c.kind} '{c.name}': MJCF does not say it; " + (
-            "it closes a loop: close it by s.spherical or s.weld, with model=mb.Recursive() at the joints that carry bodies"
-            if c.is_joint else "take it out of the scene that is written"))
+            "it closes a loop: close it by s.revolute, s.spherical or s.weld, with model=mb.Recursive() at the joints that carry "
+            "bodies" if c.is_joint else "take it out of the scene that is written"))
+
+    def _closed(self, c: Any, name: str, at: Any, weld: bool) -> None:
+        kinds, (k, l) = self.mujoco.mjtEq, ("world" if b is self.s.ground else b.name for b in (c.k, c.l))
+        made = self.spec.add_equality(name=name, type=kinds.mjEQ_WELD if weld else kinds.mjEQ_CONNECT, name1=k, name2=l,
+                                      objtype=self.mujoco.mjtObj.mjOBJ_BODY)
+        made.data[:11] = *self._inside((c.l if weld else c.k).name, Pose(p=at)).p, *np.zeros(7), float(weld)
 
     def starts(self, model: Any) -> None:
-        """The values of coordinates at the start as a key frame, where any is stated."""
-        if not (self.start or self.rates):
+        """The start as a key frame, where it is not the drawing at rest."""
+        thrown = [b for b in self.s.bodies if b.given_velocity]
+        if not (self.start or self.rates or thrown or self.solved):
             return
+        if self.solved:  # what couplings and loops make of the values that are stated
+            r = self.s.simulate(1e-9, outputs=[0.0, 1e-9])
+            for name, coordinate in self.joints:
+                rate = "rate" if len(self.s[name].coordinates) == 1 else f"{coordinate}_rate"
+                self.start[name, coordinate], self.rates[name, coordinate] = (float(getattr(r[name], of)[0])
+                                                                              for of in (coordinate, rate))
         q, v = np.array(model.qpos0), np.zeros(model.nv)
-        for name, joint in ((name, model.joint(name)) for name in self.joints):
-            q[joint.qposadr[0]] += self.start.get(name, 0.0)
-            v[joint.dofadr[0]] += self.rates.get(name, 0.0)
-        self.spec.add_key(name="start", qpos=q, qvel=v)
-        self.told.append("start values of joints are in the key frame 'start'")
+        for key, (name, _) in self.names.items():
+            joint = model.joint(name)
+            q[joint.qposadr[0]] += self.start.get(key, 0.0)
+            v[joint.dofadr[0]] += self.rates.get(key, 0.0)
+        for b in thrown:
+            first, of = int(model.joint(FLOATS.format(b.name)).dofadr[0]), self.poses[b.name]
+            v[first : first + 3] = b.drawn.velocity - np.cross(b.drawn.angular_velocity, b.drawn.position - of.p)
+            v[first + 3 : first + 6] = of.R.T @ b.drawn.angular_velocity
+        if np.any(v) or np.any(q != model.qpos0):
+            self.spec.add_key(name="start", qpos=q, qvel=v)
+            self.told.append("the start is the key frame 'start'")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,12 @@ import numpy as np
 from mbdae.show import WIDE, fitting
 from mbdae.show.drawing import LOOKS
 from mbdae.show.geometry import Geometry, Outline
-from mbdae.show.player_view import VIEW
 from mbdae.show.plots import COLOURS
 from mbdae.show.shapes import Film, digits
 from mbdae.values import Array
 
+#: JavaScript of the player that draws the motion
+VIEW = Path(__file__).with_name("player.js").read_text(encoding="utf-8")
 # -- HTML of the player; `player.page` replaces the fields between @ signs
 
 

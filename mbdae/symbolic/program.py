@@ -82,6 +82,19 @@ class Program:
                 found.append(name)
         return found[::-1]
 
+    def late(self, outputs: Sequence[Expr]) -> list[Expr]:
+        """Names the outputs depend on, each as late as it may be: between two parts of this order few values are alive."""
+        rank = {name: i for i, name in enumerate(self.needed(outputs))}
+        done: dict[Expr, None] = {}
+        for output in outputs:
+            stack = sorted(output.free_symbols & rank.keys(), key=rank.__getitem__, reverse=True)
+            while stack:
+                missing = [s for s in self.steps[stack[-1]].free_symbols & rank.keys() if s not in done]
+                stack.extend(sorted(missing, key=rank.__getitem__, reverse=True))
+                if not missing:
+                    done[stack.pop()] = None
+        return list(done)
+
     def derivatives(self, outputs: Sequence[Expr], seeds: Sequence[Expr], limit: int | None = None) -> list[dict[Expr, Expr]]:
         """Partial derivatives of every output by the seeds (inputs), {seed: name of the derivative}, without those that are zero.
 

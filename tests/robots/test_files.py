@@ -131,8 +131,9 @@ def test_what_is_written_moves_as_the_scene(tmp_path: Path) -> None:
         assert one.follows == other.follows
         q, v = one.zero + 0.0, rng.normal(size=one.nv)
         q[-2:] = rng.normal(size=2)
-        assert other.mass_matrix(q) == pytest.approx(one.mass_matrix(q), abs=1e-12)
-        assert other.bias(q, v) == pytest.approx(one.bias(q, v), abs=1e-11)
+        # MuJoCo 3.3 finds principal axes to 1e-11, later ones to round-off
+        assert other.mass_matrix(q) == pytest.approx(one.mass_matrix(q), abs=1e-10)
+        assert other.bias(q, v) == pytest.approx(one.bias(q, v), abs=1e-10)
         assert set(s.frames) <= set(again.frames)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
     data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
@@ -140,7 +141,7 @@ def test_what_is_written_moves_as_the_scene(tmp_path: Path) -> None:
     mujoco.mj_forward(model, data)
     for column, unit in zip(M, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, column, unit)
-    assert pytest.approx(one.mass_matrix(q), abs=1e-12) == M.T
+    assert pytest.approx(one.mass_matrix(q), abs=1e-10) == M.T
 
 
 def test_forces_limits_loops_and_starts_are_written(tmp_path: Path) -> None:
@@ -165,10 +166,81 @@ def test_forces_limits_loops_and_starts_are_written(tmp_path: Path) -> None:
     assert mb.read_mjcf(tmp_path / "bars.xml").tree().closing == ("D",)
 
 
+def test_joints_of_several_coordinates_and_hinges_that_close_loops_are_written(tmp_path: Path) -> None:
+    """Planar, universal and cylindrical joints, stated from both sides, as chains of hinges and slides; starts as a key frame."""
+    s = mb.Scene("chains", gravity=(0, 0, -9.81))
+    bodies = [s.ground, *(s.rigid_body(f"b{i}", 1.0 + i, (0.1, 0.2, 0.25), at=(i, 0.2, 0)) for i in range(4))]
+    s.joint(mb.Planar, "P", s.ground, bodies[1], at=(0, 0, 0), axis=(0, 0, 1), start={"x": 0.1}, start_rate={"angle": 2.0},
+            damper={"x": 0.3}, rotor={"y": 0.2})
+    s.joint(mb.Cylindrical, "C", bodies[2], bodies[1], at=(1, 0, 0), axis=(1, 2, 0), start={"angle": 0.3})
+    s.universal("U", bodies[3], bodies[2], at=(2, 0, 0), axis=(1, 0, 0))
+    s.revolute("A", bodies[3], bodies[4], at=(2, 1, 0), axis=(0, 0, 1))
+    s.write_mjcf(tmp_path / "chains.xml")  # compares inverse dynamics
+    again = mb.read_mjcf(tmp_path / "chains.xml", key="start")
+    assert again.tree().nv == s.tree().nv
+    times = [0.0, 0.1]
+    one, other = s.simulate(0.1, accuracy=1e-8, outputs=times), again.simulate(0.1, accuracy=1e-8, outputs=times)
+    assert other["P x"].displacement == pytest.approx(one["P"].x, abs=1e-7)
+    assert other["C angle"].angle == pytest.approx(one["C"].angle, abs=1e-7)
+    assert other["b3"].position == pytest.approx(one["b3"].position, abs=1e-7)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "chains.xml"))
+    assert model.joint("P y").armature[0] == pytest.approx(0.2)
+
+
+def test_a_hinge_that_closes_a_loop_comes_back(tmp_path: Path) -> None:
+    s = mb.Scene("bars", gravity=(0, 0, -9.81))
+    left, top, right = (s.rigid_body(name, 1.0, (0.1, 0.1, 0.1), at=at) for name, at in (
+        ("left", (0, 0, 0.5)), ("top", (0.5, 0, 1)), ("right", (1, 0, 0.5))))
+    s.revolute("A", s.ground, left, at=(0, 0, 0), axis=(0, 1, 0), rate0=0.5)
+    s.revolute("B", left, top, at=(0, 0, 1), axis=(0, 1, 0))
+    s.revolute("C", top, right, at=(1, 0, 1), axis=(0, 1, 0))
+    s.revolute("D", s.ground, right, at=(1, 0, 0), axis=(0, 1, 0), model=mb.Kinematic())
+    s.write_mjcf(tmp_path / "bars.xml")
+    again = mb.read_mjcf(tmp_path / "bars.xml")
+    assert type(again["D"].laws[0]) is mb.Revolute
+    assert again["D"].laws[0].axis == pytest.approx([0, 1, 0])
+
+
+def test_switches_and_keys_of_mjcf_are_read(tmp_path: Path) -> None:
+    keys = '<keyframe><key name="up" qpos="1 2 3 0.6 0 0.8 0 0.5 0.2" qvel="1 0 0 0 0 2 0.3 0.4"/></keyframe>'
+    text = MODEL.replace("<worldbody>", '<option><flag gravity="disable"/></option><worldbody>')
+    path = written(tmp_path, text.replace("</mujoco>", f"{keys}</mujoco>"), "model.xml")
+    assert any("'up'" in said for said in mb.read_mjcf(path).told)
+    s = mb.read_mjcf(path, key="up")
+    assert not np.any(s.tree().gravity(s.tree().zero))
+    r = s.simulate(1e-3, accuracy=1e-6, outputs=[0.0, 1e-3])
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    assert r["leg"].position[0] == pytest.approx(data.xipos[2], abs=1e-9)
+    assert r["hip y"].rate[0] == pytest.approx(0.4)
+    velocity = np.zeros(6)
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, 2, velocity, 0)
+    assert r["leg"].angular_velocity[0] == pytest.approx(velocity[:3], abs=1e-9)
+    with pytest.raises(mb.OptionError, match="key"):
+        mb.read_mjcf(path, key="down")
+
+
+def test_links_on_the_ground_have_frames(tmp_path: Path) -> None:
+    tree = mb.read_urdf(written(tmp_path, ARM)).tree()
+    assert not np.any(tree.jacobian("base", tree.zero))
+    assert tree.pose("base", np.zeros((3, 2)), at=(1, 0, 0))[:, :, 3] == pytest.approx(np.array([[1.0, 0, 0]] * 3))
+
+
+def test_copies_beyond_reason_and_mimics_in_a_circle_are_refused(tmp_path: Path) -> None:
+    copies = '<replicate count="3000"><replicate count="3000"><geom size="1"/></replicate></replicate>'
+    with pytest.raises(mb.OptionError, match="copies"):
+        mb.read_mjcf(written(tmp_path, MODEL.replace("<worldbody>", f"<worldbody>{copies}"), "model.xml"))
+    text = ARM.replace('<axis xyz="1 2 0"/></joint>', '<axis xyz="1 2 0"/><mimic joint="grip"/></joint>')
+    with pytest.raises(mb.SceneError, match="circle"):
+        mb.read_urdf(written(tmp_path, text))
+
+
 def test_what_mjcf_cannot_say_is_refused_by_name(tmp_path: Path) -> None:
     s = mb.Scene("many", gravity=(0, 0, -9.81))
     a, b = (s.rigid_body(name, 1.0, (1, 1, 1), at=(x, 0, 0)) for name, x in (("a", 0), ("b", 1)))
-    s.universal("hook", s.ground, a, at=(0, 0, 0), axis=(1, 0, 0))
+    s.screw("hook", s.ground, a, at=(0, 0, 0), axis=(1, 0, 0), lead=0.1)
     s.revolute("drive", a, b, at=(0.5, 0, 0), axis=(0, 0, 1), angle=mb.t)
     s.spring("rubber", a, b, at_k=(0, 0, 0), at_l=(1, 0, 0), stiffness=3.0)
     with pytest.raises(mb.SceneError) as caught:

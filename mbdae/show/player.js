@@ -1,6 +1,4 @@
-"""JavaScript of the player that draws the motion; `player.page` inserts it into the page."""
-
-VIEW = r""""use strict";
+"use strict";
 const film = JSON.parse(document.getElementById("film").textContent);
 const el = id => document.getElementById(id);
 const view = el("view"), play = el("play"), slide = el("slide");
@@ -217,4 +215,3 @@ function drawView(f) {
   if (el("names").checked) names(c, f, poses, eyeing, [[width - 130, 0, 130, 50]], width, height);
 }
 
-"""
