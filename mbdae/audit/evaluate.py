@@ -258,14 +258,18 @@ def _call(node: Node, at: Source) -> Value:
 
 
 def _partial(e: Node, by: Node, at: Source) -> Value:
-    """Partial derivative: by a number, or by a column (n, 1), which gives a matrix with one column for each entry."""
-    if by.kind != "symbol":
-        raise SizeError(f"the second argument of diff must be a symbol, not the formula {by}")
+    """Partial derivative: by a number or the rate of one, or by a column (n, 1), which gives a matrix with one column for each
+    entry."""
+    order, of = 0, by
+    while of.kind == "call" and of.value == "rate":
+        order, of = order + 1, of.parts[0]
+    if of.kind != "symbol":
+        raise SizeError(f"the second argument of diff must be a symbol or its rate, not the formula {by}")
 
     def along(entry: int) -> Value:
-        return derivative(lambda h: evaluate(e, at.shifted(by.value, h, entry)), at.stepped)
+        return derivative(lambda h: evaluate(e, at.shifted(of.value, h, entry, order)), at.stepped)
 
-    wanted = np.shape(at.value(by.value))
+    wanted = np.shape(at.value(of.value))
     if not wanted:
         return along(0)
     return np.hstack([np.reshape(along(i), (-1, 1)) for i in range(wanted[0] * wanted[1])])

@@ -127,6 +127,7 @@ class Scope:
     printed: Mapping[str, tuple[Relation, ...]] = field(default_factory=dict)
     own: Own = ()
     sides: str = ""  #: "left" or "applied": side of the equations of motion that the text declares for its forces
+    written: Mapping[str, str] = field(default_factory=dict)  #: {formula: how the text prints it, in TeX}
 
     def widened(self, names: Iterable[str]) -> Scope:
         """This scope with the quantities that derivations of the named symbols contain and the text does not declare."""
@@ -148,7 +149,7 @@ class Scope:
             tex = carried.name(n)
             found |= {n: rf"\mathrm{{{n}}}".replace("_", r"\_")} if tex in taken else {}
             taken.add(tex)
-        return found
+        return found | dict(self.written)
 
     @cached_property
     def texts(self) -> frozenset[str]:
@@ -184,10 +185,12 @@ class Env:
     fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
     scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
     zero: str | None = None  #: a symbol that is set to zero
-    #: for derivatives: meanings of symbols in words, each with the index of one of its entries and the increment added to it
-    shifts: tuple[tuple[str, int, Value], ...] = ()
+    #: for derivatives: meanings of symbols in words, each with the index of one of its entries, the increment added to it or to its
+    #: rate of an order, and the time from which that grows
+    shifts: tuple[tuple[str, int, Value, int, Value], ...] = ()
     watch: dict[str, set[bool]] | None = None  #: where it is kept by the formula of a divisor whether this was positive
-    complete: bool = False  #: whether a force on a body that the text does not list raises an error
+    #: what a force acts on by other symbols of the formula; where this is given, a part that the text does not list raises an error
+    complete: frozenset[str] | None = None
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
     names: Mapping[str, Value] = field(default_factory=dict)  #: values of names bound by a sum or an integral
@@ -246,7 +249,7 @@ class Env:
     @property
     def stepped(self) -> bool:
         """Whether the values carry the imaginary part of a complex step."""
-        return self.motion.stepped or any(np.imag(amount) for *_, amount in self.shifts)
+        return self.motion.stepped or any(np.imag(amount) for _, _, amount, *_ in self.shifts)
 
     def size_of(self, what: str) -> float:
         """Size of the unit of a step: s for "time", m for "line"; 1 for the others and unless units are checked."""
@@ -275,21 +278,23 @@ class Env:
         """This state before the complex step."""
         return replace(self, motion=self.motion.base, store={}) if self.motion.stepped else self
 
-    def shifted(self, name: str, amount: complex, entry: int = 0) -> Env:
-        """This state with a number, or one entry of a column, increased."""
+    def shifted(self, name: str, amount: complex, entry: int = 0, order: int = 0) -> Env:
+        """This state with a number, or one entry of a column, increased; order: of the rate that is, of what is moving."""
         if name in self.names:
             return replace(self, names={**self.names, name: self.names[name] + amount})
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
             raise SizeError(f"diff is by '{name}', which `let` defines by other symbols: differentiate by one of those")
         factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
-        shifts = (*self.shifts, (meaning.text, entry, amount / float(np.real(np.ravel(factors)[0]))))
-        return replace(self, shifts=shifts, store=self._inner(name, entry, amount))
+        size = float(np.real(np.ravel(factors)[0])) / self.size_of("time") ** order
+        shifts = (*self.shifts, (meaning.text, entry, amount / size, order, self.motion.clock))
+        return replace(self, shifts=shifts, store=self._inner(name, entry, amount, order))
 
     def _shifted(self, value: Value, text: str) -> Value:
         """The value of the quantity with a wording, with its increments."""
-        for name, entry, amount in self.shifts:
-            value = shifted(value, entry, amount) if name == text else value
+        for name, entry, amount, order, since in self.shifts:
+            if name == text:
+                value = shifted(value, entry, amount * (self.motion.clock - since) ** order / (order or 1))
         return value
 
     def watched(self, divisor: Node, value: Value) -> None:

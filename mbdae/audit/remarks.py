@@ -307,7 +307,7 @@ def _pull(equation: Printed, states: ComparedStates) -> Iterator[str]:
     """Remark on a normal force that becomes tensile where bodies separate fast."""
     for wording in ("normal force of {name}", "damping force of {name}"):
         for statement, meaning in _of(equation, wording):
-            fast = replace(states.free[0], shifts=(("rate of penetration", 0, FAST),), store={})
+            fast = replace(states.free[0], shifts=(("rate of penetration", 0, FAST, 0, 0j),), store={})
             elastic: Value = fast.of(f"elastic force of {meaning.words[0]}") if wording.startswith("damping") else 0.0
             if np.real(evaluate(statement.sides[1], fast) + elastic) < 0:
                 yield "pulls where the bodies separate fast: contact has to end where the force falls to 0"

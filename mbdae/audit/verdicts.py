@@ -17,7 +17,7 @@ from mbdae.audit.notation import Relation, is_zero
 from mbdae.audit.phrases import Definition, Meaning, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import domain, in_part, left_out, remarks
-from mbdae.audit.rules_laws import UnlistedError
+from mbdae.audit.rules_laws import UnlistedError, names
 from mbdae.audit.search import Repair, missing_term, repair
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
@@ -110,10 +110,20 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], RandomM
         with np.errstate(all="ignore"):
             states = states.fitting()
             wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
+            if equation.undecided:
+                return _by_units(equation, states, wrong)
             wrong += of_laws(_named(equation), equation.scope.own)
             return _cannot(equation, wrong[0]) if wrong else _with_unlisted(_verdict(equation, states, search), states)
     except NO_VALUE as error:
         return _cannot(equation, reason(error, meanings(equation)))
+
+
+def _by_units(equation: Printed, states: ComparedStates, wrong: list[str]) -> Row:
+    """The verdict on an equation of which nothing but the units can be judged; wrong: what is wrong with those of definitions."""
+    wrong = wrong or [fault for s in equation.statements for fault in faults(s, states.free[:2])]
+    if wrong and not equation.guessed:
+        return Row(equation, MISPRINT, float("nan"), remark=told(wrong[0], equation.undecided))
+    return _cannot(equation, told(equation.undecided, f"by the guessed units {wrong[0]}" if wrong else "its units agree"))
 
 
 def _with_unlisted(row: Row, states: ComparedStates) -> Row:
@@ -129,10 +139,14 @@ def _with_unlisted(row: Row, states: ComparedStates) -> Row:
 
 def _unlisted(equation: Printed, states: ComparedStates) -> str:
     """Remark on a force that acts on a part the text does not list; empty where there is none."""
+    listed = dict[str, frozenset[str]]()
+    for meaning in _meanings(equation):
+        force, _, parts = meaning.text.partition(" on ")
+        listed[force] = listed.get(force, frozenset()) | frozenset(names(parts))
     try:
         for env in (*states.free, *states.joint):
             for meaning in _meanings(equation):
-                meaning.value(replace(env, complete=True, store={}))
+                meaning.value(replace(env, complete=listed[meaning.text.partition(" on ")[0]], store={}))
     except UnlistedError as error:
         return str(error)
     except NO_VALUE:
@@ -216,6 +230,8 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     if doubt and not any(c.mendable for c in gaps):
         return Row(equation, MISPRINT, residual, remark=units) if units else _cannot(equation, doubt)
     defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
+    if defined and units:
+        return Row(equation, MISPRINT, residual, remark=units)
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
     lacking = _lacking(equation, states)

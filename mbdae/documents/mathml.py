@@ -25,6 +25,7 @@ SIGNS = {
     "Leftrightarrow": "⇔", "in": "∈", "sum": "∑", "int": "∫",
     "partial": "∂", "nabla": "∇", "infty": "∞", "top": "⊤", "perp": "⊥",
     "parallel": "∥", "mid": "|", "ldots": "…", "cdots": "⋯", "dots": "…", "prime": "′", "ll": "≪", "gg": "≫",
+    "leqslant": "≤", "geqslant": "≥", "simeq": "≃", "intercal": "⊺", "oint": "∮",
     "langle": "⟨", "rangle": "⟩", "sim": "∼", "propto": "∝", "forall": "∀", "exists": "∃", "vert": "|",
     "lvert": "|", "rvert": "|",
     "lVert": "‖", "rVert": "‖", "Vert": "‖", "|": "‖", "{": "{", "}": "}", "lfloor": "⌊", "rfloor": "⌋", "lbrace": "{",
@@ -38,11 +39,12 @@ FUNCTIONS = ("sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "ln", "m
              "arcsin", "arccos", "dim")
 GAPS = {",": "0.167em", ":": "0.222em", ";": "0.278em", " ": "0.25em", "quad": "1em", "qquad": "2em", "!": "0em"}
 ACCENTS = {"dot": "˙", "ddot": "¨", "tilde": "~", "widetilde": "~", "hat": "^", "widehat": "^", "bar": "¯", "overline": "¯",
-           "vec": "→"}
+           "vec": "→", "check": "ˇ", "breve": "˘", "dddot": "⃛"}
 FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf": "n", "mathit": "", "mathcal": "",
-         "operatorname": "n"}
+         "operatorname": "n", "bm": "bi", "pmb": "b", "mathbb": "b", "mathfrak": ""}
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
-             "array": ("", ""), "gathered": ("", "")}
+             "array": ("", ""), "gathered": ("", ""), "split": ("", ""), "alignedat": ("", ""), "dcases": ("{", ""),
+             "Bmatrix": ("{", "}"), "vmatrix": ("|", "|"), "smallmatrix": ("", "")}
 
 LEAST = 0.8  #: smallest font size of a formula, em of the text of the page (12.8 px)
 #: NARROW: a formula narrower than this (em) fits any window; MARGIN: factor by which fonts may be wider than estimated
@@ -191,6 +193,8 @@ class _Reader:
         if name in ("frac", "tfrac", "dfrac"):
             fraction = f"<mfrac><mrow>{self.atom(font)}</mrow><mrow>{self.atom(font)}</mrow></mfrac>"
             return fraction if name != "tfrac" else f'<mstyle displaystyle="false">{fraction}</mstyle>'
+        if name == "underline":
+            return f"<munder>{self.atom(font)}<mo>_</mo></munder>"
         if name == "sqrt":
             return f"<msqrt>{self.atom(font)}</msqrt>"
         if name == "left":
@@ -231,7 +235,7 @@ class _Reader:
         kind = self.raw()
         if kind not in _MATRICES:
             raise self._error(f"unknown environment '{kind}'; use one of {', '.join(_MATRICES)}")
-        if kind == "array":
+        if kind in ("array", "alignedat"):
             self.raw()
         rows: list[list[str]] = [[]]
         while True:
