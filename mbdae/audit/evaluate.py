@@ -231,6 +231,8 @@ _MOVES = {"delta": "virtual", "rate": "time", "slope": "line"}
 
 def _call(node: Node, at: Source) -> Value:
     name, parts = node.value, node.parts
+    if name in ("rate", "diff") and not at.motion.symbolic and (rule := at.by_rules(node)) is not None:
+        return rule
     if name in _MOVES:
         how = _MOVES[name]
         return derivative(lambda h: evaluate(parts[0], at.moved(how, h)), at.stepped) / at.size_of(how)

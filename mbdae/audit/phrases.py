@@ -10,12 +10,14 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import factorial
 from typing import Any
 
 import numpy as np
 import symengine as se
 
 from mbdae.audit import carried
+from mbdae.audit.calculus import MOVING, chain, exact
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate, shifted
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import RandomMotion
@@ -156,6 +158,11 @@ class Scope:
         """The wordings of all meanings that the scope declares."""
         return frozenset(m.text for m in self.symbols.values())
 
+    @cached_property
+    def derivatives(self) -> dict[Node, Node | None]:
+        """Derivatives by the rules of calculus that were asked for, see `calculus`."""
+        return {}
+
     def printed_side(self, name: str, number: str) -> Node:
         """The formula that the earlier equation `number` prints for the symbol `name`."""
         for statement in self.printed.get(number, ()):
@@ -266,6 +273,27 @@ class Env:
         """This state in SI units with no symbol set to zero, in which the rules compute."""
         return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, store={})
 
+    def by_rules(self, node: Node) -> Value | None:
+        """The value of a derivative of numbers and functions of time by the rules of calculus; None where they do not give it."""
+        place = chain(node)
+        if place is not None and place[1] and place[0] in self.scope.symbols and place[0] not in self.names:
+            meaning = self.scope.symbols[place[0]]
+            if meaning.phrase.wording in MOVING:
+                return self._rate(meaning, place[1])
+        found = exact(node, self.scope) if not self.names and (place is None or place[0] not in self.names) else None
+        return None if found is None or found == node else evaluate(found, self)
+
+    def _rate(self, meaning: Meaning, order: int) -> Value:
+        """A derivative of a function of time."""
+        name, shape = meaning.words[0], (3, 1) if "vector" in meaning.phrase.wording else ()
+        value = self.motion.polynomial(f"{meaning.phrase.wording} {name}", self.motion.clock, shape, order)
+        for text, entry, amount, rise, since in self.shifts:
+            if text == meaning.text and rise >= order:
+                value = shifted(value, entry, amount * (self.motion.clock - since) ** (rise - order) / factorial(rise - order))
+        if self.scale is not None:
+            value = value * scaled(meaning.units, value, self.scale) / self.size_of("time") ** order
+        return value * 0 if meaning.text == getattr(self.scope.symbols.get(self.zero or ""), "text", "") else value
+
     def moved(self, how: str, amount: complex = 1j * STEP) -> Env:
         """This state after a step: "virtual", "time", "line" or "linear" (see `Motion.moved`)."""
         return replace(self, motion=self.motion.moved(how, amount), store=self._inner(how, amount))
@@ -294,7 +322,7 @@ class Env:
         """The value of the quantity with a wording, with its increments."""
         for name, entry, amount, order, since in self.shifts:
             if name == text:
-                value = shifted(value, entry, amount * (self.motion.clock - since) ** order / (order or 1))
+                value = shifted(value, entry, amount * (self.motion.clock - since) ** order / factorial(order))
         return value
 
     def watched(self, divisor: Node, value: Value) -> None:

@@ -1,0 +1,143 @@
+"""Derivatives of formulas by the rules of calculus, where every quantity is a number or a function of time: exact however they nest.
+
+Derivatives of other quantities (axes of bodies, rows of laws, ...) are taken by complex steps and differences, see `evaluate`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mbdae.audit.notation import Node, is_zero, made, negated, number, symbol
+
+ZERO, ONE, TWO = number(0), number(1), number(2)
+MOVING = ("function of time", "vector function of time")
+FIXED = ("number", "positive number", "angle", "vector", "matrix", "symmetric matrix")
+_U = symbol("u")
+
+
+def _call(name: str, *parts: Node) -> Node:
+    return Node("call", name, parts)
+
+
+def _over(below: Node) -> Node:
+    return made("product", ONE, made("inverse", below))
+
+
+def _square(sign: int) -> Node:
+    return made("sum", ONE, made("power", _U, TWO) if sign > 0 else negated(made("power", _U, TWO)))
+
+
+#: derivatives of functions of u by u
+_RULES = {
+    "sin": _call("cos", _U), "cos": negated(_call("sin", _U)), "tan": _over(made("power", _call("cos", _U), TWO)),
+    "sinh": _call("cosh", _U), "cosh": _call("sinh", _U), "tanh": _over(made("power", _call("cosh", _U), TWO)),
+    "exp": _call("exp", _U), "log": _over(_U), "sqrt": _over(made("product", TWO, _call("sqrt", _U))), "abs": _call("sign", _U),
+    "asin": _over(_call("sqrt", _square(-1))), "acos": negated(_over(_call("sqrt", _square(-1)))), "atan": _over(_square(1)),
+    "asinh": _over(_call("sqrt", _square(1))), "atanh": _over(_square(-1)), "sign": ZERO,
+}
+
+
+class NoRuleError(Exception):
+    """A formula without a rule for its derivative."""
+
+
+def exact(node: Node, scope: Any) -> Node | None:
+    """A derivative, `rate(e)` or `diff(e, x)`, as a formula in quantities and their rates; None where no rule gives it."""
+    known = scope.derivatives
+    if node not in known:
+        known[node] = None  # while it is looked for: a definition that contains itself has none
+        try:
+            known[node] = _expanded(node, scope)
+        except (NoRuleError, RecursionError):
+            pass
+    return known[node]  # type: ignore[no-any-return]
+
+
+def chain(node: Node) -> tuple[str, int] | None:
+    """The symbol and the order of `rate(rate(symbol))`; None for other formulas."""
+    order = 0
+    while node.kind == "call" and node.value == "rate":
+        order, node = order + 1, node.parts[0]
+    return (node.value, order) if node.kind == "symbol" else None
+
+
+def _expanded(node: Node, scope: Any) -> Node:
+    """A formula without derivatives of anything but functions of time, its definitions written out."""
+    if node.kind == "symbol":
+        meaning = scope.symbols.get(node.value)
+        if meaning is None or meaning.phrase.wording in (*MOVING, *FIXED):
+            return node
+        if getattr(meaning, "node", None) is None or any(
+                scope.symbols.get(n) is not m for n, m in meaning.scope.symbols.items() if n in meaning.scope.reached(meaning.node.free)):
+            raise NoRuleError
+        return _expanded(meaning.node, scope)
+    if node.kind == "call" and node.value == "rate":
+        return _derived(_expanded(node.parts[0], scope), lambda name, order: _rate(name, order, scope))
+    if node.kind == "call" and node.value == "diff":
+        by = chain(node.parts[1])
+        meaning = scope.symbols.get(by[0]) if by else None
+        if meaning is None or meaning.phrase.wording not in ("function of time", "number", "positive number", "angle"):
+            raise NoRuleError
+        return _derived(_expanded(node.parts[0], scope), lambda name, order: ONE if (name, order) == by else ZERO)
+    if node.kind == "call" and node.value in ("sum", "integral", "delta", "slope"):
+        raise NoRuleError
+    return node.with_parts(tuple(_expanded(p, scope) for p in node.parts)) if node.parts else node
+
+
+def _rate(name: str, order: int, scope: Any) -> Node:
+    meaning = scope.symbols.get(name)
+    if meaning is None or meaning.phrase.wording in FIXED:
+        return ZERO
+    found = symbol(name)
+    for _ in range(order + 1):
+        found = _call("rate", found)
+    return found
+
+
+def _derived(node: Node, leaf: Callable[[str, int], Node]) -> Node:
+    """The derivative of an expanded formula; leaf: that of a symbol's rate of an order."""
+    if node.kind == "number":
+        return ZERO
+    place = chain(node)
+    if place is not None:
+        return leaf(*place)
+    parts = [_derived(p, leaf) for p in node.parts]
+    if all(map(is_zero, parts)):
+        return ZERO
+    if node.kind in ("cross", "transposed", "neg"):
+        return negated(parts[0]) if node.kind == "neg" else made(node.kind, parts[0])
+    if node.kind == "sum":
+        return made("sum", *(p for p in parts if not is_zero(p)))
+    if node.kind == "product":
+        return made("sum", *(_times(*node.parts[:i], p, *node.parts[i + 1 :]) for i, p in enumerate(parts) if not is_zero(p)))
+    if node.kind == "inverse":
+        return negated(_times(parts[0], made("inverse", made("power", node.parts[0], TWO))))
+    if node.kind == "power":
+        return _power(node, parts)
+    if node.kind in ("block", "row"):
+        return node.with_parts(tuple(row.with_parts(tuple(_derived(p, leaf) for p in row.parts)) for row in node.parts))
+    if node.kind == "call" and node.value == "norm":
+        return _times(made("transposed", node.parts[0]), parts[0], made("inverse", node))
+    if node.kind == "call" and node.value in _RULES:
+        return _times(_RULES[node.value].replaced({_U: node.parts[0]}), parts[0])
+    raise NoRuleError
+
+
+def _power(node: Node, parts: list[Node]) -> Node:
+    base, exponent = node.parts
+    if base.kind in ("block", "cross") or exponent == negated(ONE):
+        raise NoRuleError
+    if is_zero(parts[1]):
+        less = number(exponent.value - 1) if exponent.kind == "number" else made("sum", exponent, negated(ONE))
+        power = base if less == ONE else made("power", base, less)
+        return _times(exponent, power, parts[0])
+    terms = [_times(node, _call("log", base), parts[1])]
+    if not is_zero(parts[0]):
+        terms.append(_times(node, exponent, parts[0], made("inverse", base)))
+    return made("sum", *terms)
+
+
+def _times(*factors: Node) -> Node:
+    kept = [f for f in factors if f != ONE]
+    return made("product", *kept) if kept else ONE
