@@ -80,7 +80,7 @@ def _expanded(node: Node, scope: Any) -> Node:
         if meaning is None or meaning.phrase.wording not in ("function of time", "number", "positive number", "angle"):
             raise NoRuleError
         return _derived(_expanded(node.parts[0], scope), lambda name, order: ONE if (name, order) == by else ZERO)
-    if node.kind == "call" and node.value in ("sum", "integral", "delta", "slope"):
+    if node.kind == "call" and node.value in ("sum", "delta", "slope"):
         raise NoRuleError
     return node.with_parts(tuple(_expanded(p, scope) for p in node.parts)) if node.parts else node
 
@@ -102,6 +102,8 @@ def _derived(node: Node, leaf: Callable[[str, int], Node]) -> Node:
     place = chain(node)
     if place is not None:
         return leaf(*place)
+    if node.kind == "call" and node.value == "integral":
+        return _of_integral(node, leaf)
     parts = [_derived(p, leaf) for p in node.parts]
     if all(map(is_zero, parts)):
         return ZERO
@@ -122,6 +124,27 @@ def _derived(node: Node, leaf: Callable[[str, int], Node]) -> Node:
     if node.kind == "call" and node.value in _RULES:
         return _times(_RULES[node.value].replaced({_U: node.parts[0]}), parts[0])
     raise NoRuleError
+
+
+def _of_integral(node: Node, leaf: Callable[[str, int], Node]) -> Node:
+    """By Leibniz's rule: that of the integrand, and what the limits add by their change."""
+    inside, over, *ends = node.parts
+    body = _derived(inside, lambda name, order: ZERO if name == over.value else leaf(name, order))
+    terms = [] if is_zero(body) else [Node("call", "integral", (body, over, *ends))]
+    for end, sign in zip(ends, (-1, 1), strict=True):
+        change = _derived(end, leaf)
+        if not is_zero(change):
+            term = _times(inside.replaced({over: end}), change)
+            terms.append(term if sign > 0 else negated(term))
+    return made("sum", *terms) if terms else ZERO
+
+
+def unfolded(node: Node, name: str, scope: Any) -> Node:
+    """A formula in which definitions that contain a symbol, over which it is summed or integrated, are written out."""
+    table = {symbol(n): unfolded(scope.symbols[n].node, name, scope) for n in node.free if n != name and n in scope.symbols
+             and getattr(scope.symbols[n], "node", None) is not None and name in scope.symbols[n].scope.reached((n, *scope.symbols[
+                 n].node.free))}
+    return node.replaced(table) if table else node
 
 
 def _power(node: Node, parts: list[Node]) -> Node:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit.calculus import unfolded
 from mbdae.audit.notation import Node
 from mbdae.errors import MbdaeError
 from mbdae.symbolic.rebuild import complex_atan2
@@ -243,7 +244,8 @@ def _call(node: Node, at: Source) -> Value:
         if not all(map(float.is_integer, ends)):
             raise SizeError(f"the limits of a sum must be whole numbers, not {ends[0]:g} and {ends[1]:g}")
         first, last = map(int, ends)
-        return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
+        body = unfolded(parts[0], parts[1].value, at.scope)
+        return sum(evaluate(body, at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
     if name == "integral":
         return _integral(node, at)
     values = [evaluate(p, at) for p in parts]
@@ -286,7 +288,8 @@ _WEIGHTS = 0.05 * np.pi / 2 * np.cosh(_T) / np.cosh(np.pi / 2 * np.sinh(_T)) ** 
 def _integral(node: Node, at: Source) -> Value:
     low, high = (_number(evaluate(p, at)) for p in node.parts[2:])
     middle, half = (low + high) / 2, (high - low) / 2
-    inside = [evaluate(node.parts[0], at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
+    body = unfolded(node.parts[0], node.parts[1].value, at.scope)
+    inside = [evaluate(body, at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
     return half * sum(w * v for w, v in zip(_WEIGHTS, inside, strict=True))
 
 

@@ -34,7 +34,7 @@ from mbdae.audit.tex_items import FUNCTIONS, RATES, TRANSPOSED, Item, Items, Unr
 from mbdae.documents.formulas import tokens
 from mbdae.documents.sources import Display
 
-_FROM = re.compile(r"from\s+(\S+?)\s*:\s*(.*)$", re.S)
+_FROM = re.compile(r"from\s+(\S+)\s*:\s*(.*)$", re.S)
 _OF_EQUATION = re.compile(r"equation\s+(\S+?)\s*(?:\[([^\]]*)\])?\s*:\s+(.+)$", re.S)
 _DEFINED = re.compile(r"(\w+)\s*\[([^\]]*)\]\s*(?:\$([^$]*)\$)?\s*:\s*defined (?:by|in) (\S+)$")
 #: units and meanings by what the text says of a letter, then by the letter: only guesses, which the user confirms
@@ -141,9 +141,13 @@ class Paper(TextFile):
         if said is not None and said[1] is None:
             quantity = understand(said[2], (), said[0])
         elif said is not None:
-            self._symbol(said[0], f"E{number.replace('.', '_')}", said[1] or "1", "0", said[2], defined=True)
+            formulas = _split(said[2])
+            stands = [f"E{number.replace('.', '_')}" + (f"_{i}" if i else "") for i in range(len(formulas))]
+            for name, formula in zip(stands, formulas, strict=True):
+                self._symbol(said[0], name, said[1] or "1", "0", formula, defined=True)
             scope = self._scope()
-            statements = (self._signed(statements[0], f"E{number.replace('.', '_')}", scope), *statements[1:])
+            statements = (*(self._signed(s, name, scope) for s, name in zip(statements, stands, strict=False)),
+                          *statements[len(stands) :])
         defines = [d for n in (display.number, display.label) if n for d in self.definitions.get(n, [])]
         for name, units, letter, at in defines:
             node = next((b for s in statements for a, b in (s.sides[:2], s.sides[1::-1]) if a == symbol(name)), None)
@@ -211,6 +215,18 @@ class Paper(TextFile):
             return any("rad" in map(str, scope.symbols[n].units) for n in node.free if n in scope.symbols)
 
         return Letters(names, shape, angle, radian, frozenset(functions), self.written)
+
+
+def _split(formulas: str) -> list[str]:
+    """Formulas between semicolons outside of brackets."""
+    parts, depth = [""], 0
+    for c in formulas:
+        depth += (c in "([") - (c in ")]")
+        if c == ";" and not depth:
+            parts.append("")
+        else:
+            parts[-1] += c
+    return parts
 
 
 # -- a table begun

@@ -280,7 +280,7 @@ class Env:
             meaning = self.scope.symbols[place[0]]
             if meaning.phrase.wording in MOVING:
                 return self._rate(meaning, place[1])
-        found = exact(node, self.scope) if not self.names and (place is None or place[0] not in self.names) else None
+        found = exact(node, self.scope) if place is None or place[0] not in self.names else None
         return None if found is None or found == node else evaluate(found, self)
 
     def _rate(self, meaning: Meaning, order: int) -> Value:

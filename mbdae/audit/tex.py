@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 from mbdae.audit.notation import Comparison, Node, Relation, made, negated, number, symbol
 from mbdae.audit.tex_factors import Factors
-from mbdae.audit.tex_items import MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical, related
+from mbdae.audit.tex_items import MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical, indexed, related
 
 Key = tuple[str, ...]
 CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
@@ -50,12 +50,8 @@ class Formula:
     def cases(self, items: Sequence[Item]) -> list[Case]:
         """What a display says: one case, or those of `cases`. UnreadError where it cannot be read."""
         sides, conditions, branches = list[tuple[list[list[Item]], list[str]]](), list[Comparison](), None
-        for piece, condition in self._pieces(_flat(items)):
+        for piece, condition in _counted(list(self._pieces(_flat(items)))):
             parts, signs = related(piece)
-            if signs == ["="] and len(parts[0]) == 1 and any(i.text in ("\\ldots", "\\dots") for i in piece):
-                raise UnreadError("it stands for several equations, one for each index: print them one by one")
-            if not signs and piece and all(i.kind == "number" or i.text == "n" for i in piece) and (sides or conditions):
-                raise UnreadError("it stands for several equations, one for each index: print them one by one")
             if not signs:
                 raise UnreadError(f"`{canonical(piece)}` is no equation" if piece else "nothing stands between the marks of a display")
             if condition or set(signs) & {"<", ">", "!=", "in"}:
@@ -233,6 +229,26 @@ class Formula:
         if text in ("*", "\\ast", "\\star", "\\dagger", "+", "-", "\\circ", "\\prime"):
             raise UnreadError(f"the superscript `{text}` has no meaning: give the letter with it a line in the table of meanings")
         return made("power", node, self.sum(sup))
+
+
+def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bool]]:
+    """The statements of a display; where it ends in an enumeration, as i = 1, 2, each statement with that index once for each."""
+    for n, (piece, _) in enumerate(pieces):
+        after = [p for p, _ in pieces[n + 1 :]]
+        single = len(piece) == 3 and piece[0].kind == "letter" and piece[1].text == "=" and piece[2].kind == "number"
+        dots = [p for p in after if len(p) == 1 and p[0].text in ("\\ldots", "\\dots", "\\cdots")]
+        if not n or not single or not after or not all(len(p) == 1 and (p[0].kind == "number" or p in dots) for p in after):
+            continue
+        if after[-1][0].kind != "number":
+            raise UnreadError(f"it does not say how far {piece[0].key()} counts: print its equations one by one")
+        ends = int(piece[2].text), int(after[-1][0].text)
+        values = range(ends[0], ends[1] + 1) if dots else [ends[0], *(int(p[0].text) for p in after)]
+        out = []
+        for said, condition in pieces[:n]:
+            many = [list(indexed(said, piece[0].key(), value)) for value in values]
+            out += [(one, condition) for one in (many if canonical(many[0]) != canonical(many[-1]) else many[:1])]
+        return out
+    return pieces
 
 
 def _row(cells: Sequence[Sequence[Item]], name: str) -> list[Item]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.audit.calculus import MOVING, chain
 from mbdae.audit.compare import SAME, Compared, ComparedStates, compared, identical
 from mbdae.audit.edits import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, reason
@@ -18,6 +19,7 @@ from mbdae.audit.phrases import Definition, Meaning, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import domain, in_part, left_out, remarks
 from mbdae.audit.rules_laws import UnlistedError, names
+from mbdae.audit.rules_motion import GIVEN
 from mbdae.audit.search import Repair, missing_term, repair
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
@@ -232,6 +234,8 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
     if defined and units:
         return Row(equation, MISPRINT, residual, remark=units)
+    if law := _law_of_motion(equation):
+        return _cannot(equation, told(units, law))
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
     lacking = _lacking(equation, states)
@@ -293,6 +297,29 @@ def _defined_by(statement: Relation, scope: Scope) -> list[str]:
         if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
             out.append(side.value)
     return out
+
+
+def _law_of_motion(equation: Printed) -> str:
+    """Why an equation that does not hold for every motion may be right all the same: it says how free quantities move, and no side
+    of it is a quantity that something else defines; empty where it has to hold for every motion."""
+    scope, numbers = equation.scope, {*GIVEN}
+    given = {n for n in equation.used if scope.symbols[n].phrase.wording in numbers}
+    if equation.quantity is not None or any(scope.symbols[n].letter == "0" for n in equation.used):
+        return ""
+    for statement in equation.statements:
+        moving = sorted(name for node in statement.sides for piece in node.walk() if (place := chain(piece)) is not None and place[1]
+                        for name in [place[0]] if name in given)
+        moving += [n for node in statement.sides for piece in node.walk() if piece.kind == "call" and piece.value == "rate"
+                   for n in sorted(scope.reached(piece.free)) if scope.symbols[n].phrase.wording in MOVING]
+        sides = [s for s in statement.sides if not is_zero(s)]
+        told_ = [s for s in sides if s.free & set(scope.symbols) and (not s.free & given or (
+            s.kind in ("call", "power", "symbol", "transposed", "cross") and s.free - given - {"pi", "I"}))]
+        massive = [s for s in told_ if s.kind == "call" and s.value == "rate" and any(u.powers[1] for n in s.free for u in (
+            scope.symbols[n].units if n in scope.symbols else ()))]
+        if moving and len(massive) == len(told_):
+            return (f"it says how {moving[0]} moves, and nothing else does: tell in the table what its left-hand side less its "
+                    f"right-hand side is, as `equation {equation.number} [unit]: formula`")
+    return ""
 
 
 def _free_numbers(equation: Printed) -> str:

@@ -15,7 +15,7 @@ _NAMES = "|".join((*_ROWS, "equation", "multline", "displaymath", "dmath"))
 _FOUND = re.compile(
     rf"\\begin\{{(?P<env>{_NAMES})(?P<star>\*?)\}}(?P<body>.*?)\\end\{{(?P=env)(?P=star)\}}|(?<!\\)\\\[(?P<bracket>.*?)\\\]|"
     r"(?<!\\)\$\$(?P<dollars>.*?)\$\$(?P<after>[ \t]*\{#[^}]*\})?|^```+ *math\s*\n(?P<fenced>.*?)^```+|"
-    r"\\(?P<kind>section|begin|end)\*?\{(?P<title>[^{}]*(?:\{[^{}]*\}[^{}]*)*)\}|^(?P<hashes>#{1,3})[ \t]+(?P<heading>.+)$", re.S | re.M)
+    r"\\(?P<kind>section|begin|end)\*?\{(?P<title>[^{}]*(?:\{[^{}]*\}[^{}]*)*)\}|^(?P<hashes>#{1,3})[ \t]+(?P<heading>[^\n]+)$", re.S | re.M)
 _DEFINED = re.compile(r"\\(?:(?:re|provide)?newcommand|DeclareRobustCommand)\*?\s*\{?\\(?P<new>[A-Za-z]+)\}?\s*(?:\[(?P<count>\d)\])?"
                       r"\s*(?:\[(?P<first>[^\]]*)\])?\s*(?=\{)|\\def\s*\\(?P<old>[A-Za-z]+)(?P<marks>(?:#\d)*)\s*(?=\{)|"
                       r"\\DeclareMathOperator(?P<stars>\*?)\s*\{?\\(?P<word>[A-Za-z]+)\}?\s*(?=\{)")
