@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from mbdae.audit import carried as latex
-from mbdae.audit.notation import AuditError
+from mbdae.audit.laws import wordings
 from mbdae.audit.meanings import Paper, begun
-from mbdae.audit.phrases import wordings
+from mbdae.audit.notation import AuditError
 from mbdae.audit.reading import Claimed, Printed, Text, is_expression, read
 from mbdae.audit.verdicts import RIGHT, VERDICTS, Row, audit_text, told
 from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Section, Table
-from mbdae.documents.formulas import escaped
+from mbdae.documents.formulas import displays, escaped
 from mbdae.documents.mathml import FormulaError, display
-from mbdae.documents.sources import displays
 from mbdae.errors import OptionError, naming_arguments
 from mbdae.files import write_file
 from mbdae.study import as_json
@@ -119,7 +118,8 @@ class Audit:
             "equations": [
                 {"equation": r.equation, "printed": r.printed.text, "derived": r.derived, "verdict": r.verdict,
                  "repair": r.repair or None, "residual": _finite(r.residual), "remark": r.remark or None,
-                 "where": r.where or None, "place": r.printed.place or None, "section": r.printed.section, "repaired": r.repaired.text if r.repaired else None,
+                 "where": r.where or None, "place": r.printed.place or None, "section": r.printed.section,
+                 "repaired": r.repaired.text if r.repaired else None,
                  "residual_repaired": _finite(r.repaired_residual), "symbolic": r.symbolic} for r in self.equations],
             "claims": [
                 {"claim": c.claimed.words, "printed": c.claimed.count, "derived": c.counted, "verdict": c.verdict,
@@ -253,9 +253,8 @@ def _of_paper(text: str, file: Path | None, meanings: str | Path | None, own: Ma
         table, name = meanings, "meanings"
     else:
         remedy = "give the file of the table, or its text in several lines"
-        if meanings is None and file is None:
-            raise OptionError(f"meanings: {remedy}")
-        path = Path(option("meanings", meanings, path_of, remedy)) if meanings is not None else file.with_suffix(".meanings")
+        beside = file.with_suffix(".meanings") if file is not None else None
+        path = Path(option("meanings", beside if meanings is None else meanings, path_of, remedy))
         if not path.is_file():
             write_file(path, begun(shown_, text, paper))
             begun_ = str(path)

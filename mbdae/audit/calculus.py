@@ -1,11 +1,15 @@
-"""Derivatives of formulas by the rules of calculus, where every quantity is a number or a function of time: exact however they nest.
+"""Derivatives of formulas by the rules of calculus, where every quantity is a number or a function of time: exact however they
+nest.
+
+What an equation defines, and whether it restricts a motion instead of holding for all.
 
 Derivatives of other quantities (axes of bodies, rows of laws, ...) are taken by complex steps and differences, see `evaluate`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Any
 
 from mbdae.audit.notation import Node, is_zero, made, negated, number, symbol
@@ -47,10 +51,8 @@ def exact(node: Node, scope: Any) -> Node | None:
     known = scope.derivatives
     if node not in known:
         known[node] = None  # while it is looked for: a definition that contains itself has none
-        try:
+        with suppress(NoRuleError, RecursionError):
             known[node] = _expanded(node, scope)
-        except (NoRuleError, RecursionError):
-            pass
     return known[node]  # type: ignore[no-any-return]
 
 
@@ -68,8 +70,10 @@ def _expanded(node: Node, scope: Any) -> Node:
         meaning = scope.symbols.get(node.value)
         if meaning is None or meaning.phrase.wording in (*MOVING, *FIXED):
             return node
-        if getattr(meaning, "node", None) is None or any(
-                scope.symbols.get(n) is not m for n, m in meaning.scope.symbols.items() if n in meaning.scope.reached(meaning.node.free)):
+        if getattr(meaning, "node", None) is None:
+            raise NoRuleError
+        reached = meaning.scope.reached(meaning.node.free)
+        if any(scope.symbols.get(n) is not meaning.scope.symbols[n] for n in reached):  # it was declared anew since
             raise NoRuleError
         return _expanded(meaning.node, scope)
     if node.kind == "call" and node.value == "rate":
@@ -141,9 +145,12 @@ def _of_integral(node: Node, leaf: Callable[[str, int], Node]) -> Node:
 
 def unfolded(node: Node, name: str, scope: Any) -> Node:
     """A formula in which definitions that contain a symbol, over which it is summed or integrated, are written out."""
-    table = {symbol(n): unfolded(scope.symbols[n].node, name, scope) for n in node.free if n != name and n in scope.symbols
-             and getattr(scope.symbols[n], "node", None) is not None and name in scope.symbols[n].scope.reached((n, *scope.symbols[
-                 n].node.free))}
+    table = {}
+    for n in node.free - {name}:
+        meaning = scope.symbols.get(n)
+        formula = getattr(meaning, "node", None)
+        if formula is not None and name in meaning.scope.reached(formula.free):
+            table[symbol(n)] = unfolded(formula, name, scope)
     return node.replaced(table) if table else node
 
 
@@ -164,3 +171,58 @@ def _power(node: Node, parts: list[Node]) -> Node:
 def _times(*factors: Node) -> Node:
     kept = [f for f in factors if f != ONE]
     return made("product", *kept) if kept else ONE
+
+
+# -- what an equation defines or restricts
+
+
+def _given_numbers(names: Iterable[str], scope: Any) -> set[str]:
+    known = {n: scope.symbols[n] for n in names if n in scope.symbols}
+    return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
+
+
+def defined_by(statement: Any, scope: Any) -> list[str]:
+    """Symbols declared as mere numbers that are one side of the statement and appear on no other side: it defines them."""
+    out = []
+    for i, side in enumerate(statement.sides):
+        others = scope.reached(set().union(*(s.free for j, s in enumerate(statement.sides) if j != i)))
+        if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
+            out.append(side.value)
+    return out
+
+
+def law_of_motion(equation: Any) -> str:
+    """Why an equation that does not hold for every motion may be right all the same: it says how free quantities move, and no
+    side of it is a quantity that something else defines; empty where it has to hold for every motion, as all formulas that are
+    not from a paper in TeX."""
+    scope = equation.scope
+    given = {n for n in equation.used if scope.symbols[n].phrase.given}
+    if not equation.place or equation.quantity is not None or any(scope.symbols[n].letter == "0" for n in equation.used):
+        return ""
+    for statement in equation.statements:
+        rates = [piece for side in statement.sides for piece in side.walk() if piece.kind == "call" and piece.value == "rate"]
+        reached = scope.reached(set().union(*(r.free for r in rates)))
+        moving = sorted(n for n in reached if scope.symbols[n].phrase.wording in MOVING)
+        defined = [s for s in statement.sides if s.free & set(scope.symbols) and (
+            not s.free & given or (s.kind in _WHOLE and s.free - given - {"pi", "I"}))]
+        changes = [s for s in defined if s.kind == "call" and s.value == "rate" and any(
+            u.powers[1] for n in s.free & set(scope.symbols) for u in scope.symbols[n].units)]  # of momenta and energies
+        if moving and len(changes) == len(defined):
+            return (f"it says how {moving[0]} moves, and nothing else does: tell in the table what its left-hand side less its "
+                    f"right-hand side is, as `equation {equation.number} [unit]: formula`")
+    return ""
+
+
+_WHOLE = ("call", "power", "symbol", "transposed", "cross")  #: sides that are one quantity, if something else defines it
+
+
+def free_numbers(equation: Any) -> str:
+    """A symbol declared as a mere number that one side of an equation prints and no other contains; empty where there is none."""
+    scope = equation.scope
+    for statement in equation.statements:
+        sides = [_given_numbers(scope.reached(s.free), scope) for s in statement.sides]
+        for i, side in enumerate(statement.sides):
+            lonely = _given_numbers(side.free, scope) - set().union(*(o for j, o in enumerate(sides) if j != i))
+            if lonely and len(sides) > 1 and not any(is_zero(s) for s in statement.sides):
+                return min(lonely)
+    return ""

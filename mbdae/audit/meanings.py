@@ -16,6 +16,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -31,26 +32,46 @@ from mbdae.audit.reading import Printed, TextFile
 from mbdae.audit.rules_motion import Assumption
 from mbdae.audit.tex import Case, Formula, Key, Letters
 from mbdae.audit.tex_items import FUNCTIONS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical
-from mbdae.documents.formulas import tokens
-from mbdae.documents.sources import Display
+from mbdae.documents.formulas import Display, tokens
 
 _FROM = re.compile(r"from\s+(\S+)\s*:\s*(.*)$", re.S)
 _OF_EQUATION = re.compile(r"equation\s+(\S+?)\s*(?:\[([^\]]*)\])?\s*:\s+(.+)$", re.S)
+_TOLD = re.compile(r"\$([^$]{1,40})\$,?\s+(?:is|are|denotes?|represents?|means|be|being)\s+((?:[^,.;:$\\\n]|\n(?!\n)){3,60})")
 _DEFINED = re.compile(r"(\w+)\s*\[([^\]]*)\]\s*(?:\$([^$]*)\$)?\s*:\s*defined (?:by|in) (\S+)$")
 #: units and meanings by what the text says of a letter, then by the letter: only guesses, which the user confirms
-_SAID = ((r"mass\b(?!.*inertia)", "kg", "positive number"), (r"inertia", "kg m^2", "positive number"),
-         (r"angular (velocity|speed)", "rad/s", "number"), (r"angle|rotation", "rad", "function of time"), (r"torque|moment", "N m", "number"),
-         (r"length|radius|radii|distance|thickness|height|width", "m", "positive number"), (r"velocity|speed", "m/s", "number"),
-         (r"torsion.*stiffness", "N m/rad", "positive number"), (r"stiffness", "N/m", "positive number"),
-         (r"damp", "N s/m", "positive number"), (r"force|load|reaction", "N", "number"), (r"energy|work|lagrangian", "J", "number"),
-         (r"gravit", "m/s^2", "positive number"), (r"young|modulus|pressure|stress", "Pa", "positive number"), (r"time", "s", "number"),
-         (r"density", "kg/m^3", "positive number"), (r"coefficient|ratio|exponent", "1", "positive number"),
-         (r"penetration|deflection|displacement|coordinate|position", "m", "function of time"), (r"unit vector|axis", "1", "vector"))
-_LETTERS = ((r"m(_|$)", "kg", "positive number"), (r"g$", "m/s^2", "positive number"), (r"[lLRrabh](_|$)", "m", "positive number"),
-            (r"\\(theta|phi|varphi|psi|alpha|beta)(_|$)", "rad", "function of time"), (r"\\omega|\\Omega", "rad/s", "number"),
-            (r"[IJ](_|$)", "kg m^2", "positive number"), (r"k(_|$)", "N/m", "positive number"), (r"c(_|$)", "N s/m", "positive number"),
-            (r"[FNRQ](_|$)", "N", "number"), (r"[TVUELW](_|$)", "J", "number"), (r"[Mt]au|\\tau|M(_|$)", "N m", "number"),
-            (r"[xyzuqws](_|$)", "m", "function of time"), (r"v(_|$)", "m/s", "number"), (r"t$", "s", "number"), (r"E$", "Pa", "positive number"))
+_SAID = [line.split(" | ") for line in r"""inertia | kg m^2 | positive number
+mass\b | kg | positive number
+angular (velocity|speed) | rad/s | number
+angle|rotation | rad | function of time
+torque|moment | N m | number
+length|radius|radii|distance|thickness|height|width | m | positive number
+velocity|speed | m/s | number
+torsion.*stiffness | N m/rad | positive number
+stiffness | N/m | positive number
+damp | N s/m | positive number
+force|load|reaction | N | number
+energy|work|lagrangian | J | number
+gravit | m/s^2 | positive number
+young|modulus|pressure|stress | Pa | positive number
+density | kg/m^3 | positive number
+coefficient|ratio|exponent | 1 | positive number
+penetration|deflection|displacement|coordinate|position | m | function of time
+unit vector|axis | 1 | vector
+time | s | number""".splitlines()]
+_LETTERS = [line.split(" | ") for line in r"""m(_|$) | kg | positive number
+g$ | m/s^2 | positive number
+[lrRabh](_|$)|\\ell | m | positive number
+\\(theta|phi|varphi|psi|alpha|beta)(_|$) | rad | function of time
+\\omega|\\Omega | rad/s | number
+[IJ](_|$) | kg m^2 | positive number
+k(_|$) | N/m | positive number
+c(_|$) | N s/m | positive number
+[FNRQ](_|$) | N | number
+[TVUELW](_|$) | J | number
+\\tau|M(_|$) | N m | number
+[xyzuqws](_|$) | m | function of time
+v(_|$) | m/s | number
+t$ | s | number""".splitlines()]
 
 
 @lru_cache(maxsize=4096)
@@ -58,13 +79,14 @@ def keys_of(letter: str) -> tuple[Key, str]:
     """The keys of the pieces of a letter given as TeX, and its arguments where it is given with them, as g(v)."""
     items = Items(tokens(letter)).all()
     called = len(items) > 1 and items[-1].kind == "fence" and not items[-1].sup
-    return tuple(i.key() for i in items[:-1]) if called else tuple(i.key() for i in items), canonical(items[-1:]) if called else ""
+    return tuple(i.key() for i in (items[:-1] if called else items)), canonical(items[-1:]) if called else ""
 
 
 class Paper(TextFile):
     """Reads the displays of a paper with its table of meanings."""
 
-    def __init__(self, shown: Sequence[Display], paper: str, table: str, name: str, own: Own, quantities: Mapping[str, Any]) -> None:
+    def __init__(self, shown: Sequence[Display], paper: str, table: str, name: str, own: Own = (),
+                 quantities: Mapping[str, Any] = MappingProxyType({})) -> None:
         super().__init__(table, own, quantities)
         self.shown, self.paper, self.name = shown, paper, name
         self.doubtful: set[str] = set()
@@ -98,7 +120,8 @@ class Paper(TextFile):
                 doubtful = joined.startswith("?")
                 line = joined[1:].strip() if doubtful else joined
                 name = re.match(r"(?:let\s+)?([^\W\d]\w*)\s*\[", line)
-                if name:
+                if name:  # what was printed of another letter with this name is no longer how it is printed
+                    self.written = {f: tex for f, tex in self.written.items() if not re.search(rf"\b{name[1]}\b", f)}
                     (self.doubtful.add if doubtful else self.doubtful.discard)(name[1])
                 if match := _OF_EQUATION.match(line):
                     self.said[match[1]] = (at, match[2], " ".join(match[3].split()))
@@ -116,7 +139,7 @@ class Paper(TextFile):
                           raw=" ".join(line.split())))
 
     def _scope(self) -> Scope:
-        return replace(super()._scope(), written=self.written)
+        return replace(super()._scope(), written=dict(self.written))
 
     # -- one display
 
@@ -149,7 +172,7 @@ class Paper(TextFile):
             statements = (*(self._signed(s, name, scope) for s, name in zip(statements, stands, strict=False)),
                           *statements[len(stands) :])
         defines = [d for n in (display.number, display.label) if n for d in self.definitions.get(n, [])]
-        for name, units, letter, at in defines:
+        for name, _, letter, at in defines:
             node = next((b for s in statements for a, b in (s.sides[:2], s.sides[1::-1]) if a == symbol(name)), None)
             if node is None:
                 raise UnreadError(f"{self.name}:{at} says that it defines {name}, which is no side of it")
@@ -160,9 +183,11 @@ class Paper(TextFile):
         if guessed:
             letters = ", ".join(f"{n} (${scope.symbols[n].letter or n}$)" for n in guessed)
             undecided = f"{self.name} does not yet confirm {letters}: correct the lines and take their `?` away"
-        assumed = [Assumption(" and ".join(f"{a} {sign} {b}" for a, sign, b in case.conditions), case.conditions)] * bool(case.conditions)
+        words = " and ".join(f"{a} {sign} {b}" for a, sign, b in case.conditions)
+        assumed = [Assumption(words, case.conditions)] if case.conditions else []
         self.printed[number] = statements
-        self._add(replace(base, number=number, statements=statements, scope=self._scope() if defines else scope, quantity=quantity,
+        scope = self._scope() if defines else scope
+        self._add(replace(base, number=number, statements=statements, scope=scope, quantity=quantity,
                           stated=(*self.assumed, *assumed), undecided=undecided, guessed=bool(guessed)))
 
     def _signed(self, statement: Relation, name: str, scope: Scope) -> Relation:
@@ -184,7 +209,8 @@ class Paper(TextFile):
 
     def _envs(self, scope: Scope) -> list[Env]:
         kind = self.states if self.only else "free"
-        return [Env(RandomMotion(seed, kind, self.own, self.states), scope, self.found.inner or "l", scale=PLAIN) for seed in range(3)]
+        motions = [RandomMotion(seed, kind, self.own, self.states) for seed in range(3)]
+        return [Env(motion, scope, self.found.inner or "l", scale=PLAIN) for motion in motions]
 
     def _letters(self) -> Letters:
         scope = self._scope()
@@ -238,7 +264,7 @@ def begun(shown: Sequence[Display], source: str, paper: str) -> str:
     alone: set[str] = set()
     for display in shown:
         try:
-            items = Items(tokens(display.latex)).all()
+            items = [i for piece, _ in Formula.statements(Items(tokens(display.latex)).all()) for i in piece]
         except AuditError:
             continue
         letters = list(_letters_in(items))
@@ -252,8 +278,9 @@ def begun(shown: Sequence[Display], source: str, paper: str) -> str:
             power = not high or re.fullmatch(r"[-\d/.+]*|\\frac.*", high) or high in alone or "+" in high
             key = plain.key("" if power else high)
             found[key] = found.get(key, False) or moving
-    lines = [f"# Meanings of the letters of {paper}, for mb.audit. A line that begins with ? is a guess: correct its unit and its meaning",
-             "# and take the ? away. What contains a guessed letter is not judged. The words for meanings: docs/reports.md.", ""]
+    lines = [f"# Meanings of the letters of {paper}, for mb.audit. A line that begins with ? is a guess: correct its unit and",
+             "# its meaning and take the ? away. What contains a guess is not judged. Words for meanings: docs/reports.md.",
+             ""]
     names: set[str] = set(FUNCTIONS.values()) | {"I", "pi"}
     for key, moving in found.items():
         name = _name(key, names)
@@ -262,8 +289,12 @@ def begun(shown: Sequence[Display], source: str, paper: str) -> str:
         unit, meaning = next(((u, m) for pattern, u, m in _SAID if words and re.search(pattern, words.lower())), ("", ""))
         if not unit:
             unit, meaning = next(((u, m) for pattern, u, m in _LETTERS if re.match(pattern, key)), ("1", "number"))
-        lines.append(f"? {name} [{unit}] ${key}$: {'function of time' if moving else meaning}" + (f"   # {words}" if words else ""))
+        meaning = "function of time" if moving else meaning
+        lines.append(f"? {name} [{unit}] ${key}$: {meaning}" + (f"   # {words}" if words else ""))
     return "\n".join(lines) + "\n"
+
+
+_OPERATORS = ("\\int", "\\sum", "\\partial", "\\delta", "\\pi", "\\max", "\\min", ".", "t")
 
 
 def _letters_in(items: Sequence[Any], inside: bool = False) -> list[Item]:
@@ -271,11 +302,11 @@ def _letters_in(items: Sequence[Any], inside: bool = False) -> list[Item]:
     skip = False
     for i, item in enumerate(items):
         if not isinstance(item, Item):
-            out += _letters_in(item)
+            out += _letters_in(item, inside)
             continue
         if item.kind == "letter" and not skip:
             plain, follows = item.text, items[i + 1] if i + 1 < len(items) else None
-            operator = plain[1:] in FUNCTIONS or plain in ("\\int", "\\sum", "\\partial", "\\delta", "\\pi", "\\max", "\\min", ".", "t")
+            operator = plain[1:] in FUNCTIONS or plain in _OPERATORS
             differential = plain == "d" and not item.sub and not item.accents and (inside or (
                 isinstance(follows, Item) and follows.kind == "letter"))
             exponential = plain == "e" and item.sup and not item.sub
@@ -300,7 +331,7 @@ def _name(key: str, taken: set[str]) -> str:
 
 def _words(key: str, source: str) -> str:
     """What the text says of a letter: "where $m_1$ is the mass of the bob" gives "the mass of the bob"."""
-    for match in re.finditer(r"\$([^$]{1,40})\$,?\s+(?:is|are|denotes?|represents?|means|be|being)\s+((?:[^,.;:$\\\n]|\n(?!\n)){3,60})", source):
+    for match in _TOLD.finditer(source):
         try:
             if canonical(Items(tokens(match[1])).all()) == key:
                 return " ".join(match[2].split())

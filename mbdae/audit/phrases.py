@@ -19,68 +19,10 @@ import symengine as se
 from mbdae.audit import carried
 from mbdae.audit.calculus import MOVING, chain, exact
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate, shifted
-from mbdae.audit.laws import WITH_COORDINATES, Own
+from mbdae.audit.laws import PARAMETER, PHRASES, Own, Phrase
 from mbdae.audit.motion import RandomMotion
 from mbdae.audit.notation import AuditError, Node, Relation
 from mbdae.reports.units import Unit, unit
-
-Rule = Callable[..., Value]
-PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: declaration of a law's parameter in a text
-
-
-@dataclass(frozen=True)
-class Phrase:
-    """One kind of meaning: how it is worded and the rule that computes it."""
-
-    pattern: re.Pattern[str]
-    rule: Rule
-    vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    #: of a force, the side of the equations of motion: "left", "applied", or "open" where texts differ; "" for other quantities
-    side: str
-    wording: str
-    #: (name, unit, meaning) of quantities that the derivation contains and a text may leave out
-    needs: tuple[tuple[str, str, str], ...] = ()
-    given: bool = False  #: whether only the text knows the quantity (a number of its own); its rule draws it by the symbol's name
-    drawn: bool = False  #: whether its rule draws a random value, seeded by the wording
-
-
-PHRASES: list[Phrase] = []
-
-
-def register(rules: Mapping[str, Rule], vanishes: bool = True, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
-             given: bool = False, drawn: bool = False) -> None:
-    """Register rules under their wordings, "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words.
-    The further arguments are those of `Phrase`."""
-    kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
-    for wording, rule in rules.items():
-        plain = re.escape(wording).replace(r"\ ", " ")
-        pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), plain)
-        PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, side, wording, needs, given, drawn or given))
-
-
-def phrase(*wordings: str, **how: Any) -> Callable[[Rule], Rule]:
-    """`register` for one rule, as a decorator."""
-
-    def decorate(rule: Rule) -> Rule:
-        register(dict.fromkeys(wordings, rule), **how)
-        return rule
-
-    return decorate
-
-
-def random_number(wording: str) -> Rule:
-    """Register a quantity given by the text, a random number of either sign in every state; returns its rule."""
-    return phrase(wording, drawn=True)(lambda env: env.number(wording))
-
-
-def random_positive(wording: str) -> Rule:
-    """Register a quantity given by the text, a random positive number in every state; returns its rule."""
-    return phrase(wording, vanishes=False, drawn=True)(lambda env: env.positive(wording))
-
-
-def wordings() -> list[str]:
-    """The wordings a meaning may have; {side} is k or l, {i} a digit, other braces are names or lists."""
-    return sorted(re.sub(r"\d+\}", "}", p.wording) for p in PHRASES)
 
 
 @dataclass(frozen=True)
@@ -192,11 +134,11 @@ class Env:
     fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
     scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
     zero: str | None = None  #: a symbol that is set to zero
-    #: for derivatives: meanings of symbols in words, each with the index of one of its entries, the increment added to it or to its
-    #: rate of an order, and the time from which that grows
+    #: for derivatives: meanings of symbols in words, each with the index of one of its entries, the increment added to it or to
+    #: its rate of an order, and the time from which that grows
     shifts: tuple[tuple[str, int, Value, int, Value], ...] = ()
     watch: dict[str, set[bool]] | None = None  #: where it is kept by the formula of a divisor whether this was positive
-    #: what a force acts on by other symbols of the formula; where this is given, a part that the text does not list raises an error
+    #: what a force acts on by other symbols of the formula; where given, a part that the text does not list raises an error
     complete: frozenset[str] | None = None
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
@@ -281,7 +223,10 @@ class Env:
             if meaning.phrase.wording in MOVING:
                 return self._rate(meaning, place[1])
         found = exact(node, self.scope) if place is None or place[0] not in self.names else None
-        return None if found is None or found == node else evaluate(found, self)
+        if found is None or found == node:
+            return None
+        evaluate(node.parts[0], self)  # it is real where the derivative is asked for, or says where it is
+        return evaluate(found, replace(self, watch=None))
 
     def _rate(self, meaning: Meaning, order: int) -> Value:
         """A derivative of a function of time."""

@@ -28,10 +28,10 @@ import sympy
 
 from mbdae.audit import rules_contact, rules_laws, rules_motion
 from mbdae.audit.evaluate import SizeError, Value
-from mbdae.audit.laws import Own
+from mbdae.audit.laws import PARAMETER, Own
 from mbdae.audit.motion import checked_kind
 from mbdae.audit.notation import AuditError, Node, Relation, TextReader
-from mbdae.audit.phrases import OWN, PARAMETER, Definition, Env, Meaning, Scope, understand
+from mbdae.audit.phrases import OWN, Definition, Env, Meaning, Scope, understand
 from mbdae.audit.rules_laws import unit_of_parameter
 from mbdae.audit.rules_motion import SAID, Assumption, assumptions
 from mbdae.documents.mathml import FormulaError, inline

@@ -13,10 +13,10 @@ import numpy as np
 
 from mbdae.audit.compare import SAME, ComparedStates, compared, difference, vanishing
 from mbdae.audit.evaluate import NO_VALUE, PARTIAL, OutsideError, Value, attempt, evaluate
-from mbdae.audit.laws import WITH_COORDINATES, Own, derived, law_class, part_class
+from mbdae.audit.laws import PARAMETER, WITH_COORDINATES, Own, derived, law_class, part_class
 from mbdae.audit.motion import turned
 from mbdae.audit.notation import Node, Relation, is_zero, symbol
-from mbdae.audit.phrases import PARAMETER, Definition, Env, Meaning
+from mbdae.audit.phrases import Definition, Env, Meaning
 from mbdae.audit.reading import Printed
 from mbdae.audit.rules_contact import energy_fed
 from mbdae.audit.rules_laws import names

@@ -12,10 +12,10 @@ import symengine as se
 
 from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import STEP, Value
-from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, derived, law_class, part_class
+from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, Rule, derived, law_class, part_class, phrase, register
 from mbdae.audit.motion import quaternion
 from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError
-from mbdae.audit.phrases import Env, Rule, phrase, register
+from mbdae.audit.phrases import Env
 from mbdae.audit.rules_contact import friction_parameter, potential
 from mbdae.errors import MbdaeError
 from mbdae.laws.friction import Friction

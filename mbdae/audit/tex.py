@@ -1,10 +1,11 @@
 r"""Formulas as TeX prints them, read into the trees of the notation.
 
-Known are fractions, roots, fences, scripts, accents, fonts, matrices, `cases`, functions with and without brackets (`\sin^2 2\theta`),
-products without a sign, transposes, inverses, derivatives (`\frac{d}{dt}`, `\frac{\partial L}{\partial\dot\theta}`, dots, primes),
-variations (`\delta r`), sums and integrals with limits, `\cdot` and `\times` of vectors. Which letters there are the table of
-meanings says: of several that fit at a place the longest is taken, so that `r_1^k` is a letter where the table has it, else a power.
-A dot on a letter of the table is its rate, a tilde (or hat) the matrix of its cross product, unless the table has the accented letter.
+Known are fractions, roots, fences, scripts, accents, fonts, matrices, `cases`, functions with and without brackets, as in
+`\sin^2 2\theta`, products without a sign, transposes, inverses, derivatives (`\frac{d}{dt}`,
+`\frac{\partial L}{\partial\dot\theta}`, dots, primes), variations (`\delta r`), sums and integrals with limits, `\cdot` and
+`\times` of vectors, equations counted by an index. Which letters there are the table of meanings says: of several that fit at a
+place the longest is taken, so that `r_1^k` is a letter where the table has it, else a power. A dot on a letter of the table is
+its rate, a tilde or hat the matrix of its cross product, unless the accented letter is in the table.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 from mbdae.audit.notation import Comparison, Node, Relation, made, negated, number, symbol
 from mbdae.audit.tex_factors import Factors
-from mbdae.audit.tex_items import MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical, indexed, related
+from mbdae.audit.tex_items import DOTS, MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical, indexed, related
 
 Key = tuple[str, ...]
 CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
@@ -31,7 +32,7 @@ class Case:
 
 @dataclass
 class Letters:
-    """What the letters of a formula are: {keys of the pieces of the letter: name}, and what is known of the values of formulas."""
+    """What the letters of a formula are: {keys of the pieces of the letter: name}, and what is known of formulas of them."""
 
     names: Mapping[Key, str]
     shape: Callable[[Node], tuple[int, ...] | None] = lambda node: ()  #: size of a value; None where it has none
@@ -50,10 +51,10 @@ class Formula:
     def cases(self, items: Sequence[Item]) -> list[Case]:
         """What a display says: one case, or those of `cases`. UnreadError where it cannot be read."""
         sides, conditions, branches = list[tuple[list[list[Item]], list[str]]](), list[Comparison](), None
-        for piece, condition in _counted(list(self._pieces(_flat(items)))):
+        for piece, condition in self.statements(items):
             parts, signs = related(piece)
             if not signs:
-                raise UnreadError(f"`{canonical(piece)}` is no equation" if piece else "nothing stands between the marks of a display")
+                raise UnreadError(f"`{canonical(piece)}` is no equation")
             if condition or set(signs) & {"<", ">", "!=", "in"}:
                 conditions += self._compared(parts, signs)
             elif len(parts[-1]) == 1 and parts[-1][0].kind == "cases":
@@ -66,7 +67,14 @@ class Formula:
             raise UnreadError("it states conditions and no equation")
         return [Case(tuple(self._relation(*one) for one in sides), tuple(conditions))]
 
-    def _pieces(self, items: Sequence[Item]) -> Iterator[tuple[list[Item], bool]]:
+    @classmethod
+    def statements(cls, items: Sequence[Item]) -> list[tuple[list[Item], bool]]:
+        """The statements and conditions of a display, those counted by an index one by one; with each, whether words before it
+        make it a condition."""
+        return _counted(list(cls._pieces(_flat(items))))
+
+    @staticmethod
+    def _pieces(items: Sequence[Item]) -> Iterator[tuple[list[Item], bool]]:
         """Statements between commas, gaps and words; with each, whether the words before it make it a condition."""
         found, condition = list[tuple[list[Item], bool]](), False
         here: list[Item] = []
@@ -173,7 +181,7 @@ class Formula:
         """A letter of the table with what its superscript says; before: keys of the pieces in front of it that belong to it. None
         where the table has no such letter."""
         high = canonical(item.sup)
-        options = [(high, lambda node: node)] if high else []
+        options: list[tuple[str, Callable[[Node], Node]]] = [(high, lambda node: node)] if high else []
         for mark in sorted(TRANSPOSED, key=len, reverse=True):
             if high.endswith(mark) and high != mark and not high.endswith("\\" + mark):
                 options.append((high.removesuffix(mark).rstrip(","), lambda node: made("transposed", node)))
@@ -236,7 +244,7 @@ def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bo
     for n, (piece, _) in enumerate(pieces):
         after = [p for p, _ in pieces[n + 1 :]]
         single = len(piece) == 3 and piece[0].kind == "letter" and piece[1].text == "=" and piece[2].kind == "number"
-        dots = [p for p in after if len(p) == 1 and p[0].text in ("\\ldots", "\\dots", "\\cdots")]
+        dots = [p for p in after if len(p) == 1 and p[0].text in DOTS]
         if not n or not single or not after or not all(len(p) == 1 and (p[0].kind == "number" or p in dots) for p in after):
             continue
         if after[-1][0].kind != "number":

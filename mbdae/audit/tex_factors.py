@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 from mbdae.audit.notation import Node, made, number, symbol
 from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, Item, UnreadError, canonical, related
-
-if TYPE_CHECKING:
-    from mbdae.audit.tex import Formula
 
 DIFFERENTIALS = {"d", "\\partial"}
 
@@ -18,7 +15,7 @@ DIFFERENTIALS = {"d", "\\partial"}
 class Factors:
     """Reads the factors of one term, from left to right."""
 
-    def __init__(self, formula: Formula, items: Sequence[Item]) -> None:
+    def __init__(self, formula: Any, items: Sequence[Item]) -> None:
         self.formula, self.items, self.at = formula, items, 0
         self.letters = formula.letters
 
@@ -90,6 +87,7 @@ class Factors:
         raise UnreadError(f"`{item.text}` stands where a letter or a number should")
 
     def matrix(self, item: Item) -> Node:
+        """A matrix, or the determinant of one between bars."""
         rows = [[self.formula.sum(cell) for cell in row] for row in item.parts]
         if len({len(row) for row in rows}) != 1:
             raise UnreadError("the rows of a matrix differ in length")
@@ -106,6 +104,7 @@ class Factors:
                 for c, s in zip(cells, shapes, strict=True)]
 
     def fence(self, item: Item) -> Node:
+        """What stands between brackets or bars."""
         inside = item.parts[0]
         if len(inside) == 1 and inside[0].kind == "matrix" and inside[0].text in ("array", "matrix", "smallmatrix"):
             found = self.matrix(inside[0])
@@ -119,7 +118,8 @@ class Factors:
         found = self.formula.sum(inside)
         if item.text in BARS:
             shape = self.letters.shape(found)
-            return Node("call", "norm" if BARS[item.text] == "norm" or (shape is not None and len(shape) == 2) else "abs", (found,))
+            column = BARS[item.text] == "norm" or (shape is not None and len(shape) == 2)
+            return Node("call", "norm" if column else "abs", (found,))
         if item.text == "\\langle":
             raise UnreadError("angle brackets (a mean or an inner product) are not known")
         if item.sub:
@@ -131,6 +131,7 @@ class Factors:
     # -- letters, functions and operators
 
     def letter(self, item: Item) -> Node:
+        """A letter of the table, a function or an operator that begins with a letter."""
         follows = self.items[self.at] if self.at < len(self.items) else item
         if follows.kind == "fence" and (item.key(), canonical([replace(follows, sup=())])) in self.letters.names:
             self.at += 1
@@ -160,6 +161,7 @@ class Factors:
             self.at += 1
 
     def variation(self, item: Item) -> Node:
+        """A variation: that of the letter or the bracket after the delta."""
         if self.at >= len(self.items):
             raise UnreadError("nothing follows \\delta")
         inner = self.items[self.at]
@@ -194,6 +196,7 @@ class Factors:
         return self.formula.raised(found, item.sup if power else ())
 
     def argument(self) -> Node:
+        """The factors after a function that together have no unit, of several such the shortest with a letter in rad."""
         factors, best, tried = list[Node](), 0, self.at
         while self.at < len(self.items):
             item = self.items[self.at]
@@ -237,6 +240,7 @@ class Factors:
         return node
 
     def by(self, node: Node, item: Item) -> Node:
+        """The derivative of a formula by a letter."""
         found = self.formula.letter((), item)
         if found is None and item.key() in ("t", "s"):
             return Node("call", "rate" if item.key() == "t" else "slope", (node,))
@@ -245,6 +249,7 @@ class Factors:
         return Node("call", "diff", (node, found))
 
     def integral(self, item: Item) -> Node:
+        """An integral between limits, up to its dx."""
         if not item.sub or not item.sup:
             raise UnreadError("an integral without limits is not read")
         items = self.items[self.at :]
@@ -257,6 +262,7 @@ class Factors:
         return self.over("integral", items[ends[0] + 1], lambda: self.formula.product(body), low, high)
 
     def summed(self, item: Item) -> Node:
+        """A sum between limits, of all that follows in the term."""
         parts, signs = related(item.sub)
         if signs != ["="] or len(parts[0]) != 1 or not item.sup:
             raise UnreadError("a sum has no limits such as `\\sum_{i=1}^{n}`")

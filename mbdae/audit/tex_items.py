@@ -25,24 +25,28 @@ FUNCTIONS = {"sin": "sin", "cos": "cos", "tan": "tan", "sinh": "sinh", "cosh": "
              "sgn": "sign", "sign": "sign", "signum": "sign", "det": "det", "tr": "trace", "trace": "trace", "atan2": "atan2",
              "arctan2": "atan2", "abs": "abs", "arsinh": "asinh", "arcosh": "acosh", "artanh": "atanh"}
 INVERSES = {"sin": "asin", "cos": "acos", "tan": "atan", "sinh": "asinh", "cosh": "acosh", "tanh": "atanh"}
-RELATIONS = {"=": "=", "\\equiv": "=", ":=": "=", "\\triangleq": "=", "\\le": "<=", "\\leq": "<=", "\\leqslant": "<=", "\\ge": ">=",
-             "\\geq": ">=", "\\geqslant": ">=", "<": "<", ">": ">", "\\ne": "!=", "\\neq": "!=", "\\in": "in"}
-NOT_READ = {"\\approx": "an approximation, which is not judged", "\\simeq": "an approximation, which is not judged",
-            "\\sim": "an order of magnitude, which is not judged", "\\propto": "a proportion, which is not judged",
-            "\\pm": "two formulas in one, with either sign: print them one by one", "\\Rightarrow": "a conclusion, not an equation",
-            "\\mp": "two formulas in one, with either sign: print them one by one", "\\to": "a limit, which is not judged",
-            "\\rightarrow": "a limit or a map, which is not judged", "\\ll": "an order of magnitude, which is not judged",
-            "\\gg": "an order of magnitude, which is not judged", "\\ldots": "an enumeration: print its members one by one",
-            "\\dots": "an enumeration: print its members one by one", "\\cdots": "an enumeration: print its members one by one"}
-SPACES = {"\\,", "\\;", "\\:", "\\!", "\\ ", "~", "\\thinspace", "\\limits", "\\nolimits", "\\displaystyle", "\\textstyle", "\\big",
-          "\\Big", "\\bigg", "\\Bigg", "\\bigl", "\\bigr", "\\Bigl", "\\Bigr", "\\biggl", "\\biggr", "\\Biggl", "\\Biggr", "\\mathstrut",
-          "\\relax", "\\allowbreak", "\\strut"}
+RELATIONS = {"=": "=", ":=": "=", "<": "<", ">": ">"} | {f"\\{name}": sign for name, sign in (
+    ("equiv", "="), ("triangleq", "="), ("le", "<="), ("leq", "<="), ("leqslant", "<="), ("ge", ">="), ("geq", ">="),
+    ("geqslant", ">="), ("ne", "!="), ("neq", "!="), ("in", "in"))}
+_READ_NOT = {
+    "an approximation, which is not judged": "approx simeq cong", "an order of magnitude, which is not judged": "sim ll gg",
+    "a proportion, which is not judged": "propto", "a limit or a map, which is not judged": "to rightarrow mapsto",
+    "two formulas in one, with either sign: print them one by one": "pm mp",
+    "a conclusion, not an equation": "Rightarrow Leftrightarrow implies iff"}
+NOT_READ = {f"\\{name}": why for why, names in _READ_NOT.items() for name in names.split()}
+DOTS = {"\\ldots", "\\dots", "\\cdots"}
+_SIZES = [f"\\{size}{side}" for size in ("big", "Big", "bigg", "Bigg") for side in ("", "l", "r", "m")]
+_SPACING = "thinspace limits nolimits displaystyle textstyle mathstrut relax allowbreak strut"
+SPACES = {"~", *(f"\\{c}" for c in ",;:! "), *_SIZES, *(f"\\{name}" for name in _SPACING.split(" "))}
 GAPS = {"\\quad", "\\qquad"}
-FENCES = {"(": ")", "[": "]", "\\{": "\\}", "\\lbrace": "\\rbrace", "\\lbrack": "\\rbrack", "\\lvert": "\\rvert", "\\lVert": "\\rVert",
-          "\\|": "\\|", "\\Vert": "\\Vert", "|": "|", "\\vert": "\\vert", "\\langle": "\\rangle"}
+FENCES = {"(": ")", "[": "]", "|": "|"} | {f"\\{a}": f"\\{b}" for a, b in (
+    "{}", "||", ("lbrace", "rbrace"), ("lbrack", "rbrack"), ("lvert", "rvert"), ("lVert", "rVert"), ("Vert", "Vert"),
+    ("vert", "vert"), ("langle", "rangle"))}
 BARS = {"|": "abs", "\\vert": "abs", "\\lvert": "abs", "\\|": "norm", "\\Vert": "norm", "\\lVert": "norm"}
 MATRICES = {"matrix", "bmatrix", "pmatrix", "Bmatrix", "vmatrix", "smallmatrix", "array"}
 STACKS = {"split", "aligned", "gathered", "alignedat"}
+_NAMED = "partial ell int sum nabla top intercal prime max min hbar imath jmath infty circ Re Im iint oint star"
+NAMED = {*_NAMED.split(" ")}
 TRANSPOSED = {"T", "\\top", "\\intercal", "\\mathsf{T}", "\\mathsf{t}", "\\mathsf{\\top}", "t"}
 
 
@@ -52,8 +56,8 @@ class UnreadError(AuditError):
 
 @dataclass(frozen=True)
 class Item:
-    """A piece of a formula with its scripts. kinds: letter, number, fence, frac, root, matrix, cases, stack, sign, relation, comma,
-    gap, text, group."""
+    """A piece of a formula with its scripts. kinds: letter, number, fence, frac, root, matrix, cases, stack, sign, relation,
+    comma, gap, text, group."""
 
     kind: str
     text: str = ""
@@ -62,6 +66,10 @@ class Item:
     sub: tuple[Item, ...] = ()
     sup: tuple[Item, ...] = ()
     primes: int = 0
+
+    def with_script(self, sign: str, script: tuple[Item, ...]) -> Item:
+        """This item with one script more, after `_` or `^`."""
+        return replace(self, sub=self.sub + script) if sign == "_" else replace(self, sup=self.sup + script)
 
     def key(self, sup: str | None = None) -> str:
         """The letter as one canonical TeX; sup: another superscript."""
@@ -125,12 +133,14 @@ class Items:
     def row(self, stop: Sequence[str]) -> tuple[Item, ...]:
         """Items up to a token of `stop`, which is not consumed."""
         out: list[Item] = []
-        while self.at < len(self.tokens) and (token := self.tokens[self.at]) not in stop and token not in ("}", "\\right", "\\end"):
+        ends = {*stop, "}", "\\right", "\\end"}
+        while self.at < len(self.tokens) and self.tokens[self.at] not in ends:
             item = self.scripted(self.one())
             out += item.parts[0] if item.kind == "group" and item.text == "over" else [item] if item.kind != "nothing" else []
         return tuple(out)
 
     def take(self) -> str:
+        """The next token, which is consumed."""
         if self.at >= len(self.tokens):
             raise UnreadError("the formula ends where a letter or a bracket should follow")
         self.at += 1
@@ -149,11 +159,13 @@ class Items:
         return (found_,) if found_.kind != "group" else found_.parts[0]
 
     def close(self, wanted: str) -> None:
+        """Consume a token that has to follow."""
         found = self.take() if self.at < len(self.tokens) else "the end"
         if found != wanted:
             raise UnreadError(f"`{wanted}` is missing before `{found}`")
 
     def scripted(self, item: Item) -> Item:
+        """An item with the primes, indices and exponents after it."""
         while self.at < len(self.tokens) and self.tokens[self.at] in ("_", "^", "'", "\\prime"):
             sign = self.take()
             if sign in ("'", "\\prime"):
@@ -162,20 +174,18 @@ class Items:
             script = self.argument()
             if item.kind == "group" and item.text == "over" and item.parts[0][-1].kind == "letter":  # scripts of the last letter
                 *first, last = item.parts[0]
-                old = last.sub if sign == "_" else last.sup
-                last = replace(last, **{"sub" if sign == "_" else "sup": old + script})
-                item = replace(item, parts=((*first, last),))
+                item = replace(item, parts=((*first, last.with_script(sign, script)),))
                 continue
             if sign == "^" and script and all(i.text == "\\prime" for i in script):
                 item = replace(item, primes=item.primes + len(script))
             elif item.kind == "group" and not item.parts[0]:
                 raise UnreadError("an index stands at no letter")
             else:
-                old = item.sub if sign == "_" else item.sup
-                item = replace(item, **{"sub" if sign == "_" else "sup": old + script})
+                item = item.with_script(sign, script)
         return item
 
     def one(self) -> Item:
+        """The next item without its scripts."""
         token = self.take()
         name = token[1:] if token.startswith("\\") else ""
         if token == "{":
@@ -184,7 +194,7 @@ class Items:
             return inside[0] if len(inside) == 1 and inside[0].kind in ("letter", "fence") else Item("group", "", (inside,))
         if token.isdigit() or (token == "." and self.at < len(self.tokens) and self.tokens[self.at].isdigit()):
             while self.at < len(self.tokens) and (self.tokens[self.at].isdigit() or (
-                    self.tokens[self.at] == "." and self.tokens[self.at + 1 : self.at + 2] and self.tokens[self.at + 1].isdigit())):
+                    self.tokens[self.at] == "." and "".join(self.tokens[self.at + 1 : self.at + 2]).isdigit())):
                 token += self.take()
             return Item("number", token)
         if token == ":" and self.tokens[self.at : self.at + 1] == ["="]:
@@ -204,6 +214,7 @@ class Items:
         return self.command(name) if name else Item("letter", token)
 
     def fence(self, opening: str, left: bool = False) -> Item:
+        r"""What stands between two brackets; left: after `\left`."""
         closing = "\\right" if left else FENCES[opening]
         inside = self.row((closing,))
         self.close(closing)
@@ -213,6 +224,7 @@ class Items:
         return Item("fence", opening, (inside,))
 
     def command(self, name: str) -> Item:
+        """An item that begins with a command."""
         if name in UPRIGHT:
             return self.upright(name)
         if name in FONTS or name in ACCENTS:
@@ -220,7 +232,7 @@ class Items:
         if name in ("frac", "dfrac", "tfrac", "cfrac", "sfrac"):
             return Item("frac", name, (self.argument(), self.argument()))
         if name == "sqrt":
-            index = ()
+            index = tuple[Item, ...]()
             if self.tokens[self.at : self.at + 1] == ["["]:
                 self.at += 1
                 index = self.row(("]",))
@@ -228,8 +240,7 @@ class Items:
             return Item("root", name, (self.argument(), index) if index else (self.argument(),))
         if name == "begin":
             return self.environment()
-        if name in GREEK or name in FUNCTIONS or name in ("partial", "ell", "int", "sum", "nabla", "top", "intercal", "prime", "max", "min",
-                                                          "hbar", "imath", "jmath", "infty", "circ", "Re", "Im", "iint", "oint", "star"):
+        if name in GREEK or name in FUNCTIONS or name in NAMED or f"\\{name}" in DOTS:
             return Item("letter", "\\" + name)
         if name == "\\":
             return Item("comma", "\\\\")
@@ -248,6 +259,7 @@ class Items:
         return "".join(self.tokens[start + 1 : self.at - 1])
 
     def upright(self, name: str) -> Item:
+        """A word or a letter in upright type."""
         word = self.raw() if self.tokens[self.at : self.at + 1] == ["{"] else self.take()
         if name in ("text", "textrm", "textit", "mbox") and not re.fullmatch(r"\w", word):
             return Item("text", word)
@@ -256,6 +268,7 @@ class Items:
         return Item("letter", word) if re.fullmatch(r"\\?\w", word) else Item("letter", f"\\mathrm{{{word}}}")
 
     def accented(self, accent: str) -> Item:
+        """What stands under an accent or in a font."""
         inside = self.argument()
         if len(inside) == 1 and inside[0].kind == "letter" and not (inside[0].primes or inside[0].sup):
             return replace(inside[0], accents=(accent, *inside[0].accents))
@@ -268,6 +281,7 @@ class Items:
         return Item("group", accent, (inside,))
 
     def environment(self) -> Item:
+        """A matrix, cases, or statements one below the other."""
         name = self.raw().rstrip("*")
         if name in ("array", "alignedat") and self.tokens[self.at : self.at + 1] == ["{"]:
             self.raw()

@@ -4,22 +4,19 @@ AMBIGUOUS, CANNOT JUDGE. Where sizes do not fit, the verdict is MISPRINT only if
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbdae.audit.calculus import MOVING, chain
+from mbdae.audit.calculus import defined_by, free_numbers, law_of_motion
 from mbdae.audit.compare import SAME, Compared, ComparedStates, compared, identical
 from mbdae.audit.edits import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, reason
 from mbdae.audit.motion import RandomMotion
-from mbdae.audit.notation import Relation, is_zero
-from mbdae.audit.phrases import Definition, Meaning, Scope
+from mbdae.audit.phrases import Definition, Meaning
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import domain, in_part, left_out, remarks
 from mbdae.audit.rules_laws import UnlistedError, names
-from mbdae.audit.rules_motion import GIVEN
 from mbdae.audit.search import Repair, missing_term, repair
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
@@ -231,10 +228,10 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     if doubt and not any(c.mendable for c in gaps):
         return Row(equation, MISPRINT, residual, remark=units) if units else _cannot(equation, doubt)
-    defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
+    defined = [n for s in equation.statements for n in defined_by(s, equation.scope)]
     if defined and units:
         return Row(equation, MISPRINT, residual, remark=units)
-    if law := _law_of_motion(equation):
+    if law := law_of_motion(equation):
         return _cannot(equation, told(units, law))
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
@@ -261,7 +258,7 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     if found is not None:
         why = told(*dict.fromkeys((units, doubt)))
         return _repaired(Row(equation, MISPRINT, residual, str(found), why, tex=found.tex), found, states)
-    free = _free_numbers(equation) if search else ""
+    free = free_numbers(equation) if search else ""
     if doubt or free:
         return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")
     return Row(equation, MISPRINT, residual, remark=units)
@@ -282,56 +279,6 @@ def _joined(equation: Printed, states: ComparedStates) -> bool:
         return False
     joined = replace(states, equation=replace(equation, states="revolute", only=True))
     return all(compared(s, joined).same for s in equation.statements)
-
-
-def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
-    known = {n: scope.symbols[n] for n in names if n in scope.symbols}
-    return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
-
-
-def _defined_by(statement: Relation, scope: Scope) -> list[str]:
-    """Symbols declared as mere numbers that are one side of the statement and appear on no other side: it defines them."""
-    out = []
-    for i, side in enumerate(statement.sides):
-        others = scope.reached(set().union(*(s.free for j, s in enumerate(statement.sides) if j != i)))
-        if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
-            out.append(side.value)
-    return out
-
-
-def _law_of_motion(equation: Printed) -> str:
-    """Why an equation that does not hold for every motion may be right all the same: it says how free quantities move, and no side
-    of it is a quantity that something else defines; empty where it has to hold for every motion."""
-    scope, numbers = equation.scope, {*GIVEN}
-    given = {n for n in equation.used if scope.symbols[n].phrase.wording in numbers}
-    if equation.quantity is not None or any(scope.symbols[n].letter == "0" for n in equation.used):
-        return ""
-    for statement in equation.statements:
-        moving = sorted(name for node in statement.sides for piece in node.walk() if (place := chain(piece)) is not None and place[1]
-                        for name in [place[0]] if name in given)
-        moving += [n for node in statement.sides for piece in node.walk() if piece.kind == "call" and piece.value == "rate"
-                   for n in sorted(scope.reached(piece.free)) if scope.symbols[n].phrase.wording in MOVING]
-        sides = [s for s in statement.sides if not is_zero(s)]
-        told_ = [s for s in sides if s.free & set(scope.symbols) and (not s.free & given or (
-            s.kind in ("call", "power", "symbol", "transposed", "cross") and s.free - given - {"pi", "I"}))]
-        massive = [s for s in told_ if s.kind == "call" and s.value == "rate" and any(u.powers[1] for n in s.free for u in (
-            scope.symbols[n].units if n in scope.symbols else ()))]
-        if moving and len(massive) == len(told_):
-            return (f"it says how {moving[0]} moves, and nothing else does: tell in the table what its left-hand side less its "
-                    f"right-hand side is, as `equation {equation.number} [unit]: formula`")
-    return ""
-
-
-def _free_numbers(equation: Printed) -> str:
-    """A symbol declared as a mere number that only one side of an equation contains; empty where there is none."""
-    scope = equation.scope
-    for statement in equation.statements:
-        sides = [_given_numbers(scope.reached(s.free), scope) for s in statement.sides]
-        for i, numbers in enumerate(sides):
-            lonely = numbers - set().union(*(o for j, o in enumerate(sides) if j != i))
-            if lonely and len(sides) > 1 and not any(is_zero(s) for s in statement.sides):
-                return min(lonely)
-    return ""
 
 
 def _repaired(row: Row, found: Repair, states: ComparedStates) -> Row:

@@ -41,7 +41,7 @@ GAPS = {",": "0.167em", ":": "0.222em", ";": "0.278em", " ": "0.25em", "quad": "
 ACCENTS = {"dot": "˙", "ddot": "¨", "tilde": "~", "widetilde": "~", "hat": "^", "widehat": "^", "bar": "¯", "overline": "¯",
            "vec": "→", "check": "ˇ", "breve": "˘", "dddot": "⃛"}
 FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf": "n", "mathit": "", "mathcal": "",
-         "operatorname": "n", "bm": "bi", "pmb": "b", "mathbb": "b", "mathfrak": ""}
+         "operatorname": "n", "pmb": "b", "mathbb": "b", "mathfrak": ""}
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", ""), "split": ("", ""), "alignedat": ("", ""), "dcases": ("{", ""),
              "Bmatrix": ("{", "}"), "vmatrix": ("|", "|"), "smallmatrix": ("", "")}
