@@ -219,6 +219,8 @@ _WHOLE = ("call", "power", "symbol", "transposed", "cross")  #: sides that are o
 def free_numbers(equation: Any) -> str:
     """A symbol declared as a mere number that one side of an equation prints and no other contains; empty where there is none."""
     scope = equation.scope
+    if any(scope.symbols[n].letter == "0" for n in equation.used):  # the table says what the equation stands for
+        return ""
     for statement in equation.statements:
         sides = [_given_numbers(scope.reached(s.free), scope) for s in statement.sides]
         for i, side in enumerate(statement.sides):

@@ -203,7 +203,7 @@ class Formula:
         if item.primes and (inner := self._peeled(before, replace(item, primes=0), sup)) is not None:
             for _ in range(item.primes):
                 inner = Node("call", "slope", (inner,))
-            return self._kept(inner, key)
+            return self.kept(inner, key)
         if not before and not sup and item.key("").partition("_")[0] in IDENTITY:
             return symbol("I")
         if not before and not sup and item.key("") in ("\\pi", "\\mathbf{0}"):
@@ -213,15 +213,16 @@ class Formula:
             if accent in RATES and (inner := self._peeled(before, replace(item, accents=rest), sup)) is not None:
                 for _ in range(RATES[accent]):
                     inner = Node("call", "rate", (inner,))
-                return self._kept(inner, key)
+                return self.kept(inner, key)
         if item.accents and item.accents[0] in ("tilde", "hat"):
             rest = item.accents[1:]
             for accents in (rest, *((mark, *rest) for mark in MARKS)):
                 if (inner := self._peeled(before, replace(item, accents=accents), sup)) is not None:
-                    return self._kept(made("cross", inner), key)
+                    return self.kept(made("cross", inner), key)
         return None
 
-    def _kept(self, node: Node, key: Key) -> Node:
+    def kept(self, node: Node, key: Key) -> Node:
+        """A formula, whose print is remembered."""
         self.letters.written.setdefault(str(node), " ".join(key))
         return node
 
@@ -245,7 +246,7 @@ def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bo
         after = [p for p, _ in pieces[n + 1 :]]
         single = len(piece) == 3 and piece[0].kind == "letter" and piece[1].text == "=" and piece[2].kind == "number"
         dots = [p for p in after if len(p) == 1 and p[0].text in DOTS]
-        if not n or not single or not after or not all(len(p) == 1 and (p[0].kind == "number" or p in dots) for p in after):
+        if not n or not single or not after or not all(len(p) == 1 and p[0].kind in ("number", "letter") for p in after):
             continue
         if after[-1][0].kind != "number":
             raise UnreadError(f"it does not say how far {piece[0].key()} counts: print its equations one by one")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 from mbdae.audit.notation import Node, made, number, symbol
 from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, Item, UnreadError, canonical, related
@@ -12,10 +12,32 @@ from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, 
 DIFFERENTIALS = {"d", "\\partial"}
 
 
+class Reader(Protocol):
+    """What reads the formula that a term belongs to, see `tex.Formula`."""
+
+    letters: Any
+    bound: dict[tuple[str, ...], str]
+
+    def sum(self, items: Sequence[Item]) -> Node:
+        """A formula without a relation."""
+
+    def product(self, items: Sequence[Item]) -> Node:
+        """A term."""
+
+    def letter(self, before: tuple[str, ...], item: Item) -> Node | None:
+        """A letter of the table."""
+
+    def raised(self, node: Node, sup: Sequence[Item]) -> Node:
+        """A formula with a superscript."""
+
+    def kept(self, node: Node, key: tuple[str, ...]) -> Node:
+        """A formula whose print is remembered."""
+
+
 class Factors:
     """Reads the factors of one term, from left to right."""
 
-    def __init__(self, formula: Any, items: Sequence[Item]) -> None:
+    def __init__(self, formula: Reader, items: Sequence[Item]) -> None:
         self.formula, self.items, self.at = formula, items, 0
         self.letters = formula.letters
 
@@ -170,7 +192,7 @@ class Factors:
             for sup in (inner.sup, ()):
                 base = self.formula.letter((), replace(inner, sup=sup)) if canonical(sup) not in TRANSPOSED else None
                 if base is not None:
-                    call = self.formula._kept(Node("call", "delta", (base,)), ("\\delta", inner.key(canonical(sup))))
+                    call = self.formula.kept(Node("call", "delta", (base,)), ("\\delta", inner.key(canonical(sup))))
                     return self.formula.raised(call, () if sup == inner.sup else inner.sup)
             raise UnreadError(f"the letter $\\delta {inner.key()}$ has no line in the table of meanings")
         return self.formula.raised(Node("call", "delta", (self.plain(inner),)), inner.sup)

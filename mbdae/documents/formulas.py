@@ -226,7 +226,8 @@ def _plain(text: str, markdown: bool) -> str:
         return "\n" * match[0].count("\n")
 
     if markdown:
-        text = re.sub(r"<!--.*?-->|^(`{3,}|~{3,})(?! *math)[^\n]*\n.*?^\1", blank, text, flags=re.S | re.M)
+        fences = r"<!--.*?-->|^(`{3,}|~{3,})([^\n]*)\n.*?^\1"
+        text = re.sub(fences, lambda m: m[0] if (m[2] or "").strip() == "math" else blank(m), text, flags=re.S | re.M)
     else:
         text = re.sub(r"(?<!\\)((?:\\\\)*)%[^\n]*", r"\1", text)
         text = re.sub(r"\\begin\{(verbatim|lstlisting|comment)\}.*?\\end\{\1\}", blank, text, flags=re.S)
