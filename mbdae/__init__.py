@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from mbdae.derivatives import at_end, integral, largest
     from mbdae.export import Export, export
     from mbdae.extremes import extremes
+    from mbdae.fits import fit
+    from mbdae.fits.designs import design, mass
+    from mbdae.fits.functions import function
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.inputs.measured import curve, read_table, table
     from mbdae.inputs.sensed import number
@@ -54,6 +57,7 @@ if TYPE_CHECKING:
     from mbdae.sweep import sweep
     from mbdae.symbolic.joint import Coupling, Joint
     from mbdae.symbolic.law import Force, params
+    from mbdae.symbolic.variation import rate
     from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
 
@@ -78,10 +82,11 @@ _HOME = {
     "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "at_end": "mbdae.derivatives", "audit": "mbdae.audit", "compare": "mbdae.compare",
-    "curve": "mbdae.inputs.measured", "export": "mbdae.export", "extremes": "mbdae.extremes", "integral": "mbdae.derivatives",
-    "largest": "mbdae.derivatives", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
-    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "read_mjcf": "mbdae.api",
-    "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
+    "curve": "mbdae.inputs.measured", "design": "mbdae.fits.designs", "export": "mbdae.export", "extremes": "mbdae.extremes",
+    "fit": "mbdae.fits", "function": "mbdae.fits.functions", "integral": "mbdae.derivatives", "largest": "mbdae.derivatives",
+    "load": "mbdae.api", "mass": "mbdae.fits.designs", "measure_order": "mbdae.integrators.named",
+    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "rate": "mbdae.symbolic.variation",
+    "read_mjcf": "mbdae.api", "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
 
@@ -92,8 +97,9 @@ __all__ = [
     "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine",
     "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section",
     "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
-    "at_end", "audit", "compare", "curve", "export", "extremes", "integral", "largest", "load", "measure_order", "number",
-    "params", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
+    "at_end", "audit", "compare", "curve", "design", "export", "extremes", "fit", "function", "integral", "largest", "load",
+    "mass", "measure_order", "number", "params", "rate", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep",
+    "t", "table",
 ]
 
 

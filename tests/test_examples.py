@@ -64,6 +64,13 @@ def test_bicycle_has_its_published_roots_and_rights_itself():
     assert abs(r["steer"].angle[-1]) < 0.3 * np.max(np.abs(r["steer"].angle))
 
 
+def test_door_closer_has_the_numbers_it_was_measured_with():
+    import door_closer as example
+
+    f = example.fitted()
+    assert all(abs(f.values[name] - true) < 4 * f.errors[name] for name, true in example.TRUE.items())
+
+
 def test_robot_arm_needs_the_torques_that_its_drives_exert():
     import robot_arm as example
 

@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import Equations, chart_of, refused
-from mbdae.derivatives.reading import Along, Objective
+from mbdae.derivatives.reading import Along
+from mbdae.derivatives.reading import Bound as Bound
+from mbdae.derivatives.reading import Objective as Objective
 from mbdae.derivatives.reading import at_end as at_end
 from mbdae.derivatives.reading import integral as integral
 from mbdae.derivatives.reading import largest as largest

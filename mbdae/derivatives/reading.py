@@ -68,12 +68,41 @@ class Objective:
                                   f"{times[others[0]]:.6g} s as at t = {peak.t:.6g} s, so that the largest may change its place; "
                                   "give mb.largest(..., smooth=1e-3)")
 
+    def value(self, run: Result) -> float:
+        """The number itself, of a run."""
+        if self.kind == "largest" and self.smooth is None:
+            return float(run.peak(self.quantity).value)
+        times, weights = self.points(run)
+        return float(weights @ self.read(run, times))
+
+    def __le__(self, limit: float) -> Bound:
+        return Bound(self, 1.0, number(limit))
+
+    def __ge__(self, limit: float) -> Bound:
+        return Bound(self, -1.0, number(limit))
+
+    def __str__(self) -> str:
+        word = {"end": "at the end", "integral": "integral"}.get(self.kind, self.kind)
+        return f"{word} {self.quantity if isinstance(self.quantity, str) else shown(self.quantity)}"
+
     def read(self, run: Result, times: Array) -> Array:
         """Values (k,) of the quantity at times (k,)."""
         values = np.asarray(run(times).value(self.quantity))
         if values.ndim > 1:
             raise OptionError(f"{shown(self.quantity)} has components: name one, as in {shown(self.quantity)}[0], or norm(...)")
         return values
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A bound on one number of a run, for `mb.design`: sign * (of - limit) is at most 0. Made by `mb.largest(...) <= 30.0`."""
+
+    of: Any
+    sign: float
+    limit: float
+
+    def __str__(self) -> str:
+        return f"{self.of} {'<=' if self.sign > 0 else '>='} {self.limit:g}"
 
 
 def integral(quantity: Quantity) -> Objective:

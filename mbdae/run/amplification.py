@@ -29,7 +29,9 @@ ROUNDED = 1e-16  #: relative round-off of a coordinate
 #: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked
 DECIDES = 1.0
 LEAST = 10.0  #: growth with frozen coefficients below which round-off decides nothing that can be asked
-SMALL = 60  #: largest number of unknowns for which all stages of a step are solved together
+#: largest number of unknowns for which all stages of a step are solved together, and for which all roots are computed at once:
+#: with 54 to 58 unknowns of beams the first took .7 ms a piece, and equations of its middle .2
+STAGED, SMALL = 24, 60
 COPIES = 2  #: number of disturbances, drawn at random, that are carried along
 MOST = 50_000  #: largest number of pieces of a run along which disturbances are carried
 #: largest numbers of steps of the run in one piece that are tried one after the other, each where the pieces are FEWER times more
@@ -37,7 +39,7 @@ MOST = 50_000  #: largest number of pieces of a run along which disturbances are
 #: CLEAR of its distance from the value on which a decision depends
 TOGETHER, FEWER, SURE, CLEAR = (32, 16, 8, 4, 2, 1), 1.5, 0.5, 0.3
 DIGITS = 3  #: decimals with which a growth (natural logarithm) is told: it is sure to SURE
-BLOCK = 2**13  #: number of pieces whose matrices are computed together, times the square of the number of unknowns
+BLOCK = 2**13  #: number of pieces whose matrices, or states, are computed together, times the size of one of them
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
 TINY = 1e-300
 VANISHED = 1e-150  #: size of a disturbance, after a step from size 1, below which nothing is left of it: no motion is free
@@ -134,11 +136,12 @@ class Disturbances:
         to its end."""
         middle, h = (ends[1:] + ends[:-1]) / 2, np.diff(ends)
         systems = systems_at(self._run, middle, self._system)
-        block = BLOCK // self._system.n**2 + 1
+        n, together = self._system.n, self._system.n <= STAGED
+        block = BLOCK // (n**2 if together else n) + 1
         for first in range(0, len(h), block):
             check("the growth of small disturbances was computed")
             some = slice(first, first + block)
-            if self._system.n <= SMALL:
+            if together:
                 for system in dict.fromkeys(systems[some]):
                     own = [i for i in range(first, min(first + block, len(h))) if systems[i] is system]
                     yield from (by.__matmul__ for by in self._exactly(system, ends[own], h[own]))

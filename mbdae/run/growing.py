@@ -20,14 +20,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth_roots import MOST, GrowthFound, Look, Spectra, positions, roots_at
-from mbdae.system.base import Array, System
+from mbdae.system.base import System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
 FOLLOWED = 0.4
@@ -98,29 +97,30 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
     wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
-    steps = distinct(np.clip(np.searchsorted(run.t, wanted, side="right") - 1, 0, len(run.t) - 2))
-    times, h = (run.t[steps] + run.t[steps + 1]) / 2, run.t[steps + 1] - run.t[steps]
-    edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
-    y, yp = run.interpolant.value(times), run.interpolant.derivative(times)
-    looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
+    steps = sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist()))
+    times, h, y, yp = run.t[steps], np.diff(run.t)[steps], run.y[steps], run.yp[steps]
+    at = systems_at(run, times, system)
+    looks = [Look(*state, t1 - t0) for state in zip(at, times.tolist(), y, yp, h.tolist(), strict=True)]
+    ends = [t0, *((times[1:] + times[:-1]) / 2).tolist(), t1]
     spectra = roots_at(looks)
-    found = _persistent(run, looks, spectra.found(VISIBLE), edges)
-    late = [0.0] * len(looks)
+    found, late = spectra.found(VISIBLE), [0.0] * len(looks)
+    if any(one.unseen for one in found):
+        found = _persistent(run, looks, found, ends)
     if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
     elif varying and system.n <= SMALL and _varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]
-    return _while_unseen([Growth(float(a), float(b), one.rate, one.unseen, asked)
-                          for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)])
+    return _while_unseen([Growth(a, b, one.rate, one.unseen, asked)
+                          for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)])
 
 
-def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: Array) -> list[GrowthFound]:
+def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
     an impact."""
     return [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
-            if one.unseen > 0 and not _steady(run, look, (float(a), float(b)), (one.rate,)) else one
+            if one.unseen > 0 and not _steady(run, look, (a, b), (one.rate,)) else one
             for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]
 
 

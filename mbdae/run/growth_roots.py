@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from math import log
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from mbdae.deferred import distinct
 from mbdae.integrators.matrices import IterationMatrix
 from mbdae.native.sparse import SingularMatrixError
-from mbdae.run.amplification import SMALL, spread
+from mbdae.run.amplification import COPIES, SMALL, TINY, spread
 from mbdae.system.base import Array, System
 
 #: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
@@ -23,15 +24,17 @@ HARMLESS = 2.0
 #: frequency most, and of few multiples of that. Measured: a cantilever of which the stiffest vibration, 2300 / step, was followed
 #: took 57 662 steps where 12 do
 EXCITED = 10.0
-#: largest number of unknowns for which all roots are computed; above SMALL only where `_rises` finds that something grows
+#: largest number of unknowns for which all roots are computed; above SMALL only where `_rises` finds that something grows: with
+#: fewer, too, that would miss what vibrates within a step and grows slowly (van der Pol's oscillator beside others)
 MOST = 300
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
 ALIKE = 1e-5  #: relative difference of roots that count as equal
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
-#: their end: the largest that vibrations alone gave was 1.1
-ROUNDS, GROWS = 20, 1.5
+#: their end: the largest that vibrations alone gave was 1.1. What moves freely grows by 2 there, as a number proportional to the
+#: time does, and by 2 again in as many multiplications more as there were; what grows at a rate does by the square of the ratio
+ROUNDS, GROWS, FASTER = 20, 1.5, 1.5
 #: number of eigenvectors a matrix up to which solving for each takes less time than finding all, and the relative distance from
 #: an eigenvalue at which it is solved
 FEW, BESIDE = 4, 1e-11
@@ -90,7 +93,8 @@ class Spectra(NamedTuple):
         if not self.S.size:
             return [GrowthFound(rate, rate) for rate in rates]
         grow = self.roots.real * self.looks[0].span > HARMLESS
-        return [one._replace(rate=rate) for one, rate in zip(self._unseen(grow, seen), rates, strict=True)]
+        unseen = self._unseen(grow, seen) if max(rates) * self.looks[0].span > HARMLESS else [GrowthFound()] * len(rates)
+        return [one._replace(rate=rate) for one, rate in zip(unseen, rates, strict=True)]
 
     def idle(self, seen: float) -> list[GrowthFound]:
         """Of disturbances that neither grow nor decay with frozen coefficients, and that the equations may shake into growth as
@@ -174,13 +178,16 @@ def _shifted(looks: list[Look]) -> Array:
     """The matrices (k, n, n) (E + h A / SHIFT)^-1 E of the linearised equations E x' + A x = 0 at k states, in scaled unknowns. A
     root r of the equations is an eigenvalue 1 / (1 - h r / SHIFT); infinite roots, of constraints, are 0. A matrix is 0 where the
     equations are singular."""
-    scale, h = looks[0].system.scale, np.array([look.h for look in looks])[:, None, None]
-    A, E = np.swapaxes([look.system.dense_parts(look.t, look.y, look.yp) for look in looks], 0, 1)
-    both = (A * (h / SHIFT) + E) * scale
-    size = np.max(np.abs(both), axis=2, keepdims=True)
-    sound = np.all(np.isfinite(size) & (size > 0), axis=1, keepdims=True)
-    size = np.where(sound, size, 1.0)
-    both, E = np.where(sound, both, np.eye(len(scale))) / size, np.where(sound, E * scale, 0.0) / size
+    system, h = looks[0].system, np.array([look.h for look in looks])[:, None, None]
+    if any(look.system is not system for look in looks):
+        return np.concatenate([_shifted([look]) for look in looks])
+    A, E = system.dense_stages(*(np.array(part) for part in zip(*((look.t, look.y, look.yp) for look in looks), strict=True)))
+    both, E = (A * (h / SHIFT) + E) * system.scale, E * system.scale
+    size = np.abs(both).max(axis=2, keepdims=True)
+    if not 0 < size.min() <= size.max() < np.inf:
+        sound = np.all(np.isfinite(size) & (size > 0), axis=1, keepdims=True)
+        size, both, E = (np.where(sound, part, other) for part, other in ((size, 1.0), (both, np.eye(system.n)), (E, 0.0)))
+    both, E = both / size, E / size
     try:
         return np.asarray(np.linalg.solve(both, E))
     except np.linalg.LinAlgError:
@@ -188,9 +195,9 @@ def _shifted(looks: list[Look]) -> Array:
 
 
 def _grows(S: Array) -> bool:
-    """Whether one of many roots r has a positive real part, from the matrix S of `_shifted`: three disturbances are multiplied
+    """Whether one of many roots r has a positive real part, from the matrix S of `_shifted`: some disturbances are multiplied
     ROUNDS times by 2 S - 1, that is (1 + z) / (1 - z) with z = h r / SHIFT, whose magnitude is 1 for undamped vibrations."""
-    return _rises(lambda x: np.asarray(S @ x), spread((len(S), 3)))
+    return _rises(lambda x: np.asarray(S @ x), spread((len(S), COPIES)))
 
 
 def _rising_sparse(looks: list[Look]) -> list[bool]:
@@ -206,7 +213,7 @@ def _rising_sparse(looks: list[Look]) -> list[bool]:
         except SingularMatrixError:
             found.append(False)
             continue
-        found.append(_rises(partial(_product, matrix, scale, SHIFT / look.h), spread((look.system.n, 3))))
+        found.append(_rises(partial(_product, matrix, scale, SHIFT / look.h), spread((look.system.n, COPIES))))
     return found
 
 
@@ -221,9 +228,17 @@ def _rises(product: Callable[[Array], Array], x: Array) -> bool:
     products, with S alone, remove what constraints do not allow."""
     for _ in range(3):
         x = product(x)
-    sizes = []
-    for _ in range(ROUNDS):
-        x = 2 * product(x) - x
-        sizes.append(float(np.linalg.norm(x)))
-    half = ROUNDS // 2
-    return max(sizes[-2:]) > GROWS * max(sizes[half - 2 : half])
+    sizes, half = [0.0], ROUNDS // 2
+
+    def at(rounds: int) -> float:
+        """Logarithm of the larger of the last two sizes."""
+        nonlocal x
+        for _ in range(rounds + 1 - len(sizes)):
+            x = 2 * product(x) - x
+            size = float(np.linalg.norm(x)) + TINY
+            sizes.append(sizes[-1] + log(size))
+            x = x / size
+        return max(sizes[-2:])
+
+    first, second = at(half), at(ROUNDS)
+    return second - first > log(GROWS) and at(2 * ROUNDS) - 2 * second + first > log(FASTER)

@@ -57,6 +57,18 @@ def changed(scene: SceneData, name: str, value: Value, t_end: float = 1.0) -> tu
     return _again(scene, statements, name, value), factor
 
 
+def stated_value(scene: SceneData, name: str, t_end: float) -> float:
+    """The value of the number `name` (see `changed`) that a scene states."""
+    found = list[float]()
+
+    def read(value: float) -> float:
+        found.append(value)
+        return value
+
+    changed(scene, name, read, t_end)
+    return found[0]
+
+
 def _with_number(data: Any, name: str, value: float) -> Any:
     """Recorded statements, nested plain data, with another value of a named number (`mb.number`)."""
     if isinstance(data, dict) and "expression" in data:

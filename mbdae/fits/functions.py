@@ -1,0 +1,136 @@
+"""A scene as a function of some of its numbers: values of sensors, and the derivatives of any weighted sum of them, as torch, jax
+and SciPy ask for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdae.derivatives import Objective, names_of
+from mbdae.errors import ListsAttributes, OptionError, naming_arguments
+from mbdae.integrators.base import end_after, output_times
+from mbdae.results.quantities import Quantity
+from mbdae.results.result import Result
+from mbdae.run.control import plausible
+from mbdae.scene.scene import SceneData
+from mbdae.study.statements import changed, stated_value
+from mbdae.system.base import Array
+from mbdae.values import array, option, shown
+
+
+def varied(scene: SceneData, names: Sequence[str], values: Sequence[float], t_end: float) -> SceneData:
+    """The scene with these values of its numbers; the end of the run stays."""
+    for name, value in zip(names, values, strict=True):
+        scene, _ = changed(scene, name, float(value), t_end)
+    return scene
+
+
+def stated_values(scene: SceneData, names: Sequence[str], t_end: float) -> Array:
+    """The values (k,) that a scene states of its numbers."""
+    return np.array([stated_value(scene, name, t_end) for name in names])
+
+
+class SceneFunction(ListsAttributes):
+    """A scene as a function of some of its numbers, p (k,): values of quantities at the end of a run, (quantities,), or at times,
+    (times, quantities).
+
+    names: of the numbers; start (k,): their values in the scene; at: the times, s. After a call, `result` is the run."""
+
+    def __init__(self, scene: SceneData, names: Sequence[str], of: Sequence[Quantity], t_end: float, times: Array | None,
+                 accuracy: float) -> None:
+        self.scene, self.names, self.of, self.t_end, self.accuracy = scene, tuple(names), tuple(of), t_end, accuracy
+        self.times, self._last = times, times is None
+        self.at = np.array([t_end]) if times is None else times
+        self.start = stated_values(scene, names, t_end)
+        self.result: Result | None = None
+
+    def __call__(self, p: Any) -> Array:
+        """Run the scene with the numbers p (k,); values (quantities,) or (times, quantities)."""
+        p = option("p", p, array, f"give {len(self.names)} numbers, in the order {', '.join(self.names)}")
+        if p.shape != (len(self.names),):
+            raise OptionError(f"p has the shape {p.shape}: give {len(self.names)} numbers, in the order {', '.join(self.names)}")
+        made: Any = varied(self.scene, self.names, p.tolist(), self.t_end)
+        self.result = made.simulate(self.t_end, self.accuracy, outputs=self.at, derivatives=True)
+        return self._shaped(_columns(self.result, self.of))
+
+    def pullback(self, weights: Any) -> Array:
+        """Derivatives (k,) by the numbers of the sum of weights times values of the last call; weights: of the shape of the
+        values. Their estimated errors (k,) are then in `pullback_errors`."""
+        w = option("weights", weights, array, "give numbers of the shape of the values").reshape(-1, len(self.of))
+        if w.shape != (len(self.at), len(self.of)):
+            raise OptionError(f"weights have the shape {np.shape(weights)}: give the shape of the values, "
+                              f"{self._shaped(np.zeros((len(self.at), len(self.of)))).shape}")
+
+        def summed(r: Result) -> Array:
+            return np.asarray(np.sum(_columns(r, self.of) * w[np.searchsorted(self.at, r.t).clip(0, len(w) - 1)], axis=1))
+
+        found = self._run().gradient(_Weighted(summed, "weighted sum", times=self.at), to=list(self.names))
+        self.pullback_errors = np.array([found[name].error for name in self.names])
+        return np.array([found[name].value for name in self.names])
+
+    @property
+    def errors(self) -> Array:
+        """Estimated largest errors (quantities,) of the values of the last call; nan where the run does not know them."""
+        return np.array([np.nan if (error := self._run().error(q)) is None else error for q in self.of])
+
+    def jacobian(self) -> Array:
+        """Derivatives (quantities, k) or (times, quantities, k) of the values of the last call. Their estimated largest errors
+        (quantities, k) are then in `jacobian_errors`."""
+        found = self._run().sensitivity(*self.of, to=list(self.names))
+        by = [np.stack([np.asarray(found[q, name].value) for name in self.names], axis=-1) for q in self.of]
+        self.jacobian_errors = np.array([[found[q, name].error for name in self.names] for q in self.of])
+        return self._shaped(np.stack(by, axis=1))
+
+    def _run(self) -> Result:
+        if self.result is None:
+            raise OptionError("derivatives are those of the last call: call the function with numbers first")
+        return self.result
+
+    def _shaped(self, values: Array) -> Array:
+        return values[-1] if self._last else values
+
+
+def _columns(r: Result, of: Sequence[Quantity]) -> Array:
+    """Values (times, quantities); OptionError for a quantity with components."""
+    columns = [r.value(q) for q in of]
+    for q, values in zip(of, columns, strict=True):
+        if values.ndim > 1:
+            raise OptionError(f"{shown(q)} has components: name one, as in {shown(q)}[0]")
+    return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True)
+class _Weighted(Objective):
+    """The sum of a quantity over some times (s)."""
+
+    times: Any = ()
+
+    def points(self, run: Result) -> tuple[Array, Array]:
+        """Times (k,) and weights (k,)."""
+        return self.times, np.ones(len(self.times))
+
+
+@naming_arguments
+def function(scene: Any, t_end: float, of: Any, to: Any, outputs: Any = None, accuracy: float = 1e-6) -> SceneFunction:
+    """A scene as a function of numbers in it, with derivatives, for torch, jax, SciPy and others.
+
+    of: quantities without components, as in `Result.value`; to: names of numbers, as in `Result.gradient`; outputs: times (s), or
+    their number, at which values are wanted, default the end of the run. f(p) returns the values, f.pullback(weights) the
+    derivatives of their weighted sum, f.jacobian() all derivatives of the last call."""
+    scene = option("scene", scene, scene_given, "give a mb.Scene")
+    names, end = names_of(to), end_after(0.0, t_end)
+    of = [of] if isinstance(of, str) or callable(of) else list(of) if isinstance(of, list | tuple) else []
+    if not of or not all(isinstance(q, str) or callable(q) for q in of):
+        raise OptionError("of: give one or more quantities, such as ['D.angle'], each a sensor, an expression or a function")
+    times = None if outputs is None else output_times(0.0, end, outputs)
+    return SceneFunction(scene, names, of, end, times, plausible(accuracy))
+
+
+def scene_given(value: Any) -> SceneData:
+    """The scene that a user gave; OptionError for anything else."""
+    if not isinstance(value, SceneData):
+        raise OptionError(f"scene = {shown(value)}: give a mb.Scene")
+    return value

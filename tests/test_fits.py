@@ -1,0 +1,183 @@
+"""Numbers of a scene from measurements (`mb.fit`), least values within bounds (`mb.design`), a scene as a function
+(`mb.function`)."""
+
+import json
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+
+TO = ["J0.spring", "J0.damper", "J1.spring", "J1.damper"]
+TRUE = [2.0, 0.05, 3.0, 0.1]
+
+
+def arm(*numbers):
+    """Two links on springs and dampers, under gravity."""
+    s, carrier = mb.Scene("arm", gravity=(0, -9.81, 0)), None
+    for i in range(2):
+        link = s.link(f"l{i}", (0.5 * i, 0), (0.5 * i + 0.5, 0), mass=1.0)
+        s.revolute(f"J{i}", carrier or s.ground, link, at=(0.5 * i, 0), spring=numbers[2 * i], damper=numbers[2 * i + 1])
+        carrier = link
+    return s
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Both angles at 80 times, with errors of .001 rad."""
+    rng, t = np.random.default_rng(1), np.linspace(0.02, 1.5, 80)
+    r = arm(*TRUE).simulate(1.5, 1e-9, outputs=np.r_[0.0, t])
+    return {f"J{i}.angle": (t, r.value(f"J{i}.angle")[1:] + 1e-3 * rng.normal(size=len(t))) for i in range(2)}
+
+
+@pytest.fixture(scope="module")
+def fitted(data):
+    return mb.fit(arm(2.6, 0.08, 2.5, 0.07), data, to=TO, sigma=1e-3)
+
+
+def test_numbers_are_within_their_errors(fitted):
+    pulls = [(fitted.values[name] - true) / fitted.errors[name] for name, true in zip(TO, TRUE, strict=True)]
+    assert max(map(abs, pulls)) < 4  # standard deviations: 4 numbers pass by chance once in 4000
+    assert 0.85 < fitted.spread < 1.15  # of 156 degrees of freedom, within 2.6 standard deviations
+    assert fitted.runs <= 10
+    assert not fitted.untold
+    low, high = fitted.interval(0.95)["J0.spring"]
+    assert high - low == pytest.approx(2 * 1.975 * fitted.errors["J0.spring"], rel=1e-3)  # Student's t of 156
+    assert np.allclose(np.diag(fitted.correlations), 1)
+    assert fitted.scene.simulate(1.5).error("J0.angle") < 1e-6
+    assert "J0.spring = " in str(fitted)
+
+
+def test_errors_are_those_of_repeated_measurements(data, fitted):
+    """The spread of the numbers over data with other errors is what one fit says of it."""
+    rng, found = np.random.default_rng(2), []
+    exact = {name: (t, fitted.result.value(name)) for name, (t, _) in data.items()}
+    for _ in range(12):
+        noisy = {name: (t, values + 1e-3 * rng.normal(size=len(t))) for name, (t, values) in exact.items()}
+        found.append(mb.fit(fitted.scene, noisy, to=["J0.spring"], sigma=1e-3).values["J0.spring"])
+    alone = mb.fit(fitted.scene, exact, to=["J0.spring"], sigma=1e-3).errors["J0.spring"]
+    assert 0.5 < np.std(found) / alone < 1.7  # of 12 values: 99.9 % of the chi distribution
+
+
+def test_what_the_data_do_not_tell_is_named():
+    """Two torques on one joint, of which a motion shows the sum alone."""
+    t = np.linspace(0.1, 1.0, 30)
+    one, two = mb.number("one", 1.0), mb.number("two", 1.0)
+    s = mb.Scene("two in one", gravity=(0, -9.81, 0))
+    s.revolute("J", s.ground, s.link("l", (0, 0), (1, 0), mass=1.0), at=(0, 0), torque=one * 5 + two * 5, damper=0.2)
+    r = s.simulate(1.0, 1e-9, outputs=np.r_[0.0, t])
+    with pytest.warns(mb.AccuracyWarning, match="do not tell one, two"):
+        f = mb.fit(s, {"J.angle": (t, r["J"].angle[1:])}, to=["one", "two", "J.damper"], sigma=1e-3)
+    assert f.untold == ("one", "two")
+    assert f.errors["one"] == f.errors["two"] == np.inf
+    assert f.errors["J.damper"] < 0.01
+    shares, deviation = f.weakest
+    assert deviation == np.inf
+    assert shares["one"] == pytest.approx(-shares["two"])
+    assert "do not tell one, two apart" in str(f)
+
+
+def test_a_scene_that_does_not_explain_the_data_is_said(data):
+    with pytest.warns(mb.AccuracyWarning, match="does not explain the data"):
+        mb.fit(arm(*TRUE), data, to=["J0.damper"], sigma=1e-5)
+
+
+def test_the_error_of_the_run_is_compared_with_that_of_the_measurements(data):
+    with pytest.warns(mb.AccuracyWarning, match="moves the numbers; give accuracy="):
+        mb.fit(arm(*TRUE), data, to=["J0.damper"], sigma=1e-3, accuracy=1e-2)
+
+
+def test_runs_are_kept(data, fitted, tmp_path):
+    file = tmp_path / "fit.json"
+    first = mb.fit(arm(2.6, 0.08, 2.5, 0.07), data, to=TO, sigma=1e-3, resume=file, runs=2)
+    assert "as many as allowed" in first.message
+    assert first.runs <= 4
+    again = mb.fit(arm(2.6, 0.08, 2.5, 0.07), data, to=TO, sigma=1e-3, resume=file)
+    assert again.values == fitted.values
+    assert again.runs < fitted.runs
+    with pytest.raises(mb.OptionError, match="holds another fit"):
+        mb.fit(arm(2.6, 0.08, 2.5, 0.07), data, to=TO[:2], sigma=1e-3, resume=file)
+    stored = json.loads(file.read_text())
+    stored["rows"][0]["values"]["shape"] = [1, 1]
+    file.write_text(json.dumps(stored))
+    with pytest.warns(mb.AccuracyWarning, match="computed again"):
+        mb.fit(arm(2.6, 0.08, 2.5, 0.07), data, to=TO, sigma=1e-3, resume=file)
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ({"to": []}, "give one or more names"), ({"sigma": -1.0}, "positive standard deviations"),
+    ({"data": 3}, "mapping of sensors"),
+    ({"data": {"J0.angle": ([0.1], [1.0, 2.0])}}, "as many values as times"), ({"bounds": {"x": (0, 1)}}, "names in `to`"),
+    ({"bounds": {"J0.damper": (1, 0)}}, "not below the largest"), ({"runs": 0}, "runs"), ({"progress": 3}, "progress"),
+])
+def test_mistakes_are_named(data, given, said):
+    options = {"data": data, "to": ["J0.damper"]} | given
+    with pytest.raises(mb.OptionError, match=said):
+        mb.fit(arm(*TRUE), options.pop("data"), **options)
+
+
+def test_pullback_is_the_jacobian_transposed_and_that_is_a_difference():
+    f = mb.function(arm(*TRUE), 0.6, ["J0.angle", "J1.force[0]"], TO[:2], outputs=4)
+    p, w = np.array([2.1, 0.06]), np.random.default_rng(0).normal(size=(4, 2))
+    assert f(p).shape == (4, 2)
+    J = f.jacobian()
+    assert np.allclose(f.pullback(w), np.tensordot(w, J, 2), rtol=1e-9)
+    assert np.all(f.pullback_errors < 1e-4 * np.abs(f.pullback(w)).max())
+    by = np.array([1e-3, 0.0])
+    tight = mb.function(arm(*TRUE), 0.6, ["J0.angle", "J1.force[0]"], TO[:2], outputs=4, accuracy=1e-9)
+    assert np.allclose((tight(p + by) - tight(p - by)) / 2e-3, J[:, :, 0], rtol=1e-5, atol=1e-5)
+    assert mb.function(arm(*TRUE), 0.6, "J0.angle", "J0.spring")([2.0]).shape == (1,)
+    with pytest.raises(mb.OptionError, match="call the function with numbers first"):
+        mb.function(arm(*TRUE), 0.6, "J0.angle", "J0.spring").jacobian()
+
+
+def oscillator(damper=0.3):
+    s = mb.Scene("oscillator")
+    body = s.rigid_body("b", 2.0, 1.0, at=(0, 0))
+    s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0, 0), spring=8.0, damper=damper, position0=1.0)
+    return s
+
+
+def test_the_best_damping_of_an_oscillator():
+    """The integral of x^2 from x = 1 at rest is (c/k + m/c) / 2, least at c = (m k)^.5."""
+    d = mb.design(oscillator(), minimize=mb.integral("P.displacement**2"), to={"P.damper": (0.1, 20.0)}, t_end=12.0)
+    assert d.found
+    assert d.values["P.damper"] == pytest.approx(4.0, rel=1e-3)  # flat there: 1e-8 of the value is 2e-4 of the damping
+    assert d.minimum == pytest.approx(0.5, rel=1e-6)
+    assert d.runs <= 15
+
+
+def test_a_bound_holds_for_the_largest_value_itself():
+    """The largest force of the spring's end is bounded; a larger mass raises it."""
+    s = mb.Scene("driven", gravity=(0, -9.81, 0))
+    s.revolute("A", s.ground, s.link("l", (0, 0), (1, 0), mass=1.0), at=(0, 0), angle=mb.t**2)
+    d = mb.design(s, minimize=mb.at_end("-A.force[1]**2"), to={"l.mass": (0.5, 3.0)}, t_end=1.0,
+                   bounds=[mb.largest("A.drive", smooth=1e-2) <= 8.0])
+    assert d.found
+    assert d.bounds[0].active
+    assert d.bounds[0].kept
+    assert d.result.peak("A.drive").value == pytest.approx(8.0, rel=2e-4)
+    assert "decides" in str(d)
+
+
+def test_mass_needs_no_run():
+    d = mb.design(oscillator(), minimize=mb.mass("b"), to={"b.mass": (0.5, 3.0)}, t_end=1.0)
+    assert (d.values["b.mass"], d.minimum, d.result, d.runs) == (0.5, 0.5, None, 0)
+
+
+def test_a_bound_that_cannot_be_kept_is_said():
+    with pytest.warns(mb.AccuracyWarning, match="not kept"):
+        d = mb.design(oscillator(), minimize=mb.mass("b"), to={"b.mass": (1.0, 3.0)}, t_end=1.0,
+                      bounds=[mb.largest("P.displacement") <= 0.5])
+    assert not d.found
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ({"minimize": "P.displacement"}, "give mb.integral"), ({"to": {}}, "mapping of names"),
+    ({"to": {"b.mass": (2, 1)}}, "mapping"), ({"bounds": [3]}, "list of bounds"),
+    ({"minimize": mb.mass("nobody")}, "no body 'nobody'"),
+])
+def test_mistakes_of_designs_are_named(given, said):
+    options = {"minimize": mb.mass("b"), "to": {"b.mass": (0.5, 3.0)}, "t_end": 1.0} | given
+    with pytest.raises(mb.OptionError, match=said):
+        mb.design(oscillator(), **options)
