@@ -194,6 +194,8 @@ def _symbols(rows: list[Row]) -> Table:
         equation = row.repaired or row.printed
         for name in sorted(equation.used | (row.printed.used & set(equation.scope.symbols))):
             meaning = equation.scope.symbols[name]
+            if meaning.letter == "0":  # what an equation stands for is no letter of the paper
+                continue
             letter = f"${latex.name(name, equation.scope.letters)}$ ({name})"
             found[letter, ", ".join(map(str, meaning.units)), meaning.text] = None
     return Table(["symbol", "unit", "meaning"], [list(key) for key in found])

@@ -132,7 +132,7 @@ class _Reader:
             if sign == "'":
                 found["^"] = found.get("^", "") + "<mo>′</mo>"
             else:
-                found[sign] = found.get(sign, "") + self.atom(font, first=True)
+                found[sign] = found.get(sign, "") + self.argument(font)
         marks = {sign: f"<mrow>{text}</mrow>" for sign, text in found.items()}
         if len(marks) == 2:
             return f"<msubsup>{base}{marks['_']}{marks['^']}</msubsup>"
@@ -140,6 +140,11 @@ class _Reader:
             tag = "msub" if "_" in marks else "msup"
             return f"<{tag}>{base}{''.join(marks.values())}</{tag}>"
         return base
+
+    def argument(self, font: str) -> str:
+        """MathML of what a script or a fraction takes: a group or one token, of a number its first figure, as in \\frac12."""
+        mark = ' class="b"' if font == "b" else ""
+        return f"<mn{mark}>{self.take()}</mn>" if self.peek().isdigit() else self.atom(font, first=True)
 
     def atom(self, font: str, first: bool = False) -> str:
         token = self.take()
@@ -191,7 +196,7 @@ class _Reader:
         if name in ACCENTS:
             return f'<mover accent="true">{self.atom(font)}{_sign(ACCENTS[name], _FIXED)}</mover>'
         if name in ("frac", "tfrac", "dfrac"):
-            fraction = f"<mfrac><mrow>{self.atom(font)}</mrow><mrow>{self.atom(font)}</mrow></mfrac>"
+            fraction = f"<mfrac><mrow>{self.argument(font)}</mrow><mrow>{self.argument(font)}</mrow></mfrac>"
             return fraction if name != "tfrac" else f'<mstyle displaystyle="false">{fraction}</mstyle>'
         if name == "underline":
             return f"<munder>{self.atom(font)}<mo>_</mo></munder>"
@@ -250,7 +255,8 @@ class _Reader:
                 raise self._error(f"\\begin{{{kind}}} has no \\end{{{kind}}} after its last row")
         cells = "".join(f"<mtr>{''.join(f'<mtd>{cell}</mtd>' for cell in row)}</mtr>" for row in rows)
         opening, closing = _MATRICES[kind]
-        table = f'<mtable class="{kind}">{cells}</mtable>'
+        style = {"split": "aligned", "alignedat": "aligned", "dcases": "cases"}.get(kind, kind)
+        table = f'<mtable class="{style}">{cells}</mtable>'
         return f"<mrow>{_sign(opening, _FENCE) if opening else ''}{table}{_sign(closing, _FENCE) if closing else ''}</mrow>"
 
     def _close(self, wanted: str) -> None:
