@@ -10,17 +10,22 @@ from pathlib import Path
 from typing import Any
 
 from mbdae.audit import carried as latex
+from mbdae.audit.laws import wordings
+from mbdae.audit.meanings import Paper, begun
 from mbdae.audit.notation import AuditError
-from mbdae.audit.reading import Claimed, Printed, is_expression, read
+from mbdae.audit.reading import Claimed, Printed, Text, is_expression, read
 from mbdae.audit.verdicts import RIGHT, VERDICTS, Row, audit_text, told
 from mbdae.documents import Document
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped
+from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Section, Table, escaped
+from mbdae.documents.displays import displays
+from mbdae.documents.mathml import FormulaError, display
 from mbdae.errors import OptionError, naming_arguments
+from mbdae.files import write_file
 from mbdae.study import as_json
 from mbdae.values import BadValueError, of_class, option, shown, whole
 from mbdae.values import path as path_of
 
-__all__ = ["Audit", "audit"]
+__all__ = ["Audit", "audit", "wordings"]
 
 
 HOW = (
@@ -80,11 +85,13 @@ class Audit:
     title: str
     equations: tuple[Row, ...]
     claims: tuple[Count, ...] = ()
+    #: of a paper in TeX, the table of meanings that this audit has begun; "" where there was one
+    begun: str = ""
 
     def __getitem__(self, number: str | int) -> Row:
-        """The row of an equation by its number; AuditError where there is no such equation."""
+        """The row of an equation by its number or its label; AuditError where there is no such equation."""
         for row in self.equations:
-            if row.equation == str(number):
+            if str(number) in (row.equation, row.printed.label):
                 return row
         there = ", ".join(row.equation for row in self.equations) or "none"
         raise AuditError(f"the audit has no equation {shown(number)}; it has {there}")
@@ -101,6 +108,7 @@ class Audit:
             lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {row.said}".rstrip())
         lines += [f"{c.claimed.name:>8}  {c.verdict:<13}  {'':>8}  claimed {c.claimed.count}, counted {_counted(c)}"
                   for c in self.claims]
+        lines += [f"begun: {self.begun}: confirm its letters and run the audit again"] if self.begun else []
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -110,7 +118,8 @@ class Audit:
             "equations": [
                 {"equation": r.equation, "printed": r.printed.text, "derived": r.derived, "verdict": r.verdict,
                  "repair": r.repair or None, "residual": _finite(r.residual), "remark": r.remark or None,
-                 "where": r.where or None, "section": r.printed.section, "repaired": r.repaired.text if r.repaired else None,
+                 "where": r.where or None, "place": r.printed.place or None, "section": r.printed.section,
+                 "repaired": r.repaired.text if r.repaired else None,
                  "residual_repaired": _finite(r.repaired_residual), "symbolic": r.symbolic} for r in self.equations],
             "claims": [
                 {"claim": c.claimed.words, "printed": c.claimed.count, "derived": c.counted, "verdict": c.verdict,
@@ -154,10 +163,13 @@ def _shown(x: float | None) -> str:
 
 
 def _blocks(row: Row) -> list[Block]:
-    how = ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
-    if not row.printed.statements:
-        return [Paragraph(f"{escaped(row.equation)}: {escaped(row.printed.raw)}: {row.verdict}: {escaped(row.remark)}.")]
-    out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
+    printed, how = row.printed, ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
+    at = f" ({printed.place})" if printed.place else ""
+    if not printed.statements:
+        shown: list[Block] = [Equation(printed.tex, row.equation, row.verdict)] if _prints(printed.tex) else [Code(printed.raw)]
+        return [*shown, Paragraph(f"{escaped(row.equation)}: {row.verdict}: {escaped(row.remark)}.")]
+    tex = printed.tex if _prints(printed.tex) else _latex(printed)
+    out: list[Block] = [Equation(tex, row.equation, row.verdict + how + escaped(at))]
     if row.said:
         out.append(Paragraph(told(escaped(f"for {row.where}" * bool(row.where)), row.tex or escaped(row.repair),
                                   escaped(row.remark)) + "."))
@@ -167,6 +179,14 @@ def _blocks(row: Row) -> list[Block]:
     return out
 
 
+def _prints(tex: str) -> bool:
+    """Whether the TeX of an author is such that a page shows it."""
+    try:
+        return bool(tex and display(tex))
+    except FormulaError:
+        return False
+
+
 def _symbols(rows: list[Row]) -> Table:
     """The symbols of some equations with their units and the meanings with which they were compared."""
     found: dict[tuple[str, str, str], None] = {}
@@ -174,6 +194,8 @@ def _symbols(rows: list[Row]) -> Table:
         equation = row.repaired or row.printed
         for name in sorted(equation.used | (row.printed.used & set(equation.scope.symbols))):
             meaning = equation.scope.symbols[name]
+            if meaning.letter == "0":  # what an equation stands for is no letter of the paper
+                continue
             letter = f"${latex.name(name, equation.scope.letters)}$ ({name})"
             found[letter, ", ".join(map(str, meaning.units)), meaning.text] = None
     return Table(["symbol", "unit", "meaning"], [list(key) for key in found])
@@ -185,12 +207,15 @@ def _latex(equation: Printed) -> str:
 
 @naming_arguments
 def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None,
-          quantities: Mapping[str, Any] | None = None) -> Audit:
+          quantities: Mapping[str, Any] | None = None, meanings: str | Path | None = None) -> Audit:
     """Compare published formulas, given as a file or as its text, with their derivation; returns an `Audit` of verdicts.
 
+    source: a file of printed formulas (.audit), or a paper in TeX or Markdown (.tex, .md), whose displayed equations are read.
     laws: classes of your own that the text names, {name: class}. counts: numbers to compare with those that the text claims,
     {words of the claim: number, or a function without arguments that returns it}; a claim not listed gets CANNOT JUDGE.
     quantities: further meanings used by the text, {meaning: expression of SymPy in names of the text; t is the time}.
+    meanings: of a paper, the table of what its letters mean (a file, or its text in several lines; default: the name of the paper
+    with the ending .meanings). Where there is no such file, it is begun from the letters found, as guesses to confirm.
     The notation and the wordings of meanings are described in docs/reports.md. A line that cannot be read becomes a row with the
     reason. Raises AuditError where there is neither an equation nor a claim, OptionError for an argument that does not fit."""
     remedy = "give a file of printed formulas, or its text"
@@ -199,19 +224,46 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
                    "give {name: class of a law}")
     given = _by_name("counts", counts, counts_something, "a whole number from 0, or a function",
                      "give {words of the claim: number, or a function that counts}")
-    if "\n" not in text:
-        if not Path(text).is_file():
-            raise AuditError(f"there is no file '{text}'; name one with printed formulas, or give their text in several lines")
-        text = _text_of(Path(text))
+    file = None if "\n" in text else Path(text)
+    if file is not None and not file.is_file():
+        raise AuditError(f"there is no file '{text}'; name one with printed formulas, or give their text in several lines")
+    text = text if file is None else _text_of(file)
     stated = _by_name("quantities", quantities, is_expression, "an expression of SymPy or a number",
                       "give {meaning: expression of SymPy in names of the text}")
-    found = read(text, own, stated)
+    begun_ = ""
+    if meanings is not None or (file is not None and file.suffix in PAPERS):
+        found, begun_ = _of_paper(text, file, meanings, own, stated)
+    else:
+        found = read(text, own, stated)
     if not found.equations and not found.claims:
         raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: add some")
     for words in sorted(set(given) - {c.words for c in found.claims}):
         raise OptionError(f"counts = {shown(counts)}: the text has no claim with the words {shown(words)}; its claims: "
                           f"{', '.join(shown(c.words) for c in found.claims) or 'none, leave counts out'}")
-    return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
+    return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims), begun_)
+
+
+PAPERS = (".tex", ".md")  #: endings of files that are read as papers
+
+
+def _of_paper(text: str, file: Path | None, meanings: str | Path | None, own: Mapping[str, type],
+              stated: Mapping[str, Any]) -> tuple[Text, str]:
+    """The displays of a paper with their table of meanings, and the name of the file of a table that is begun here."""
+    shown_ = displays(text, markdown=file is not None and file.suffix == ".md")
+    paper, begun_ = file.name if file is not None else "the text", ""
+    if isinstance(meanings, str) and "\n" in meanings:
+        table, name = meanings, "meanings"
+    else:
+        remedy = "give the file of the table, or its text in several lines"
+        beside = file.with_suffix(".meanings") if file is not None else None
+        path = Path(option("meanings", beside if meanings is None else meanings, path_of, remedy))
+        if not path.is_file():
+            write_file(path, begun(shown_, text, paper))
+            begun_ = str(path)
+        table, name = _text_of(path), path.name
+    found = Paper(shown_, paper, table, name, tuple(sorted(own.items())), stated).read_paper()
+    found.title = found.title or paper
+    return found, begun_
 
 
 def _by_name(name: str, value: Any, fits: Callable[[Any], bool], wanted: str, remedy: str) -> Mapping[str, Any]:

@@ -79,6 +79,8 @@ def statement(s: Relation, letters: Letters = _NONE) -> str:
 def formula(node: Node, letters: Letters = _NONE, level: int = 0) -> str:
     """A formula in LaTeX; level 0: in a sum, 1: in a product, 2: under a tilde, prime or power."""
     kind, parts = node.kind, node.parts
+    if parts and letters and (printed := letters.get(str(node))) is not None:
+        return f"{{{printed}}}" if level == 2 else printed
     if kind == "number":
         return f"{node.value:g}"
     if kind == "symbol":
@@ -112,7 +114,8 @@ def _marked(node: Node, letters: Letters) -> str:
 
 def _sum(node: Node, letters: Letters) -> str:
     terms = node.parts if node.kind == "sum" else (node,)
-    text = "".join((" - " if t.kind == "neg" else " + ") + formula(bare(t), letters, 1) for t in terms)
+    shown = [(" - " if t.kind == "neg" else " + ", formula(bare(t), letters, 1)) for t in terms]
+    text = "".join(sign + term for sign, term in shown if term != "0") or "0"
     return text.removeprefix(" + ").lstrip()
 
 

@@ -61,6 +61,10 @@ class Edit:
         return form.format(*shown)
 
 
+EXPONENTS = [notation.TextReader(text).expression() for text in ("2", "3", "4", "1/2", "3/2", "5/2")]
+PLAIN = dict.fromkeys(BASIC, 1.0)  #: sizes of the basic units; where there are sizes, functions need not be real
+
+
 class Candidates:
     """Symbols that may replace another one: those of equal unit and size, and the same letter with more or fewer dots (phidot for
     phi)."""
@@ -126,6 +130,9 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
             yield Edit("{} -> {}", (node, other), size=size), symbol(other)
     if kind in ("cross", "transposed", "power"):
         yield Edit("{} -> {}", (node, parts[0]), resizes=True, size=1.4), parts[0]
+    if kind == "power" and not parts[1].free:
+        for new in (made("power", parts[0], e) for e in EXPONENTS if e != parts[1]):
+            yield Edit("{} -> {}", (node, new), size=1.35), new
     if kind == "neg":
         yield Edit("sign of {}", (parts[0],), size=1), parts[0]
     if kind == "sum":
@@ -226,9 +233,6 @@ def applied(edit: Edit, node: Node) -> Node:
 
 
 # -- Units of formulas, found by scaling m, kg and s: a sum whose terms scale differently has no unit
-
-
-PLAIN = dict.fromkeys(BASIC, 1.0)  #: sizes of the basic units; where there are sizes, functions need not be real
 
 
 def powers(node: Node, envs: Sequence[Env]) -> NDArray[np.float64] | None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit.calculus import unfolded
 from mbdae.audit.notation import Node
 from mbdae.errors import MbdaeError
 from mbdae.symbolic.rebuild import complex_atan2
@@ -231,6 +232,8 @@ _MOVES = {"delta": "virtual", "rate": "time", "slope": "line"}
 
 def _call(node: Node, at: Source) -> Value:
     name, parts = node.value, node.parts
+    if name in ("rate", "diff") and not at.motion.symbolic and (rule := at.by_rules(node)) is not None:
+        return rule
     if name in _MOVES:
         how = _MOVES[name]
         return derivative(lambda h: evaluate(parts[0], at.moved(how, h)), at.stepped) / at.size_of(how)
@@ -241,7 +244,8 @@ def _call(node: Node, at: Source) -> Value:
         if not all(map(float.is_integer, ends)):
             raise SizeError(f"the limits of a sum must be whole numbers, not {ends[0]:g} and {ends[1]:g}")
         first, last = map(int, ends)
-        return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
+        body = unfolded(parts[0], parts[1].value, at.scope)
+        return sum(evaluate(body, at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
     if name == "integral":
         return _integral(node, at)
     values = [evaluate(p, at) for p in parts]
@@ -258,14 +262,18 @@ def _call(node: Node, at: Source) -> Value:
 
 
 def _partial(e: Node, by: Node, at: Source) -> Value:
-    """Partial derivative: by a number, or by a column (n, 1), which gives a matrix with one column for each entry."""
-    if by.kind != "symbol":
-        raise SizeError(f"the second argument of diff must be a symbol, not the formula {by}")
+    """Partial derivative: by a number or the rate of one, or by a column (n, 1), which gives a matrix with one column for each
+    entry."""
+    order, of = 0, by
+    while of.kind == "call" and of.value == "rate":
+        order, of = order + 1, of.parts[0]
+    if of.kind != "symbol":
+        raise SizeError(f"the second argument of diff must be a symbol or its rate, not the formula {by}")
 
     def along(entry: int) -> Value:
-        return derivative(lambda h: evaluate(e, at.shifted(by.value, h, entry)), at.stepped)
+        return derivative(lambda h: evaluate(e, at.shifted(of.value, h, entry, order)), at.stepped)
 
-    wanted = np.shape(at.value(by.value))
+    wanted = np.shape(at.value(of.value))
     if not wanted:
         return along(0)
     return np.hstack([np.reshape(along(i), (-1, 1)) for i in range(wanted[0] * wanted[1])])
@@ -280,7 +288,8 @@ _WEIGHTS = 0.05 * np.pi / 2 * np.cosh(_T) / np.cosh(np.pi / 2 * np.sinh(_T)) ** 
 def _integral(node: Node, at: Source) -> Value:
     low, high = (_number(evaluate(p, at)) for p in node.parts[2:])
     middle, half = (low + high) / 2, (high - low) / 2
-    inside = [evaluate(node.parts[0], at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
+    body = unfolded(node.parts[0], node.parts[1].value, at.scope)
+    inside = [evaluate(body, at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
     return half * sum(w * v for w, v in zip(_WEIGHTS, inside, strict=True))
 
 

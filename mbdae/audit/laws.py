@@ -1,8 +1,11 @@
-"""Laws of mbdae evaluated in a state of motion: constraint rows, their forces by virtual work, potentials, contact geometry."""
+"""Phrases by which texts name quantities; laws of mbdae evaluated in a state of motion: constraint rows, their
+forces by virtual work, potentials, contact geometry."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,6 +31,65 @@ Own = tuple[tuple[str, type[Law]], ...]  #: classes of laws given by the user, b
 
 
 WITH_COORDINATES = " with coordinates"  #: suffix of the name of a joint, for its model with joint coordinates as unknowns
+
+
+Rule = Callable[..., Value]
+PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: declaration of a law's parameter in a text
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """One kind of meaning: how it is worded and the rule that computes it."""
+
+    pattern: re.Pattern[str]
+    rule: Rule
+    vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
+    #: of a force, the side of the equations of motion: "left", "applied", or "open" where texts differ; "" for other quantities
+    side: str
+    wording: str
+    #: (name, unit, meaning) of quantities that the derivation contains and a text may leave out
+    needs: tuple[tuple[str, str, str], ...] = ()
+    given: bool = False  #: whether only the text knows the quantity (a number of its own); its rule draws it by the symbol's name
+    drawn: bool = False  #: whether its rule draws a random value, seeded by the wording
+
+
+PHRASES: list[Phrase] = []
+
+
+def register(rules: Mapping[str, Rule], vanishes: bool = True, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
+             given: bool = False, drawn: bool = False) -> None:
+    """Register rules under their wordings, "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words.
+    The further arguments are those of `Phrase`."""
+    kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
+    for wording, rule in rules.items():
+        plain = re.escape(wording).replace(r"\ ", " ")
+        pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), plain)
+        PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, side, wording, needs, given, drawn or given))
+
+
+def phrase(*wordings: str, **how: Any) -> Callable[[Rule], Rule]:
+    """`register` for one rule, as a decorator."""
+
+    def decorate(rule: Rule) -> Rule:
+        register(dict.fromkeys(wordings, rule), **how)
+        return rule
+
+    return decorate
+
+
+def random_number(wording: str) -> Rule:
+    """Register a quantity given by the text, a random number of either sign in every state; returns its rule."""
+    return phrase(wording, drawn=True)(lambda env: env.number(wording))
+
+
+def random_positive(wording: str) -> Rule:
+    """Register a quantity given by the text, a random positive number in every state; returns its rule."""
+    return phrase(wording, vanishes=False, drawn=True)(lambda env: env.positive(wording))
+
+
+def wordings() -> list[str]:
+    """The wordings a meaning may have; {side} is k or l, {i} a digit, other braces are names or lists."""
+    return sorted(re.sub(r"\d+\}", "}", p.wording) for p in PHRASES)
 
 
 def law_class(name: str, own: Own = ()) -> type[Law] | None:

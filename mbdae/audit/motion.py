@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from functools import lru_cache
+from math import factorial
 from types import MappingProxyType
 from typing import Any, TypeVar
 from zlib import crc32
@@ -123,11 +124,12 @@ class RandomMotion:
         m = _drawn(self.seed, name, "uniform", (3, 3))
         return m @ m.T + np.eye(3) if symmetric else m
 
-    def polynomial(self, name: str, x: complex, shape: tuple[int, ...] = ()) -> Value:
-        """A random function of x whose first three derivatives at 0 differ from 0."""
+    def polynomial(self, name: str, x: complex, shape: tuple[int, ...] = (), order: int = 0) -> Value:
+        """A random function of x whose first three derivatives at 0 differ from 0, or its derivative of an order."""
         c = _drawn(self.seed, name, "uniform", (4, *shape))
         first = self._between(name) if name in self.bounds else c[0]
-        return first + x * c[1] + x * x * c[2] / 2 + x**3 * c[3] / 6 + 0j
+        kept = [first, *c[1:]][order:]
+        return sum((x**n * k / factorial(n) for n, k in enumerate(kept)), 0 * c[0]) + 0j
 
     def ingredient(self, name: str) -> Value:
         """A random vector (3, 1) that the derivation contains and a text may leave out: zero in states made by `without`."""

@@ -10,75 +10,19 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import factorial
 from typing import Any
 
 import numpy as np
 import symengine as se
 
 from mbdae.audit import carried
+from mbdae.audit.calculus import MOVING, chain, exact
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate, shifted
-from mbdae.audit.laws import WITH_COORDINATES, Own
+from mbdae.audit.laws import PARAMETER, PHRASES, Own, Phrase
 from mbdae.audit.motion import RandomMotion
 from mbdae.audit.notation import AuditError, Node, Relation
 from mbdae.reports.units import Unit, unit
-
-Rule = Callable[..., Value]
-PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: declaration of a law's parameter in a text
-
-
-@dataclass(frozen=True)
-class Phrase:
-    """One kind of meaning: how it is worded and the rule that computes it."""
-
-    pattern: re.Pattern[str]
-    rule: Rule
-    vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    #: of a force, the side of the equations of motion: "left", "applied", or "open" where texts differ; "" for other quantities
-    side: str
-    wording: str
-    #: (name, unit, meaning) of quantities that the derivation contains and a text may leave out
-    needs: tuple[tuple[str, str, str], ...] = ()
-    given: bool = False  #: whether only the text knows the quantity (a number of its own); its rule draws it by the symbol's name
-    drawn: bool = False  #: whether its rule draws a random value, seeded by the wording
-
-
-PHRASES: list[Phrase] = []
-
-
-def register(rules: Mapping[str, Rule], vanishes: bool = True, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
-             given: bool = False, drawn: bool = False) -> None:
-    """Register rules under their wordings, "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words.
-    The further arguments are those of `Phrase`."""
-    kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
-    for wording, rule in rules.items():
-        plain = re.escape(wording).replace(r"\ ", " ")
-        pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), plain)
-        PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, side, wording, needs, given, drawn or given))
-
-
-def phrase(*wordings: str, **how: Any) -> Callable[[Rule], Rule]:
-    """`register` for one rule, as a decorator."""
-
-    def decorate(rule: Rule) -> Rule:
-        register(dict.fromkeys(wordings, rule), **how)
-        return rule
-
-    return decorate
-
-
-def random_number(wording: str) -> Rule:
-    """Register a quantity given by the text, a random number of either sign in every state; returns its rule."""
-    return phrase(wording, drawn=True)(lambda env: env.number(wording))
-
-
-def random_positive(wording: str) -> Rule:
-    """Register a quantity given by the text, a random positive number in every state; returns its rule."""
-    return phrase(wording, vanishes=False, drawn=True)(lambda env: env.positive(wording))
-
-
-def wordings() -> list[str]:
-    """The wordings a meaning may have; {side} is k or l, {i} a digit, other braces are names or lists."""
-    return sorted(re.sub(r"\d+\}", "}", p.wording) for p in PHRASES)
 
 
 @dataclass(frozen=True)
@@ -127,6 +71,7 @@ class Scope:
     printed: Mapping[str, tuple[Relation, ...]] = field(default_factory=dict)
     own: Own = ()
     sides: str = ""  #: "left" or "applied": side of the equations of motion that the text declares for its forces
+    written: Mapping[str, str] = field(default_factory=dict)  #: {formula: how the text prints it, in TeX}
 
     def widened(self, names: Iterable[str]) -> Scope:
         """This scope with the quantities that derivations of the named symbols contain and the text does not declare."""
@@ -148,12 +93,17 @@ class Scope:
             tex = carried.name(n)
             found |= {n: rf"\mathrm{{{n}}}".replace("_", r"\_")} if tex in taken else {}
             taken.add(tex)
-        return found
+        return found | dict(self.written)
 
     @cached_property
     def texts(self) -> frozenset[str]:
         """The wordings of all meanings that the scope declares."""
         return frozenset(m.text for m in self.symbols.values())
+
+    @cached_property
+    def derivatives(self) -> dict[Node, Node | None]:
+        """Derivatives by the rules of calculus that were asked for, see `calculus`."""
+        return {}
 
     def printed_side(self, name: str, number: str) -> Node:
         """The formula that the earlier equation `number` prints for the symbol `name`."""
@@ -184,10 +134,12 @@ class Env:
     fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
     scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
     zero: str | None = None  #: a symbol that is set to zero
-    #: for derivatives: meanings of symbols in words, each with the index of one of its entries and the increment added to it
-    shifts: tuple[tuple[str, int, Value], ...] = ()
+    #: for derivatives: meanings of symbols in words, each with the index of one of its entries, the increment added to it or to
+    #: its rate of an order, and the time from which that grows
+    shifts: tuple[tuple[str, int, Value, int, Value], ...] = ()
     watch: dict[str, set[bool]] | None = None  #: where it is kept by the formula of a divisor whether this was positive
-    complete: bool = False  #: whether a force on a body that the text does not list raises an error
+    #: what a force acts on by other symbols of the formula; where given, a part that the text does not list raises an error
+    complete: frozenset[str] | None = None
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
     names: Mapping[str, Value] = field(default_factory=dict)  #: values of names bound by a sum or an integral
@@ -246,7 +198,7 @@ class Env:
     @property
     def stepped(self) -> bool:
         """Whether the values carry the imaginary part of a complex step."""
-        return self.motion.stepped or any(np.imag(amount) for *_, amount in self.shifts)
+        return self.motion.stepped or any(np.imag(amount) for _, _, amount, *_ in self.shifts)
 
     def size_of(self, what: str) -> float:
         """Size of the unit of a step: s for "time", m for "line"; 1 for the others and unless units are checked."""
@@ -263,6 +215,30 @@ class Env:
         """This state in SI units with no symbol set to zero, in which the rules compute."""
         return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, store={})
 
+    def by_rules(self, node: Node) -> Value | None:
+        """The value of a derivative of numbers and functions of time by the rules of calculus; None where they do not give it."""
+        place = chain(node)
+        if place is not None and place[1] and place[0] in self.scope.symbols and place[0] not in self.names:
+            meaning = self.scope.symbols[place[0]]
+            if meaning.phrase.wording in MOVING:
+                return self._rate(meaning, place[1])
+        found = exact(node, self.scope) if place is None or place[0] not in self.names else None
+        if found is None or found == node:
+            return None
+        evaluate(node.parts[0], self)  # it is real where the derivative is asked for, or says where it is
+        return evaluate(found, replace(self, watch=None))
+
+    def _rate(self, meaning: Meaning, order: int) -> Value:
+        """A derivative of a function of time."""
+        name, shape = meaning.words[0], (3, 1) if "vector" in meaning.phrase.wording else ()
+        value = self.motion.polynomial(f"{meaning.phrase.wording} {name}", self.motion.clock, shape, order)
+        for text, entry, amount, rise, since in self.shifts:
+            if text == meaning.text and rise >= order:
+                value = shifted(value, entry, amount * (self.motion.clock - since) ** (rise - order) / factorial(rise - order))
+        if self.scale is not None:
+            value = value * scaled(meaning.units, value, self.scale) / self.size_of("time") ** order
+        return value * 0 if meaning.text == getattr(self.scope.symbols.get(self.zero or ""), "text", "") else value
+
     def moved(self, how: str, amount: complex = 1j * STEP) -> Env:
         """This state after a step: "virtual", "time", "line" or "linear" (see `Motion.moved`)."""
         return replace(self, motion=self.motion.moved(how, amount), store=self._inner(how, amount))
@@ -275,21 +251,23 @@ class Env:
         """This state before the complex step."""
         return replace(self, motion=self.motion.base, store={}) if self.motion.stepped else self
 
-    def shifted(self, name: str, amount: complex, entry: int = 0) -> Env:
-        """This state with a number, or one entry of a column, increased."""
+    def shifted(self, name: str, amount: complex, entry: int = 0, order: int = 0) -> Env:
+        """This state with a number, or one entry of a column, increased; order: of the rate that is, of what is moving."""
         if name in self.names:
             return replace(self, names={**self.names, name: self.names[name] + amount})
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
             raise SizeError(f"diff is by '{name}', which `let` defines by other symbols: differentiate by one of those")
         factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
-        shifts = (*self.shifts, (meaning.text, entry, amount / float(np.real(np.ravel(factors)[0]))))
-        return replace(self, shifts=shifts, store=self._inner(name, entry, amount))
+        size = float(np.real(np.ravel(factors)[0])) / self.size_of("time") ** order
+        shifts = (*self.shifts, (meaning.text, entry, amount / size, order, self.motion.clock))
+        return replace(self, shifts=shifts, store=self._inner(name, entry, amount, order))
 
     def _shifted(self, value: Value, text: str) -> Value:
         """The value of the quantity with a wording, with its increments."""
-        for name, entry, amount in self.shifts:
-            value = shifted(value, entry, amount) if name == text else value
+        for name, entry, amount, order, since in self.shifts:
+            if name == text:
+                value = shifted(value, entry, amount * (self.motion.clock - since) ** order / factorial(order))
         return value
 
     def watched(self, divisor: Node, value: Value) -> None:

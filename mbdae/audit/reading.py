@@ -28,10 +28,10 @@ import sympy
 
 from mbdae.audit import rules_contact, rules_laws, rules_motion
 from mbdae.audit.evaluate import SizeError, Value
-from mbdae.audit.laws import Own
+from mbdae.audit.laws import PARAMETER, Own
 from mbdae.audit.motion import checked_kind
 from mbdae.audit.notation import AuditError, Node, Relation, TextReader
-from mbdae.audit.phrases import OWN, PARAMETER, Definition, Env, Meaning, Scope, understand
+from mbdae.audit.phrases import OWN, Definition, Env, Meaning, Scope, understand
 from mbdae.audit.rules_laws import unit_of_parameter
 from mbdae.audit.rules_motion import SAID, Assumption, assumptions
 from mbdae.documents.mathml import FormulaError, inline
@@ -64,6 +64,11 @@ class Printed:
     raw: str = ""  #: the equation as the file has it, where it cannot be read
     before: Mapping[str, str] = field(default_factory=dict)  #: symbol -> its earlier meaning, where its unit was another
     stated: tuple[Assumption, ...] = ()  #: what the text assumes
+    tex: str = ""  #: the display as its author printed it, where the text is TeX
+    place: str = ""  #: file and line it stands in
+    label: str = ""  #: its label in TeX
+    undecided: str = ""  #: why nothing but its units can be judged
+    guessed: bool = False  #: whether the units of its letters are not confirmed either
 
     @property
     def text(self) -> str:
@@ -103,10 +108,12 @@ class Text:
 
 def read(text: str, laws: Mapping[str, type] | None = None, quantities: Mapping[str, Any] | None = None) -> Text:
     """Read a file of printed formulas."""
-    return _File(text, tuple(sorted((laws or {}).items())), quantities or {}).read()
+    return TextFile(text, tuple(sorted((laws or {}).items())), quantities or {}).read()
 
 
-class _File:
+class TextFile:
+    """Reads the lines of a file of printed formulas."""
+
     def __init__(self, text: str, own: Own, quantities: Mapping[str, Any]) -> None:
         self.lines, self.own, self.quantities, self.found = text.splitlines(), own, quantities, Text()
         self.symbols: dict[str, Meaning] = {}
@@ -119,6 +126,7 @@ class _File:
         self.in_claims = False
 
     def read(self) -> Text:
+        """All that the file holds."""
         for at, joined in self._items():
             try:
                 self._item(at, joined)

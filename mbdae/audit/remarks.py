@@ -13,10 +13,10 @@ import numpy as np
 
 from mbdae.audit.compare import SAME, ComparedStates, compared, difference, vanishing
 from mbdae.audit.evaluate import NO_VALUE, PARTIAL, OutsideError, Value, attempt, evaluate
-from mbdae.audit.laws import WITH_COORDINATES, Own, derived, law_class, part_class
+from mbdae.audit.laws import PARAMETER, WITH_COORDINATES, Own, derived, law_class, part_class
 from mbdae.audit.motion import turned
 from mbdae.audit.notation import Node, Relation, is_zero, symbol
-from mbdae.audit.phrases import PARAMETER, Definition, Env, Meaning
+from mbdae.audit.phrases import Definition, Env, Meaning
 from mbdae.audit.reading import Printed
 from mbdae.audit.rules_contact import energy_fed
 from mbdae.audit.rules_laws import names
@@ -307,7 +307,7 @@ def _pull(equation: Printed, states: ComparedStates) -> Iterator[str]:
     """Remark on a normal force that becomes tensile where bodies separate fast."""
     for wording in ("normal force of {name}", "damping force of {name}"):
         for statement, meaning in _of(equation, wording):
-            fast = replace(states.free[0], shifts=(("rate of penetration", 0, FAST),), store={})
+            fast = replace(states.free[0], shifts=(("rate of penetration", 0, FAST, 0, 0j),), store={})
             elastic: Value = fast.of(f"elastic force of {meaning.words[0]}") if wording.startswith("damping") else 0.0
             if np.real(evaluate(statement.sides[1], fast) + elastic) < 0:
                 yield "pulls where the bodies separate fast: contact has to end where the force falls to 0"

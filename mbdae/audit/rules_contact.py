@@ -14,9 +14,20 @@ import symengine as se
 
 from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import STEP, Value, cross
-from mbdae.audit.laws import LawState, journal, observed, outward, part_class
+from mbdae.audit.laws import (
+    LawState,
+    Rule,
+    journal,
+    observed,
+    outward,
+    part_class,
+    phrase,
+    random_number,
+    random_positive,
+    register,
+)
 from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError
-from mbdae.audit.phrases import Env, Rule, phrase, random_number, random_positive, register
+from mbdae.audit.phrases import Env
 from mbdae.integrators import radau_table
 from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Coulomb, Friction, LuGre

@@ -12,10 +12,10 @@ import symengine as se
 
 from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import STEP, Value
-from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, derived, law_class, part_class
+from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, Rule, derived, law_class, part_class, phrase, register
 from mbdae.audit.motion import quaternion
 from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError
-from mbdae.audit.phrases import Env, Rule, phrase, register
+from mbdae.audit.phrases import Env
 from mbdae.audit.rules_contact import friction_parameter, potential
 from mbdae.errors import MbdaeError
 from mbdae.laws.friction import Friction
@@ -160,15 +160,18 @@ def _law_force(env: Env, of: str, parts: str) -> Value:
 class UnlistedError(MbdaeError):
     """A force acts on a part of a body that the text does not list."""
 
+    def __init__(self, part: str) -> None:
+        self.part = part
+        super().__init__(f"there is a force on {part} too, which the text does not list: the formula or the list is incomplete")
+
 
 def _listed(env: Env, parts: str, on: Callable[[str], Value]) -> Value:
     wanted = names(parts)
     for part in sorted(set(wanted) - set(PARTS)):
         raise AuditError(f"'{part}' is nothing that a force acts on: write some of {', '.join(PARTS)}")
-    for part in PARTS if env.complete else ():
-        if part not in wanted and np.max(np.abs(on(part))) > 1e-12:
-            raise UnlistedError(f"there is a force on {part} too, which the text does not list: the formula or the list "
-                                f"is incomplete")
+    for part in PARTS if env.complete is not None else ():
+        if part not in {*wanted, *(env.complete or ())} and np.max(np.abs(on(part))) > 1e-12:
+            raise UnlistedError(part)
     return _stack([on(part) for part in wanted])
 
 

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from mbdae.audit.evaluate import STEP, SizeError, Value, attempt
+from mbdae.audit.laws import Rule, register
 from mbdae.audit.motion import RandomMotion, axial
 from mbdae.audit.notation import Comparison, Node, TextReader, symbol
-from mbdae.audit.phrases import Env, Rule, Scope, register
+from mbdae.audit.phrases import Env, Scope
 from mbdae.symbolic.rebuild import complex_atan2
 
 #: quantities that are never zero, mostly rotations, by their wording, with the rule that computes them

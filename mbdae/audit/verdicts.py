@@ -4,20 +4,19 @@ AMBIGUOUS, CANNOT JUDGE. Where sizes do not fit, the verdict is MISPRINT only if
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.audit.calculus import defined_by, free_numbers, law_of_motion
 from mbdae.audit.compare import SAME, Compared, ComparedStates, compared, identical
 from mbdae.audit.edits import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, reason
 from mbdae.audit.motion import RandomMotion
-from mbdae.audit.notation import Relation, is_zero
-from mbdae.audit.phrases import Definition, Meaning, Scope
+from mbdae.audit.phrases import Definition, Meaning
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import domain, in_part, left_out, remarks
-from mbdae.audit.rules_laws import UnlistedError
+from mbdae.audit.rules_laws import UnlistedError, names
 from mbdae.audit.search import Repair, missing_term, repair
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
@@ -110,10 +109,20 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], RandomM
         with np.errstate(all="ignore"):
             states = states.fitting()
             wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
+            if equation.undecided:
+                return _by_units(equation, states, wrong)
             wrong += of_laws(_named(equation), equation.scope.own)
             return _cannot(equation, wrong[0]) if wrong else _with_unlisted(_verdict(equation, states, search), states)
     except NO_VALUE as error:
         return _cannot(equation, reason(error, meanings(equation)))
+
+
+def _by_units(equation: Printed, states: ComparedStates, wrong: list[str]) -> Row:
+    """The verdict on an equation of which nothing but the units can be judged; wrong: what is wrong with those of definitions."""
+    wrong = wrong or [fault for s in equation.statements for fault in faults(s, states.free[:2])]
+    if wrong and not equation.guessed:
+        return Row(equation, MISPRINT, float("nan"), remark=told(wrong[0], equation.undecided))
+    return _cannot(equation, told(equation.undecided, f"by the guessed units {wrong[0]}" if wrong else "its units agree"))
 
 
 def _with_unlisted(row: Row, states: ComparedStates) -> Row:
@@ -129,10 +138,14 @@ def _with_unlisted(row: Row, states: ComparedStates) -> Row:
 
 def _unlisted(equation: Printed, states: ComparedStates) -> str:
     """Remark on a force that acts on a part the text does not list; empty where there is none."""
+    listed = dict[str, frozenset[str]]()
+    for meaning in _meanings(equation):
+        force, _, parts = meaning.text.partition(" on ")
+        listed[force] = listed.get(force, frozenset()) | frozenset(names(parts))
     try:
         for env in (*states.free, *states.joint):
             for meaning in _meanings(equation):
-                meaning.value(replace(env, complete=True, store={}))
+                meaning.value(replace(env, complete=listed[meaning.text.partition(" on ")[0]], store={}))
     except UnlistedError as error:
         return str(error)
     except NO_VALUE:
@@ -215,7 +228,11 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     if doubt and not any(c.mendable for c in gaps):
         return Row(equation, MISPRINT, residual, remark=units) if units else _cannot(equation, doubt)
-    defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
+    defined = [n for s in equation.statements for n in defined_by(s, equation.scope)]
+    if defined and units:
+        return Row(equation, MISPRINT, residual, remark=units)
+    if law := law_of_motion(equation):
+        return _cannot(equation, told(units, law))
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
     lacking = _lacking(equation, states)
@@ -241,7 +258,7 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     if found is not None:
         why = told(*dict.fromkeys((units, doubt)))
         return _repaired(Row(equation, MISPRINT, residual, str(found), why, tex=found.tex), found, states)
-    free = _free_numbers(equation) if search else ""
+    free = free_numbers(equation) if search else ""
     if doubt or free:
         return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")
     return Row(equation, MISPRINT, residual, remark=units)
@@ -262,33 +279,6 @@ def _joined(equation: Printed, states: ComparedStates) -> bool:
         return False
     joined = replace(states, equation=replace(equation, states="revolute", only=True))
     return all(compared(s, joined).same for s in equation.statements)
-
-
-def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
-    known = {n: scope.symbols[n] for n in names if n in scope.symbols}
-    return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
-
-
-def _defined_by(statement: Relation, scope: Scope) -> list[str]:
-    """Symbols declared as mere numbers that are one side of the statement and appear on no other side: it defines them."""
-    out = []
-    for i, side in enumerate(statement.sides):
-        others = scope.reached(set().union(*(s.free for j, s in enumerate(statement.sides) if j != i)))
-        if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
-            out.append(side.value)
-    return out
-
-
-def _free_numbers(equation: Printed) -> str:
-    """A symbol declared as a mere number that only one side of an equation contains; empty where there is none."""
-    scope = equation.scope
-    for statement in equation.statements:
-        sides = [_given_numbers(scope.reached(s.free), scope) for s in statement.sides]
-        for i, numbers in enumerate(sides):
-            lonely = numbers - set().union(*(o for j, o in enumerate(sides) if j != i))
-            if lonely and len(sides) > 1 and not any(is_zero(s) for s in statement.sides):
-                return min(lonely)
-    return ""
 
 
 def _repaired(row: Row, found: Repair, states: ComparedStates) -> Row:

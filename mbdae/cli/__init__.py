@@ -169,6 +169,7 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("--budget", type=_positive, metavar="S", help="wall time in s after which no further value is begun")
     _common(p, "folder for the page (.html) and its data (.json)")
     _report(commands, do.report)
+    _audit(commands, do.audit)
     _validate(commands, do.validate)
     _cache(commands, cache)
     return parser
@@ -189,6 +190,18 @@ def _report(commands: Any, action: Any) -> None:
     formats = [ending[1:] for ending in REPORTS]
     p.add_argument("what", metavar="NAME|FILE", help=what)
     p.add_argument("--format", choices=formats, help="default: that of --out, else md (of an audit a table)")
+    p.add_argument("--out", type=_name, metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
+    _always(p, action)
+
+
+def _audit(commands: Any, action: Any) -> None:
+    text = "compare the equations of a paper with their derivation"
+    p = commands.add_parser("audit", help=text, description=text[0].upper() + text[1:] + ".")
+    p.add_argument("what", type=_name, metavar="FILE", help="a paper in TeX (.tex) or Markdown (.md), or formulas (.audit)")
+    told = "table of what the letters of the paper mean, begun where there is none (default: FILE with the ending .meanings)"
+    p.add_argument("--meanings", type=_name, metavar="FILE", help=told)
+    formats = [ending[1:] for ending in REPORTS]
+    p.add_argument("--format", choices=formats, help="default: that of --out, else a table")
     p.add_argument("--out", type=_name, metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
     _always(p, action)
 

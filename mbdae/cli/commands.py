@@ -102,7 +102,7 @@ def extremes(a: argparse.Namespace) -> int:
 def report(a: argparse.Namespace) -> int:
     """Report of a law, joint model or scene, 1 where a check in it fails; audit of a file of formulas, 1 unless all are right."""
     if Path(a.what).suffix == ".audit":
-        return _report_audit(a)
+        return audit(a)
     from mbdae.reports import names
     from mbdae.reports import report as make
 
@@ -212,13 +212,15 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
     }
 
 
-def _report_audit(a: argparse.Namespace) -> int:
-    """Audit a file of formulas and claimed numbers; 1 unless all are right."""
-    from mbdae.audit import audit
+def audit(a: argparse.Namespace) -> int:
+    """Audit a paper, or a file of formulas and claimed numbers; 1 unless all are right."""
+    from mbdae.audit import audit as audited
 
     if not _is_file(a.what):
-        raise UsageError(f"there is no file '{a.what}'; give an .audit file, with printed formulas and their claimed numbers")
-    found = audit(Path(a.what))
+        raise UsageError(f"there is no file '{a.what}'; give an .audit file, with printed formulas and their claimed numbers, "
+                         f"or a paper (.tex, .md)")
+    table = getattr(a, "meanings", None)
+    found = audited(Path(a.what), meanings=table) if table else audited(Path(a.what))
     path = _saved(a, found.document(), _report_format(a, "html"))
     if a.json:
         _json(a, found.to_dict() | ({"written": [path]} if path else {}))

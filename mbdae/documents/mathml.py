@@ -26,6 +26,7 @@ SIGNS = {
     "Leftrightarrow": "⇔", "in": "∈", "sum": "∑", "int": "∫",
     "partial": "∂", "nabla": "∇", "infty": "∞", "top": "⊤", "perp": "⊥",
     "parallel": "∥", "mid": "|", "ldots": "…", "cdots": "⋯", "dots": "…", "prime": "′", "ll": "≪", "gg": "≫",
+    "leqslant": "≤", "geqslant": "≥", "simeq": "≃", "intercal": "⊺", "oint": "∮",
     "langle": "⟨", "rangle": "⟩", "sim": "∼", "propto": "∝", "forall": "∀", "exists": "∃", "vert": "|",
     "lvert": "|", "rvert": "|",
     "lVert": "‖", "rVert": "‖", "Vert": "‖", "|": "‖", "{": "{", "}": "}", "lfloor": "⌊", "rfloor": "⌋", "lbrace": "{",
@@ -39,11 +40,12 @@ FUNCTIONS = ("sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "ln", "m
              "arcsin", "arccos", "dim")
 GAPS = {",": "0.167em", ":": "0.222em", ";": "0.278em", " ": "0.25em", "quad": "1em", "qquad": "2em", "!": "0em"}
 ACCENTS = {"dot": "˙", "ddot": "¨", "tilde": "~", "widetilde": "~", "hat": "^", "widehat": "^", "bar": "¯", "overline": "¯",
-           "vec": "→"}
+           "vec": "→", "check": "ˇ", "breve": "˘", "dddot": "⃛"}
 FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf": "n", "mathit": "", "mathcal": "",
-         "operatorname": "n"}
+         "operatorname": "n", "pmb": "b", "mathbb": "b", "mathfrak": ""}
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
-             "array": ("", ""), "gathered": ("", "")}
+             "array": ("", ""), "gathered": ("", ""), "split": ("", ""), "alignedat": ("", ""), "dcases": ("{", ""),
+             "Bmatrix": ("{", "}"), "vmatrix": ("|", "|"), "smallmatrix": ("", "")}
 
 LEAST = 0.8  #: smallest font size of a formula, em of the text of the page (12.8 px)
 #: NARROW: a formula narrower than this (em) fits any window; MARGIN: factor by which fonts may be wider than estimated
@@ -131,7 +133,7 @@ class _Reader:
             if sign == "'":
                 found["^"] = found.get("^", "") + "<mo>′</mo>"
             else:
-                found[sign] = found.get(sign, "") + self.atom(font, first=True)
+                found[sign] = found.get(sign, "") + self.argument(font)
         marks = {sign: f"<mrow>{text}</mrow>" for sign, text in found.items()}
         if len(marks) == 2:
             return f"<msubsup>{base}{marks['_']}{marks['^']}</msubsup>"
@@ -139,6 +141,11 @@ class _Reader:
             tag = "msub" if "_" in marks else "msup"
             return f"<{tag}>{base}{''.join(marks.values())}</{tag}>"
         return base
+
+    def argument(self, font: str) -> str:
+        """MathML of what a script or a fraction takes: a group or one token, of a number its first figure, as in \\frac12."""
+        mark = ' class="b"' if font == "b" else ""
+        return f"<mn{mark}>{self.take()}</mn>" if self.peek().isdigit() else self.atom(font, first=True)
 
     def atom(self, font: str, first: bool = False) -> str:
         token = self.take()
@@ -190,8 +197,10 @@ class _Reader:
         if name in ACCENTS:
             return f'<mover accent="true">{self.atom(font)}{_sign(ACCENTS[name], _FIXED)}</mover>'
         if name in ("frac", "tfrac", "dfrac"):
-            fraction = f"<mfrac><mrow>{self.atom(font)}</mrow><mrow>{self.atom(font)}</mrow></mfrac>"
+            fraction = f"<mfrac><mrow>{self.argument(font)}</mrow><mrow>{self.argument(font)}</mrow></mfrac>"
             return fraction if name != "tfrac" else f'<mstyle displaystyle="false">{fraction}</mstyle>'
+        if name == "underline":
+            return f"<munder>{self.atom(font)}<mo>_</mo></munder>"
         if name == "sqrt":
             return f"<msqrt>{self.atom(font)}</msqrt>"
         if name == "left":
@@ -232,7 +241,7 @@ class _Reader:
         kind = self.raw()
         if kind not in _MATRICES:
             raise self._error(f"unknown environment '{kind}'; use one of {', '.join(_MATRICES)}")
-        if kind == "array":
+        if kind in ("array", "alignedat"):
             self.raw()
         rows: list[list[str]] = [[]]
         while True:
@@ -247,7 +256,8 @@ class _Reader:
                 raise self._error(f"\\begin{{{kind}}} has no \\end{{{kind}}} after its last row")
         cells = "".join(f"<mtr>{''.join(f'<mtd>{cell}</mtd>' for cell in row)}</mtr>" for row in rows)
         opening, closing = _MATRICES[kind]
-        table = f'<mtable class="{kind}">{cells}</mtable>'
+        style = {"split": "aligned", "alignedat": "aligned", "dcases": "cases"}.get(kind, kind)
+        table = f'<mtable class="{style}">{cells}</mtable>'
         return f"<mrow>{_sign(opening, _FENCE) if opening else ''}{table}{_sign(closing, _FENCE) if closing else ''}</mrow>"
 
     def _close(self, wanted: str) -> None:

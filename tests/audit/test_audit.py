@@ -17,8 +17,9 @@ from mbdae.audit import Audit, verdicts
 from mbdae.audit.compare import SAME, ComparedStates, difference
 from mbdae.audit.edits import Candidates, edits
 from mbdae.audit.evaluate import SizeError, evaluate
+from mbdae.audit.laws import wordings
 from mbdae.audit.notation import AuditError, Relation, TextReader, is_zero
-from mbdae.audit.phrases import understand, wordings
+from mbdae.audit.phrases import understand
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import audit_equation
 from mbdae.errors import MbdaeError

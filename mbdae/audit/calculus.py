@@ -1,0 +1,230 @@
+"""Derivatives of formulas by the rules of calculus, where every quantity is a number or a function of time: exact however they
+nest.
+
+What an equation defines, and whether it restricts a motion instead of holding for all.
+
+Derivatives of other quantities (axes of bodies, rows of laws, ...) are taken by complex steps and differences, see `evaluate`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from typing import Any
+
+from mbdae.audit.notation import Node, is_zero, made, negated, number, symbol
+
+ZERO, ONE, TWO = number(0), number(1), number(2)
+MOVING = ("function of time", "vector function of time")
+FIXED = ("number", "positive number", "angle", "vector", "matrix", "symmetric matrix")
+_U = symbol("u")
+
+
+def _call(name: str, *parts: Node) -> Node:
+    return Node("call", name, parts)
+
+
+def _over(below: Node) -> Node:
+    return made("product", ONE, made("inverse", below))
+
+
+def _square(sign: int) -> Node:
+    return made("sum", ONE, made("power", _U, TWO) if sign > 0 else negated(made("power", _U, TWO)))
+
+
+#: derivatives of functions of u by u
+_RULES = {
+    "sin": _call("cos", _U), "cos": negated(_call("sin", _U)), "tan": _over(made("power", _call("cos", _U), TWO)),
+    "sinh": _call("cosh", _U), "cosh": _call("sinh", _U), "tanh": _over(made("power", _call("cosh", _U), TWO)),
+    "exp": _call("exp", _U), "log": _over(_U), "sqrt": _over(made("product", TWO, _call("sqrt", _U))), "abs": _call("sign", _U),
+    "asin": _over(_call("sqrt", _square(-1))), "acos": negated(_over(_call("sqrt", _square(-1)))), "atan": _over(_square(1)),
+    "asinh": _over(_call("sqrt", _square(1))), "atanh": _over(_square(-1)), "sign": ZERO,
+}
+
+
+class NoRuleError(Exception):
+    """A formula without a rule for its derivative."""
+
+
+def exact(node: Node, scope: Any) -> Node | None:
+    """A derivative, `rate(e)` or `diff(e, x)`, as a formula in quantities and their rates; None where no rule gives it."""
+    known = scope.derivatives
+    if node not in known:
+        known[node] = None  # while it is looked for: a definition that contains itself has none
+        with suppress(NoRuleError, RecursionError):
+            known[node] = _expanded(node, scope)
+    return known[node]  # type: ignore[no-any-return]
+
+
+def chain(node: Node) -> tuple[str, int] | None:
+    """The symbol and the order of `rate(rate(symbol))`; None for other formulas."""
+    order = 0
+    while node.kind == "call" and node.value == "rate":
+        order, node = order + 1, node.parts[0]
+    return (node.value, order) if node.kind == "symbol" else None
+
+
+def _expanded(node: Node, scope: Any) -> Node:
+    """A formula without derivatives of anything but functions of time, its definitions written out."""
+    if node.kind == "symbol":
+        meaning = scope.symbols.get(node.value)
+        if meaning is None or meaning.phrase.wording in (*MOVING, *FIXED):
+            return node
+        if getattr(meaning, "node", None) is None:
+            raise NoRuleError
+        reached = meaning.scope.reached(meaning.node.free)
+        if any(scope.symbols.get(n) is not meaning.scope.symbols[n] for n in reached):  # it was declared anew since
+            raise NoRuleError
+        return _expanded(meaning.node, scope)
+    if node.kind == "call" and node.value == "rate":
+        return _derived(_expanded(node.parts[0], scope), lambda name, order: _rate(name, order, scope))
+    if node.kind == "call" and node.value == "diff":
+        by = chain(node.parts[1])
+        meaning = scope.symbols.get(by[0]) if by else None
+        if meaning is None or meaning.phrase.wording not in ("function of time", "number", "positive number", "angle"):
+            raise NoRuleError
+        return _derived(_expanded(node.parts[0], scope), lambda name, order: ONE if (name, order) == by else ZERO)
+    if node.kind == "call" and node.value in ("sum", "delta", "slope"):
+        raise NoRuleError
+    return node.with_parts(tuple(_expanded(p, scope) for p in node.parts)) if node.parts else node
+
+
+def _rate(name: str, order: int, scope: Any) -> Node:
+    meaning = scope.symbols.get(name)
+    if meaning is None or meaning.phrase.wording in FIXED:
+        return ZERO
+    found = symbol(name)
+    for _ in range(order + 1):
+        found = _call("rate", found)
+    return found
+
+
+def _derived(node: Node, leaf: Callable[[str, int], Node]) -> Node:
+    """The derivative of an expanded formula; leaf: that of a symbol's rate of an order."""
+    if node.kind == "number":
+        return ZERO
+    place = chain(node)
+    if place is not None:
+        return leaf(*place)
+    if node.kind == "call" and node.value == "integral":
+        return _of_integral(node, leaf)
+    parts = [_derived(p, leaf) for p in node.parts]
+    if all(map(is_zero, parts)):
+        return ZERO
+    if node.kind in ("cross", "transposed", "neg"):
+        return negated(parts[0]) if node.kind == "neg" else made(node.kind, parts[0])
+    if node.kind == "sum":
+        return made("sum", *(p for p in parts if not is_zero(p)))
+    if node.kind == "product":
+        return made("sum", *(_times(*node.parts[:i], p, *node.parts[i + 1 :]) for i, p in enumerate(parts) if not is_zero(p)))
+    if node.kind == "inverse":
+        return negated(_times(parts[0], made("inverse", made("power", node.parts[0], TWO))))
+    if node.kind == "power":
+        return _power(node, parts)
+    if node.kind in ("block", "row"):
+        return node.with_parts(tuple(row.with_parts(tuple(_derived(p, leaf) for p in row.parts)) for row in node.parts))
+    if node.kind == "call" and node.value == "norm":
+        return _times(made("transposed", node.parts[0]), parts[0], made("inverse", node))
+    if node.kind == "call" and node.value in _RULES:
+        return _times(_RULES[node.value].replaced({_U: node.parts[0]}), parts[0])
+    raise NoRuleError
+
+
+def _of_integral(node: Node, leaf: Callable[[str, int], Node]) -> Node:
+    """By Leibniz's rule: that of the integrand, and what the limits add by their change."""
+    inside, over, *ends = node.parts
+    body = _derived(inside, lambda name, order: ZERO if name == over.value else leaf(name, order))
+    terms = [] if is_zero(body) else [Node("call", "integral", (body, over, *ends))]
+    for end, sign in zip(ends, (-1, 1), strict=True):
+        change = _derived(end, leaf)
+        if not is_zero(change):
+            term = _times(inside.replaced({over: end}), change)
+            terms.append(term if sign > 0 else negated(term))
+    return made("sum", *terms) if terms else ZERO
+
+
+def unfolded(node: Node, name: str, scope: Any) -> Node:
+    """A formula in which definitions that contain a symbol, over which it is summed or integrated, are written out."""
+    table = {}
+    for n in node.free - {name}:
+        meaning = scope.symbols.get(n)
+        formula = getattr(meaning, "node", None)
+        if formula is not None and name in meaning.scope.reached(formula.free):
+            table[symbol(n)] = unfolded(formula, name, scope)
+    return node.replaced(table) if table else node
+
+
+def _power(node: Node, parts: list[Node]) -> Node:
+    base, exponent = node.parts
+    if base.kind in ("block", "cross") or exponent == negated(ONE):
+        raise NoRuleError
+    if is_zero(parts[1]):
+        less = number(exponent.value - 1) if exponent.kind == "number" else made("sum", exponent, negated(ONE))
+        power = base if less == ONE else made("power", base, less)
+        return _times(exponent, power, parts[0])
+    terms = [_times(node, _call("log", base), parts[1])]
+    if not is_zero(parts[0]):
+        terms.append(_times(node, exponent, parts[0], made("inverse", base)))
+    return made("sum", *terms)
+
+
+def _times(*factors: Node) -> Node:
+    kept = [f for f in factors if f != ONE]
+    return made("product", *kept) if kept else ONE
+
+
+# -- what an equation defines or restricts
+
+
+def _given_numbers(names: Iterable[str], scope: Any) -> set[str]:
+    known = {n: scope.symbols[n] for n in names if n in scope.symbols}
+    return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
+
+
+def defined_by(statement: Any, scope: Any) -> list[str]:
+    """Symbols declared as mere numbers that are one side of the statement and appear on no other side: it defines them."""
+    out = []
+    for i, side in enumerate(statement.sides):
+        others = scope.reached(set().union(*(s.free for j, s in enumerate(statement.sides) if j != i)))
+        if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
+            out.append(side.value)
+    return out
+
+
+def law_of_motion(equation: Any) -> str:
+    """Why an equation that does not hold for every motion may be right all the same: it says how free quantities move, and no
+    side of it is a quantity that something else defines; empty where it has to hold for every motion, as all formulas that are
+    not from a paper in TeX."""
+    scope = equation.scope
+    given = {n for n in equation.used if scope.symbols[n].phrase.given}
+    if not equation.place or equation.quantity is not None or any(scope.symbols[n].letter == "0" for n in equation.used):
+        return ""
+    for statement in equation.statements:
+        rates = [piece for side in statement.sides for piece in side.walk() if piece.kind == "call" and piece.value == "rate"]
+        reached = scope.reached(set().union(*(r.free for r in rates)))
+        moving = sorted(n for n in reached if scope.symbols[n].phrase.wording in MOVING)
+        defined = [s for s in statement.sides if s.free & set(scope.symbols) and (
+            not s.free & given or (s.kind in _WHOLE and s.free - given - {"pi", "I"}))]
+        changes = [s for s in defined if s.kind == "call" and s.value == "rate" and any(
+            u.powers[1] for n in s.free & set(scope.symbols) for u in scope.symbols[n].units)]  # of momenta and energies
+        if moving and len(changes) == len(defined):
+            return (f"it says how {moving[0]} moves, and nothing else does: tell in the table what its left-hand side less its "
+                    f"right-hand side is, as `equation {equation.number} [unit]: formula`")
+    return ""
+
+
+_WHOLE = ("call", "power", "symbol", "transposed", "cross")  #: sides that are one quantity, if something else defines it
+
+
+def free_numbers(equation: Any) -> str:
+    """A symbol declared as a mere number that one side of an equation prints and no other contains; empty where there is none."""
+    scope = equation.scope
+    if any(scope.symbols[n].letter == "0" for n in equation.used):  # the table says what the equation stands for
+        return ""
+    for statement in equation.statements:
+        sides = [_given_numbers(scope.reached(s.free), scope) for s in statement.sides]
+        for i, side in enumerate(statement.sides):
+            lonely = _given_numbers(side.free, scope) - set().union(*(o for j, o in enumerate(sides) if j != i))
+            if lonely and len(sides) > 1 and not any(is_zero(s) for s in statement.sides):
+                return min(lonely)
+    return ""

@@ -1,0 +1,287 @@
+r"""Formulas as TeX prints them, read into the trees of the notation.
+
+Known are fractions, roots, fences, scripts, accents, fonts, matrices, `cases`, functions with and without brackets, as in
+`\sin^2 2\theta`, products without a sign, transposes, inverses, derivatives (`\frac{d}{dt}`,
+`\frac{\partial L}{\partial\dot\theta}`, dots, primes), variations (`\delta r`), sums and integrals with limits, `\cdot` and
+`\times` of vectors, equations counted by an index. Which letters there are the table of meanings says: of several that fit at a
+place the longest is taken, so that `r_1^k` is a letter where the table has it, else a power. A dot on a letter of the table is
+its rate, a tilde or hat the matrix of its cross product, unless the accented letter is in the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from mbdae.audit.notation import Comparison, Node, Relation, made, negated, number, symbol
+from mbdae.audit.tex_factors import Factors
+from mbdae.audit.tex_items import DOTS, MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical, indexed, related
+
+Key = tuple[str, ...]
+CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
+IDENTITY = {"I", "\\mathbf{I}", "\\mathbf{1}", "\\mathbf{E}", "\\mathbb{I}", "\\mathbb{1}"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """Statements that hold together, with the conditions under which they do."""
+
+    statements: tuple[Relation, ...]
+    conditions: tuple[Comparison, ...] = ()
+
+
+@dataclass
+class Letters:
+    """What the letters of a formula are: {keys of the pieces of the letter: name}, and what is known of formulas of them."""
+
+    names: Mapping[Key, str]
+    shape: Callable[[Node], tuple[int, ...] | None] = lambda node: ()  #: size of a value; None where it has none
+    angle: Callable[[Node], bool | None] = lambda node: None  #: whether a value has no unit; None where nothing says
+    radian: Callable[[Node], bool] = lambda node: False  #: whether it is a letter in rad
+    functions: frozenset[str] = frozenset()  #: names that are printed with their arguments, as in g(v)
+    written: dict[str, str] = field(default_factory=dict)  #: {formula in the notation: how the text prints it}
+
+
+class Formula:
+    """Reads the items of one display."""
+
+    def __init__(self, letters: Letters, line: int = 0) -> None:
+        self.letters, self.line, self.bound = letters, line, dict[Key, str]()
+
+    def cases(self, items: Sequence[Item]) -> list[Case]:
+        """What a display says: one case, or those of `cases`. UnreadError where it cannot be read."""
+        sides, conditions, branches = list[tuple[list[list[Item]], list[str]]](), list[Comparison](), None
+        for piece, condition in self.statements(items):
+            parts, signs = related(piece)
+            if not signs:
+                raise UnreadError(f"`{canonical(piece)}` is no equation")
+            if condition or set(signs) & {"<", ">", "!=", "in"}:
+                conditions += self._compared(parts, signs)
+            elif len(parts[-1]) == 1 and parts[-1][0].kind == "cases":
+                branches = (parts[:-1], parts[-1][0])
+            else:
+                sides.append((parts, signs))
+        if branches is not None:
+            return self._branches(*branches, tuple(conditions))
+        if not sides:
+            raise UnreadError("it states conditions and no equation")
+        return [Case(tuple(self._relation(*one) for one in sides), tuple(conditions))]
+
+    @classmethod
+    def statements(cls, items: Sequence[Item]) -> list[tuple[list[Item], bool]]:
+        """The statements and conditions of a display, those counted by an index one by one; with each, whether words before it
+        make it a condition."""
+        return _counted(list(cls._pieces(_flat(items))))
+
+    @staticmethod
+    def _pieces(items: Sequence[Item]) -> Iterator[tuple[list[Item], bool]]:
+        """Statements between commas, gaps and words; with each, whether the words before it make it a condition."""
+        found, condition = list[tuple[list[Item], bool]](), False
+        here: list[Item] = []
+        items = [*items, Item("comma", ",")]
+        for n, item in enumerate(items):
+            if item.kind not in ("comma", "gap", "text"):
+                here.append(item)
+                continue
+            after = next((j for j in range(n + 1, len(items)) if items[j].kind in ("comma", "gap", "text")), n)
+            if item.kind == "gap" and not all(any(i.kind == "relation" for i in part) for part in (here, items[n:after])):
+                continue
+            if here:
+                found.append((here, condition))
+                here, condition = [], False
+            if item.kind == "text":
+                word = item.text.strip(" ,.:").lower()
+                condition = word in CONDITIONAL
+        last = len(found)
+        for i, (piece, told) in enumerate(found):
+            stop = i == last - 1 and piece[-1].text == "." and piece[-1].kind == "letter"
+            if piece[:-1] or not stop:
+                yield piece[:-1] if stop else piece, told
+
+    def _relation(self, parts: list[list[Item]], signs: list[str]) -> Relation:
+        if len(set(signs)) > 1:
+            raise UnreadError("`=` and a bound stand in one statement: print two")
+        nodes = tuple(self.sum(p) for p in (parts if signs[0] != ">=" else parts[::-1]))
+        return Relation(nodes, "=" if signs[0] == "=" else "<=", self.line)
+
+    def _compared(self, parts: list[list[Item]], signs: list[str]) -> list[Comparison]:
+        if signs == ["in"]:
+            inside = parts[1][0].parts[0] if len(parts[1]) == 1 and parts[1][0].kind == "fence" else ()
+            at = next((i for i, item in enumerate(inside) if item.kind == "comma"), None)
+            if at is None:
+                raise UnreadError(f"`{canonical(parts[1])}` is no interval")
+            low, high, x = self.sum(inside[:at]), self.sum(inside[at + 1 :]), self.sum(parts[0])
+            return [(low, "<", x), (x, "<", high)]
+        nodes = [self.sum(p) for p in parts]
+        return [(a, sign, b) for a, sign, b in zip(nodes, signs, nodes[1:], strict=False) if sign != "="]
+
+    def _branches(self, left: list[list[Item]], item: Item, also: tuple[Comparison, ...]) -> list[Case]:
+        sides, out, before = [self.sum(p) for p in left], list[Case](), list[Comparison]()
+        for row in item.parts:
+            value = [i for i in row[0] if i.kind not in ("comma", "text", "gap")]
+            told = [i for cell in row[1:] for i in cell] or [i for i in row[0] if i.kind == "text"]
+            parts, signs = related([i for i in told if i.kind not in ("text", "comma", "gap")])
+            if signs:
+                conditions = self._compared(parts, signs)
+                before += conditions
+            elif len(before) == 1:
+                a, sign, b = before[0]
+                conditions = [(a, {"<": ">=", ">": "<=", "<=": ">", ">=": "<", "!=": "="}[sign], b)]
+            else:
+                raise UnreadError("where none of several conditions holds is not known: print a condition in each row of `cases`")
+            if any(sign == "=" for _, sign, _ in conditions):
+                raise UnreadError("a row of `cases` holds at one point alone, where random states never are")
+            out.append(Case((Relation((*sides, self.sum(value)), "=", self.line),), (*also, *conditions)))
+        return out
+
+    # -- sums and products
+
+    def sum(self, items: Sequence[Item]) -> Node:
+        """A formula without a relation."""
+        items = [i for i in items if i.kind != "gap"]
+        if not items:
+            raise UnreadError("nothing stands on one side of a sign")
+        terms, here, sign = list[Node](), list[Item](), "+"
+        for item in (*items, Item("sign", "end")):
+            if item.kind == "comma":
+                raise UnreadError(f"a comma stands in `{canonical(items)}`")
+            if item.kind == "text":
+                raise UnreadError(f"the words '{item.text}' stand in a formula")
+            leads = not here or (here[-1].kind == "sign" and here[-1].text not in ("+", "-"))
+            if item.kind == "sign" and item.text in ("+", "-", "end") and not (leads and here):
+                if here:
+                    term = self.product(here)
+                    terms.append(negated(term) if sign == "-" else term)
+                elif item.text == "end":
+                    raise UnreadError(f"a term is missing after `{sign}`")
+                here, sign = [], item.text
+            else:
+                here.append(item)
+        return made("sum", *terms)
+
+    def product(self, items: Sequence[Item]) -> Node:
+        """A term: factors side by side, with `/`, `\\cdot`, `\\times` between them."""
+        parts: list[list[Item]] = [[]]
+        for item in items:
+            if item.kind == "sign" and item.text == "\\cdot":
+                parts.append([])
+            else:
+                parts[-1].append(item)
+        found = [Factors(self, p).all() for p in parts]
+        out = found[0]
+        for other in found[1:]:
+            left, right = (self.letters.shape(made("product", *f)) for f in (out, other))
+            column = left is not None and right is not None and len(left) == 2 and left == right and left[1] == 1
+            out = [made("transposed", made("product", *out)), *other] if column else [*out, *other]
+        return made("product", *out)
+
+    # -- letters
+
+    def letter(self, before: Key, item: Item) -> Node | None:
+        """A letter of the table with what its superscript says; before: keys of the pieces in front of it that belong to it. None
+        where the table has no such letter."""
+        high = canonical(item.sup)
+        options: list[tuple[str, Callable[[Node], Node]]] = [(high, lambda node: node)] if high else []
+        for mark in sorted(TRANSPOSED, key=len, reverse=True):
+            if high.endswith(mark) and high != mark and not high.endswith("\\" + mark):
+                options.append((high.removesuffix(mark).rstrip(","), lambda node: made("transposed", node)))
+        options.append(("", lambda node: self.raised(node, item.sup)))
+        for sup, wrap in options:
+            node = self._peeled(before, item, sup)
+            if node is not None:
+                found = wrap(node)
+                if found.kind in ("transposed", "cross", "call") and found.parts[0].kind in ("symbol", "cross", "call"):
+                    self.letters.written.setdefault(str(found), " ".join((*before, item.key(high))))
+                return found
+        return None
+
+    def _peeled(self, before: Key, item: Item, sup: str) -> Node | None:
+        key = (*before, item.key(sup))
+        name = self.bound.get(key) or self.letters.names.get(key)
+        if name is not None:
+            return symbol(name)
+        if item.primes and (inner := self._peeled(before, replace(item, primes=0), sup)) is not None:
+            for _ in range(item.primes):
+                inner = Node("call", "slope", (inner,))
+            return self.kept(inner, key)
+        if not before and not sup and item.key("").partition("_")[0] in IDENTITY:
+            return symbol("I")
+        if not before and not sup and item.key("") in ("\\pi", "\\mathbf{0}"):
+            return symbol("pi") if item.text == "\\pi" else number(0)
+        for i, accent in enumerate(item.accents):
+            rest = item.accents[:i] + item.accents[i + 1 :]
+            if accent in RATES and (inner := self._peeled(before, replace(item, accents=rest), sup)) is not None:
+                for _ in range(RATES[accent]):
+                    inner = Node("call", "rate", (inner,))
+                return self.kept(inner, key)
+        if item.accents and item.accents[0] in ("tilde", "hat"):
+            rest = item.accents[1:]
+            for accents in (rest, *((mark, *rest) for mark in MARKS)):
+                if (inner := self._peeled(before, replace(item, accents=accents), sup)) is not None:
+                    return self.kept(made("cross", inner), key)
+        return None
+
+    def kept(self, node: Node, key: Key) -> Node:
+        """A formula, whose print is remembered."""
+        self.letters.written.setdefault(str(node), " ".join(key))
+        return node
+
+    def raised(self, node: Node, sup: Sequence[Item]) -> Node:
+        """A formula with a superscript: transposed, inverse or a power."""
+        text = canonical(sup)
+        if not text:
+            return node
+        if text in TRANSPOSED:
+            return made("transposed", node)
+        if text.startswith("-") and text[1:] in TRANSPOSED:
+            return made("transposed", made("power", node, negated(number(1))))
+        if text in ("*", "\\ast", "\\star", "\\dagger", "+", "-", "\\circ", "\\prime"):
+            raise UnreadError(f"the superscript `{text}` has no meaning: give the letter with it a line in the table of meanings")
+        return made("power", node, self.sum(sup))
+
+
+def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bool]]:
+    """The statements of a display; where it ends in an enumeration, as i = 1, 2, each statement with that index once for each."""
+    for n, (piece, _) in enumerate(pieces):
+        after = [p for p, _ in pieces[n + 1 :]]
+        single = len(piece) == 3 and piece[0].kind == "letter" and piece[1].text == "=" and piece[2].kind == "number"
+        dots = [p for p in after if len(p) == 1 and p[0].text in DOTS]
+        if not n or not single or not after or not all(len(p) == 1 and p[0].kind in ("number", "letter") for p in after):
+            continue
+        if after[-1][0].kind != "number":
+            raise UnreadError(f"it does not say how far {piece[0].key()} counts: print its equations one by one")
+        ends = int(piece[2].text), int(after[-1][0].text)
+        values = range(ends[0], ends[1] + 1) if dots else [ends[0], *(int(p[0].text) for p in after)]
+        out = []
+        for said, condition in pieces[:n]:
+            many = [list(indexed(said, piece[0].key(), value)) for value in values]
+            out += [(one, condition) for one in (many if canonical(many[0]) != canonical(many[-1]) else many[:1])]
+        return out
+    return pieces
+
+
+def _row(cells: Sequence[Sequence[Item]], name: str) -> list[Item]:
+    """A row of statements; of `aligned`, whose cells come in pairs, several side by side."""
+    out: list[Item] = []
+    for i, cell in enumerate(cells):
+        out += [Item("gap", "\\quad")] if i and i % 2 == 0 and name.startswith("aligned") else []
+        out += cell if out else [item for n, item in enumerate(cell) if any(c.kind != "gap" for c in cell[: n + 1])]
+    return out
+
+
+def _flat(items: Sequence[Item]) -> list[Item]:
+    """Items in which stacks of statements are one after the other; a stack alone that continues a statement is joined to it."""
+    items = [i.parts[0][0] if i.kind == "fence" and i.text in ("\\{", "\\lbrace") and len(i.parts[0]) == 1
+             and i.parts[0][0].kind in ("matrix", "stack") and i.parts[0][0].text != "bmatrix" else i for i in items]
+    out: list[Item] = []
+    for item in items:
+        rows = [_row(row, item.text) for row in item.parts] if item.kind in ("stack", "cases", "matrix") else []
+        system = item.kind == "stack" or (item.kind in ("cases", "matrix") and len(rows) > 0 and not out
+                                          and all(any(i.kind == "relation" and i.text == "=" for i in row) for row in rows))
+        if not system:
+            out.append(item)
+            continue
+        for row in rows:
+            goes_on = not row or row[0].kind in ("relation", "sign") or (out and out[-1].kind in ("relation", "sign"))
+            out += ([] if goes_on or not out else [Item("comma", "\\\\")]) + _flat(row)
+    return out

@@ -1,0 +1,316 @@
+"""Factors of a term as TeX prints them: letters, fractions, fences, functions, derivatives, sums and integrals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+from mbdae.audit.notation import Node, made, number, symbol
+from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, Item, UnreadError, canonical, related
+
+DIFFERENTIALS = {"d", "\\partial"}
+
+
+class Reader(Protocol):
+    """What reads the formula that a term belongs to, see `tex.Formula`."""
+
+    letters: Any
+    bound: dict[tuple[str, ...], str]
+
+    def sum(self, items: Sequence[Item]) -> Node:
+        """A formula without a relation."""
+
+    def product(self, items: Sequence[Item]) -> Node:
+        """A term."""
+
+    def letter(self, before: tuple[str, ...], item: Item) -> Node | None:
+        """A letter of the table."""
+
+    def raised(self, node: Node, sup: Sequence[Item]) -> Node:
+        """A formula with a superscript."""
+
+    def kept(self, node: Node, key: tuple[str, ...]) -> Node:
+        """A formula whose print is remembered."""
+
+
+class Factors:
+    """Reads the factors of one term, from left to right."""
+
+    def __init__(self, formula: Reader, items: Sequence[Item]) -> None:
+        self.formula, self.items, self.at = formula, items, 0
+        self.letters = formula.letters
+
+    def all(self) -> list[Node]:
+        """The factors; a divisor is an inverse, a factor before a cross product its matrix."""
+        out, crossed, below = list[Node](), False, False
+        while self.at < len(self.items):
+            item = self.items[self.at]
+            if item.kind == "sign":
+                self.at += 1
+                if not out or crossed or below:
+                    raise UnreadError(f"a factor is missing before `{item.text}`")
+                crossed, below = item.text == "\\times", item.text == "/"
+                continue
+            node = self.one()
+            if crossed and self.letters.shape(out[-1]) == (3, 1):
+                out[-1] = made("cross", out[-1])
+            crossed = False
+            parts = node.parts if node.kind == "product" and item.kind != "fence" and not below else (node,)
+            out += [made("inverse", node)] if below else parts
+            below = False
+        if crossed or below or not out:
+            raise UnreadError("a factor is missing at the end of a term")
+        return out
+
+    def rest(self) -> Node:
+        """All that follows in the term, as one formula."""
+        found = self.formula.product(self.items[self.at :]) if self.at < len(self.items) else None
+        self.at = len(self.items)
+        if found is None:
+            raise UnreadError("nothing follows an operator")
+        return found
+
+    def one(self) -> Node:
+        """The next factor."""
+        for length in (3, 2):
+            pieces = self.items[self.at : self.at + length]
+            if len(pieces) == length and all(p.kind == "letter" for p in pieces) and not any(p.sup for p in pieces[:-1]):
+                found = self.formula.letter(tuple(p.key() for p in pieces[:-1]), pieces[-1])
+                if found is not None:
+                    self.at += length
+                    return found
+        item = self.items[self.at]
+        self.at += 1
+        if item.kind == "letter":
+            return self.letter(item)
+        return self.formula.raised(self.plain(item), item.sup)
+
+    def plain(self, item: Item) -> Node:
+        """The factor of an item that is no letter, without its superscript."""
+        formula = self.formula
+        if item.kind == "number":
+            return number(float(item.text))
+        if item.kind == "frac":
+            return self.derivative(item) or made("product", *_factors(formula.sum(item.parts[0])),
+                                                 made("inverse", formula.sum(item.parts[1])))
+        if item.kind == "root":
+            inside = formula.sum(item.parts[0])
+            return made("power", inside, made("product", number(1), made("inverse", formula.sum(item.parts[1])))) if (
+                len(item.parts) > 1) else Node("call", "sqrt", (inside,))
+        if item.kind == "matrix":
+            return self.matrix(item)
+        if item.kind == "fence":
+            return self.fence(item)
+        if item.kind == "group":
+            return accented(formula.sum(item.parts[0]), item.text)
+        if item.kind in ("cases", "stack"):
+            raise UnreadError(f"`{item.text}` stands inside of a formula: print it as a side of its own")
+        raise UnreadError(f"`{item.text}` stands where a letter or a number should")
+
+    def matrix(self, item: Item) -> Node:
+        """A matrix, or the determinant of one between bars."""
+        rows = [[self.formula.sum(cell) for cell in row] for row in item.parts]
+        if len({len(row) for row in rows}) != 1:
+            raise UnreadError("the rows of a matrix differ in length")
+        found = made("block", *(made("row", *self.filled(row)) for row in rows))
+        square = len(rows) == len(rows[0])
+        return Node("call", "det", (found,)) if item.text == "vmatrix" and square else found
+
+    def filled(self, cells: Sequence[Node]) -> Sequence[Node]:
+        """A row of a matrix in which a number beside a vector or matrix of three rows stands for so many times the identity."""
+        shapes = [self.letters.shape(c) for c in cells]
+        if not any(s is not None and len(s) == 2 and s[0] == 3 for s in shapes):
+            return cells
+        return [made("product", *_factors(c), symbol("I")) if s == () and c.kind != "number" else c
+                for c, s in zip(cells, shapes, strict=True)]
+
+    def fence(self, item: Item) -> Node:
+        """What stands between brackets or bars."""
+        inside = item.parts[0]
+        if len(inside) == 1 and inside[0].kind == "matrix" and inside[0].text in ("array", "matrix", "smallmatrix"):
+            found = self.matrix(inside[0])
+            square = len(found.parts) == len(found.parts[0].parts)
+            return Node("call", "det", (found,)) if item.text in BARS and square else found
+        if any(i.kind == "comma" for i in inside) and item.text not in BARS:
+            cells = [list[Item]()]
+            for piece in inside:
+                cells.append([]) if piece.kind == "comma" else cells[-1].append(piece)
+            return made("block", made("row", *self.filled([self.formula.sum(c) for c in cells])))
+        found = self.formula.sum(inside)
+        if item.text in BARS:
+            shape = self.letters.shape(found)
+            column = BARS[item.text] == "norm" or (shape is not None and len(shape) == 2)
+            return Node("call", "norm" if column else "abs", (found,))
+        if item.text == "\\langle":
+            raise UnreadError("angle brackets (a mean or an inner product) are not known")
+        if item.sub:
+            if canonical(item.sub) != "\\times":
+                raise UnreadError(f"the index `{canonical(item.sub)}` stands at a bracket")
+            return made("cross", found)
+        return found
+
+    # -- letters, functions and operators
+
+    def letter(self, item: Item) -> Node:
+        """A letter of the table, a function or an operator that begins with a letter."""
+        follows = self.items[self.at] if self.at < len(self.items) else item
+        if follows.kind == "fence" and (item.key(), canonical([replace(follows, sup=())])) in self.letters.names:
+            self.at += 1
+            name = self.letters.names[item.key(), canonical([replace(follows, sup=())])]
+            return self.formula.raised(symbol(name), follows.sup)
+        found = self.formula.letter((), item)
+        if found is not None:
+            self.arguments(found)
+            return found
+        plain = item.text if not item.accents else ""
+        if plain in ("\\delta", "\\int", "\\sum") or plain[1:] in FUNCTIONS:
+            return {"\\delta": self.variation, "\\int": self.integral, "\\sum": self.summed}.get(plain, self.called)(item)
+        if plain in ("\\max", "\\min"):
+            raise UnreadError(f"`{plain}` is not known: print its cases")
+        if item.key("") == "e" and item.sup:
+            return Node("call", "exp", (self.formula.sum(item.sup),))
+        raise UnreadError(f"the letter ${item.key()}$ has no line in the table of meanings")
+
+    def arguments(self, found: Node) -> None:
+        """Skip the arguments printed after a letter, as in x(t), w(x, t)."""
+        if self.at >= len(self.items) or (item := self.items[self.at]).kind != "fence" or item.text != "(" or item.sup:
+            return
+        inside = item.parts[0]
+        listed = all(i.kind in ("letter", "comma") for i in inside) and inside
+        name = next((n.value for n in found.walk() if n.kind == "symbol"), "")
+        if listed and (any(i.kind == "comma" for i in inside) or canonical(inside) == "t" or name in self.letters.functions):
+            self.at += 1
+
+    def variation(self, item: Item) -> Node:
+        """A variation: that of the letter or the bracket after the delta."""
+        if self.at >= len(self.items):
+            raise UnreadError("nothing follows \\delta")
+        inner = self.items[self.at]
+        self.at += 1
+        if inner.kind == "letter":
+            for sup in (inner.sup, ()):
+                base = self.formula.letter((), replace(inner, sup=sup)) if canonical(sup) not in TRANSPOSED else None
+                if base is not None:
+                    call = self.formula.kept(Node("call", "delta", (base,)), ("\\delta", inner.key(canonical(sup))))
+                    return self.formula.raised(call, () if sup == inner.sup else inner.sup)
+            raise UnreadError(f"the letter $\\delta {inner.key()}$ has no line in the table of meanings")
+        return self.formula.raised(Node("call", "delta", (self.plain(inner),)), inner.sup)
+
+    def called(self, item: Item) -> Node:
+        """A function with its argument: what stands in brackets, or the factors that together have no unit."""
+        name, power = FUNCTIONS[item.text[1:]], canonical(item.sup)
+        if item.sub:
+            raise UnreadError(f"a function with the index `{canonical(item.sub)}` is not known")
+        if power == "-1" and name in INVERSES:
+            name, power = INVERSES[name], ""
+        if self.at >= len(self.items):
+            raise UnreadError(f"`{item.text}` has no argument")
+        follows = self.items[self.at]
+        if follows.kind == "fence" and follows.text in ("(", "[", "\\{", "\\lbrack"):
+            self.at += 1
+            parts = [list[Item]()]
+            for piece in follows.parts[0]:
+                parts.append([]) if piece.kind == "comma" else parts[-1].append(piece)
+            found = Node("call", name, tuple(map(self.formula.sum, parts)))
+            return self.formula.raised(self.formula.raised(found, item.sup if power else ()), follows.sup)
+        found = Node("call", name, (self.argument(),))
+        return self.formula.raised(found, item.sup if power else ())
+
+    def argument(self) -> Node:
+        """The factors after a function that together have no unit, of several such the shortest with a letter in rad."""
+        factors, best, tried = list[Node](), 0, self.at
+        while self.at < len(self.items):
+            item = self.items[self.at]
+            head = item.text[1:] if item.kind == "letter" else ""
+            if item.kind == "sign" or (factors and (head in FUNCTIONS or item.kind in ("fence", "matrix"))):
+                break
+            factors.append(self.one())
+            here = made("product", *factors)
+            if factors[-1].kind == "number" and len(factors) == 1 and self.at < len(self.items) and (
+                    self.items[self.at].kind in ("letter", "frac")) and self.items[self.at].text[1:] not in FUNCTIONS:
+                continue
+            fits = self.letters.angle(here)
+            if fits is None or fits:
+                best, tried = len(factors), self.at
+                if fits is None or self.letters.radian(here):
+                    break
+        if not best:
+            best, tried = len(factors), self.at
+        self.at = tried
+        if not best:
+            raise UnreadError("a function has no argument")
+        return made("product", *factors[:best])
+
+    def derivative(self, item: Item) -> Node | None:
+        """A fraction of differentials as a derivative, applied to what stands in it or follows it; None for other fractions."""
+        above, below = item.parts
+        pairs = [below[i : i + 2] for i in range(0, len(below), 2)]
+        if not above or above[0].key("") not in DIFFERENTIALS or not all(
+                len(p) == 2 and p[0].key() == above[0].key("") and p[1].kind == "letter" for p in pairs):
+            return None
+        inside = above[1:]
+        if inside:
+            node = self.formula.sum(inside)
+        else:
+            fenced = self.at < len(self.items) and self.items[self.at].kind in ("fence", "frac")
+            node = self.one() if fenced else self.rest()
+        for _, by in pairs:
+            order = canonical(by.sup)
+            for _ in range(int(order) if order.isdigit() else 1):
+                node = self.by(node, by if not order.isdigit() else replace(by, sup=()))
+        return node
+
+    def by(self, node: Node, item: Item) -> Node:
+        """The derivative of a formula by a letter."""
+        found = self.formula.letter((), item)
+        if found is None and item.key() in ("t", "s"):
+            return Node("call", "rate" if item.key() == "t" else "slope", (node,))
+        if found is None:
+            raise UnreadError(f"the letter ${item.key()}$ has no line in the table of meanings")
+        return Node("call", "diff", (node, found))
+
+    def integral(self, item: Item) -> Node:
+        """An integral between limits, up to its dx."""
+        if not item.sub or not item.sup:
+            raise UnreadError("an integral without limits is not read")
+        items = self.items[self.at :]
+        ends = [i for i in range(len(items) - 1) if items[i].key() == "d" and items[i + 1].kind == "letter"]
+        if not ends:
+            raise UnreadError("an integral ends with no `dx`")
+        self.at += ends[0] + 2
+        low, high = self.formula.sum(item.sub), self.formula.sum(item.sup)
+        body = items[: ends[0]] or [Item("number", "1")]
+        return self.over("integral", items[ends[0] + 1], lambda: self.formula.product(body), low, high)
+
+    def summed(self, item: Item) -> Node:
+        """A sum between limits, of all that follows in the term."""
+        parts, signs = related(item.sub)
+        if signs != ["="] or len(parts[0]) != 1 or not item.sup:
+            raise UnreadError("a sum has no limits such as `\\sum_{i=1}^{n}`")
+        return self.over("sum", parts[0][0], self.rest, self.formula.sum(parts[1]), self.formula.sum(item.sup))
+
+    def over(self, name: str, letter: Item, body: Callable[[], Node], low: Node, high: Node) -> Node:
+        """A sum or an integral over a letter of its own."""
+        key, bound = (letter.key(),), self.formula.bound
+        own = self.letters.names.get(key) or "".join(c for c in letter.key() if c.isalnum())
+        self.formula.bound = {**bound, key: own}
+        inside = body()
+        self.formula.bound = bound
+        return Node("call", name, (inside, symbol(own), low, high))
+
+
+def _factors(node: Node) -> tuple[Node, ...]:
+    return node.parts if node.kind == "product" else (node,)
+
+
+def accented(node: Node, accent: str) -> Node:
+    """A formula under an accent."""
+    if accent in RATES:
+        for _ in range(RATES[accent]):
+            node = Node("call", "rate", (node,))
+    elif accent in ("tilde", "hat"):
+        node = made("cross", node)
+    elif accent:
+        raise UnreadError(f"the accent `\\{accent}` stands over a formula")
+    return node

@@ -1,0 +1,155 @@
+"""Papers in TeX and Markdown: what is read, what is said of what is not, and that planted errors are not cleared."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from runner import module_of
+
+import mbdae as mb
+from mbdae.audit.notation import Node
+from mbdae.audit.tex import Formula, Letters
+from mbdae.audit.tex_items import Items, UnreadError
+from mbdae.cli import main
+from mbdae.documents.blocks import tokens
+from mbdae.documents.displays import displays
+
+PAPERS = Path(__file__).parents[2] / "validation" / "audit_tex"
+LETTERS = {
+    r"\theta_{1}": "q1", r"\theta_{2}": "q2", "m": "m", "L": "L", "x": "x", "a": "a", "b": "b", "v": "v", "n": "n", "g": "g",
+    r"\bar{b}_{3}^{k}": "b3k", r"\bar{b}_{1}^{\ell}": "b1l", r"\mathbf{c}": "c", r"\mathbf{r}": "r", r"\mathbf{F}": "F",
+    "r": "s", "r^{k}": "rk", "x'": "xp"}
+
+
+def shape(node: Node) -> tuple[int, ...]:
+    """Columns are r, F and what is one of them times a number."""
+    columns = [n for n in node.walk() if n.kind == "symbol" and n.value in ("r", "F", "c")]
+    return (3, 1) if columns else ()
+
+
+def read(tex: str) -> str:
+    """A display in the notation of audits."""
+    letters = Letters({(key,): name for key, name in LETTERS.items()}, shape, lambda node: None, functions=frozenset({"g"}))
+    cases = Formula(letters).cases(Items(tokens(tex)).all())
+    said = ["; ".join(map(str, c.statements)) + "".join(f" if {a} {sign} {b}" for a, sign, b in c.conditions) for c in cases]
+    return " | ".join(said)
+
+
+@pytest.mark.parametrize(("tex", "text"), [
+    (r"\frac12 m\dot x^2 = \tfrac{1}{2}\,m\,\dot{x}\,\dot x", "1/2*m*rate(x)^2 = 1/2*m*rate(x)*rate(x)"),
+    (r"\bar b_3^{k\,T}\bar{b}^\ell_1 = \tilde{b}_3^{k} \mathbf c", "b3k'*b1l = ~b3k*c"),
+    (r"\frac{d}{dt}\frac{\partial L}{\partial \dot\theta_1} - \frac{\partial L}{\partial\theta_1} = 0",
+     "rate(diff(L, rate(q1))) - diff(L, q1) = 0"),
+    (r"a = \frac{\mathrm{d}^2 x}{\mathrm{d}t^2}", "a = rate(rate(x))"),
+    (r"\sin^2\theta_1 + \cos^{2}(\theta_1) = 1", "sin(q1)^2 + cos(q1)^2 = 1"),
+    (r"\sin^{-1} a = \arcsin a", "asin(a) = asin(a)"),
+    (r"\left|x\right| = \|\mathbf r\|", "abs(x) = norm(r)"),
+    (r"a = \mathbf F\cdot\mathbf r, \quad \mathbf c = \mathbf r\times\mathbf F", "a = F'*r; c = ~r*F"),
+    (r"\begin{split} x &= a \\ &\quad - b \end{split}", "x = a - b"),
+    (r"\begin{aligned} x &= a, & v &= b \\ m &= 2 \end{aligned}", "x = a; v = b; m = 2"),
+    (r"x = \begin{cases} a & \text{if } v > 0, \\ -a & \text{otherwise} \end{cases}", "x = a if v > 0 | x = -a if v <= 0"),
+    (r"\begin{bmatrix} a & 0 \\ 0 & \cos\theta_1 \end{bmatrix} = \begin{pmatrix} 1 & 2 \\ 3 & 4 \end{pmatrix}^T",
+     "[a, 0; 0, cos(q1)] = [1, 2; 3, 4]'"),
+    (r"x = \int_0^a b\,x^{3/2}\,dx, \qquad a = \sum_{i=1}^{3} i\,b", "x = integral(b*x^(3/2), x, 0, a); a = sum(i*b, i, 1, 3)"),
+    (r"e^{-|v/a|^n} \le g(v)", "exp(-abs(v/a)^n) <= g"),
+    (r"\theta_i = a, \quad i = 1, 2", "q1 = a; q2 = a"),
+    (r"r^k = r^2", "rk = s^2"),
+    (r"\delta\mathbf r^T\mathbf F = \delta(x^2)", "delta(r)'*F = delta(x^2)"),
+    (r"x' = \sqrt[3]{a}", "xp = a^(1/3)"),
+    (r"x(t) = \dfrac{a}{b}\biggl(1 - \frac{b}{a}\biggr).", "x = a/b*(1 - b/a)"),
+    (r"x = a \quad \text{for} \quad 0 < v < 1", "x = a if 0 < v if v < 1"),
+])
+def test_what_is_read(tex: str, text: str) -> None:
+    assert read(tex) == text
+
+
+@pytest.mark.parametrize(("tex", "why"), [
+    (r"x \approx a", "approximation"), (r"x = \pm a", "either sign"), ("x = y", r"the letter \$y\$ has no line"),
+    (r"x = \frac{a}{", "formula ends|missing"), (r"x = \unknown{a}", "not known"), ("x", "no equation"),
+    ("x = a +", "term is missing"), (r"x = \int b\,dx", "without limits"), (r"x = \max(a, b)", "print its cases"),
+    (r"x_i = a, \quad i = 1, \ldots, n", "how far i counts"),
+    (r"x = \left.\frac{a}{b}\right|_{v=0}", "value at a point"), ("a = -b = c >= 2", "has no line|one statement")])
+def test_what_is_not_read_is_said(tex: str, why: str) -> None:
+    with pytest.raises(UnreadError, match=why):
+        read(tex)
+
+
+def test_displays_with_numbers_labels_and_macros() -> None:
+    text = r"""\newcommand{\vel}[2][x]{\dot{#1}_{#2}} \def\half#1{\frac{#1}{2}}
+\begin{equation} a = \vel{1} % not $$ this
+\label{eq:a}\end{equation}
+\begin{align} a &= b \\ &= c \label{eq:b} \\ d &= \vel[y]{2}\nonumber \end{align}
+\[ e = \half{f} \tag{A.1} \]
+\begin{verbatim} $$ g = h $$ \end{verbatim}
+\begin{subequations}\begin{align} a&=1,\\ b&=2 \end{align}\end{subequations}"""
+    found = [(d.number, d.label, d.line, d.latex) for d in displays(text)]
+    assert found == [("1", "eq:a", 2, r"a = \dot{x}_{1}"), ("3", "eq:b", 4, "a &= b &= c"), ("", "", 4, r"d &= \dot{y}_{2}"),
+                     ("A.1", "", 5, r"e = \frac{f}{2}"), ("4a", "", 7, "a&=1,"), ("4b", "", 7, "b&=2")]
+    markdown = "# One\n\n$$ a = b \\tag{2} $$\n\n```math\nc = d\n```\n\n```python\nx = '$$ e $$'\n```\n$$ f $$ {#eq:f}\n"
+    assert [(d.number, d.label, d.line, d.latex, d.section) for d in displays(markdown, markdown=True)] == [
+        ("2", "", 3, "a = b", "One"), ("", "", 6, "c = d", "One"), ("", "eq:f", 12, "f", "One")]
+
+
+SPRING = r"""The deflection is $x$; $m$ is the mass of the body and $k$ is the stiffness of the spring.
+\begin{equation}\label{eq:V} V = \frac{1}{2} k x^2 \end{equation}
+\begin{equation}\label{eq:m} m\ddot x + k x = 0 \end{equation}
+\begin{equation}\label{eq:w} \omega = \sqrt{\frac{k}{m}} \end{equation}
+\begin{equation}\label{eq:T} \tau = \frac{2\pi}{\omega} \end{equation}
+\begin{equation}\label{eq:E} P = k x \end{equation}
+"""
+TABLE = r"""x [m]: function of time
+m [kg]: positive number
+k [N/m]: positive number
+let V [J] = integral(k*y, y, 0, x)
+y [m]: number
+omega [rad/s]: defined by eq:w
+let tau [s] $\tau$ = 2*pi*sqrt(m/k)
+P [W]: number
+"""
+
+
+def test_a_table_is_begun_and_confirmed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Guesses are marked and nothing that contains one is judged; a confirmed table, with what an equation of motion stands
+    for, judges all."""
+    paper = tmp_path / "spring.tex"
+    paper.write_text(SPRING, encoding="utf-8")
+    assert main(["audit", str(paper)]) == 1
+    assert "spring.meanings: confirm its letters" in capsys.readouterr().out
+    table = paper.with_suffix(".meanings")
+    lines = table.read_text(encoding="utf-8").splitlines()
+    assert "? m [kg] $m$: positive number   # the mass of the body and" in lines
+    assert "? x [m] $x$: function of time" in lines
+    first = mb.audit(paper)
+    assert not first.begun
+    assert {row.verdict for row in first.equations} == {"CANNOT JUDGE"}
+    assert "does not yet confirm" in first["eq:V"].remark
+    assert "its units agree" in first["eq:V"].remark
+    table.write_text("y [m]: number\n" + TABLE, encoding="utf-8")
+    found = mb.audit(paper)
+    assert found["eq:V"].verdict == "RIGHT"
+    assert found["eq:m"].verdict == "CANNOT JUDGE"  # an equation of motion that nothing defines is not blamed
+    assert "equation 2 [unit]: formula" in found["eq:m"].remark
+    assert found["eq:w"].verdict == "CANNOT JUDGE"  # the definition of the text
+    assert found["eq:T"].verdict == "RIGHT"
+    assert found["eq:E"].verdict == "MISPRINT"  # dimensions first: P is a power
+    assert "unit" in found["eq:E"].remark
+    table.write_text("y [m]: number\n" + TABLE + "equation eq:m [N]: m*rate(rate(x)) + diff(V, x)\n", encoding="utf-8")
+    assert mb.audit(paper)["eq:m"].verdict == "RIGHT"
+    paper.write_text(SPRING.replace(r"\ddot x + k x", r"\ddot x - k x").replace(r"\tau = ", r"\rho = "), encoding="utf-8")
+    wrong = mb.audit(paper)
+    assert wrong["eq:m"].verdict == "MISPRINT"
+    assert wrong["eq:T"].remark.startswith("spring.tex:5: the letter $\\rho$")
+    page = wrong.save(tmp_path / "spring.html").read_text(encoding="utf-8")
+    assert "spring.tex:3" in page
+    assert r"m \, \ddot{x} + k \, x" in page  # the repair in the letters of the paper
+
+
+def test_planted_errors_of_a_paper_are_not_cleared() -> None:
+    """Six errors, one of each kind, drawn from the campaign of validation/audit_tex; the pendulum as it is printed is right."""
+    check = module_of(PAPERS.parent, "audit_tex")
+    rows = [(kind, right, check.audit_equation(wrong, search=False))
+            for kind, right, wrong in check.plants("pendulum.tex", 6, seed=5)]
+    assert {kind for kind, *_ in rows} == {"sign", "factor", "missing term", "sin for cos", "index", "power"}
+    assert [row.equation for _, _, row in rows if row.verdict != "MISPRINT"] == []
+    assert all(row.verdict == "RIGHT" for row in check.audited("pendulum.tex").equations)
