@@ -10,7 +10,7 @@ import numpy as np
 
 from mbdae.deferred import eigsh, issparse, sp, splu
 from mbdae.errors import OptionError
-from mbdae.inputs.reduced import cross_matrix, rigid_motions
+from mbdae.inputs.reduced import rigid_motions
 from mbdae.values import Array, BadValueError, array, option, sequence, shown, whole
 
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")  #: freedoms of a node, in their order
@@ -66,8 +66,8 @@ class FiniteElements:
             if self.freedoms == 3:
                 spread = np.linalg.svd(self.nodes[found] - self.nodes[found].mean(axis=0), compute_uv=False)
                 if len(found) < 3 or spread[1] <= ROUNDED * self.size:
-                    raise OptionError(f"{of} has {len(found)} nodes with three freedoms each on one line, which do not say how it "
-                                      f"turns: give three nodes or more that are not on a line")
+                    raise OptionError(f"{of} has {len(found)} nodes with three freedoms each on one line, which do not say how "
+                                      f"it turns: give three nodes or more that are not on a line")
             members.append(np.array(found))
         return list(given), members
 
@@ -79,21 +79,23 @@ class FiniteElements:
             if (negative := np.flatnonzero(matrix.diagonal() < 0)).size:
                 raise OptionError(f"{name} is indefinite: its diagonal entry of {self._freedom(negative[0])} is "
                                   f"{matrix.diagonal()[negative[0]]:g}")
+        order = " ".join(AXES[:self.freedoms])
         masses = R[:, :3].T @ (self.M @ R[:, :3])
         mass = np.trace(masses) / 3
         if not mass > 0 or np.max(np.abs(masses - mass * np.eye(3))) > ROUNDED * mass:
-            raise OptionError(f"M gives the translations along x, y, z the masses {', '.join(f'{m:g}' for m in masses.diagonal())} "
-                              f"kg, or couples them: its rows are not in the order {' '.join(AXES[:self.freedoms])}, node by node, "
-                              f"or freedoms were left out")
+            found = ", ".join(f"{m:g}" for m in masses.diagonal())
+            raise OptionError(f"M gives the translations along x, y, z the masses {found} kg, or couples them: its rows are not "
+                              f"in the order {order}, node by node, or freedoms were left out")
         forces, sizes = abs(self.K @ R), abs(self.K) @ abs(R)
         wrong = forces > ROUNDED * np.max(sizes, axis=0)
         if wrong[:, :3].any():
-            raise OptionError(f"K resists rigid translations, first at {self._freedom(int(np.argmax(wrong[:, :3].any(axis=1))))}: "
-                              f"give K without supports, with rows in the order {' '.join(AXES[:self.freedoms])}, node by node")
+            where = self._freedom(int(np.argmax(wrong[:, :3].any(axis=1))))
+            raise OptionError(f"K resists rigid translations, first at {where}: give K without supports, with rows in the order "
+                              f"{order}, node by node")
         if wrong.any():
             raise OptionError(f"K resists rigid rotations, first at {self._freedom(int(np.argmax(wrong.any(axis=1))))}, but no "
                               f"translations: nodes are in another order or unit than the rows of K, or the freedoms of a node "
-                              f"are not {' '.join(AXES[:self.freedoms])}")
+                              f"are not {order}")
         self.mass, self.center = float(mass), (R[:, 3:].T @ (self.M @ R[:, :3]) / mass)
         twist = (self.center - self.center.T) / 2  # of -m [c x]: the centre from the mean of the nodes
         self.center = center + np.array([twist[2, 1], twist[0, 2], twist[1, 0]])
@@ -148,8 +150,8 @@ class FiniteElements:
         """LU factors of the stiffness with held interfaces, which is positive definite."""
         size = K.diagonal()
         if (free := np.flatnonzero(size <= NO_STIFFNESS * np.max(size, initial=1e-300))).size:
-            raise OptionError(f"K is that of a mechanism: {self._freedom(self.kept[free[0]])} has no stiffness; leave such freedoms "
-                              f"out (three a node), or give them some")
+            raise OptionError(f"K is that of a mechanism: {self._freedom(self.kept[free[0]])} has no stiffness; leave such "
+                              f"freedoms out (three a node), or give them some")
         root = sp.diags(1 / np.sqrt(size))
         try:
             factors = _factors(sp.csc_matrix(root @ K @ root))
@@ -157,12 +159,11 @@ class FiniteElements:
             factors = None
         pivots = np.zeros(1) if factors is None else _pivots(factors)
         if np.min(pivots) < -NO_STIFFNESS:
-            raise OptionError("K is indefinite with the interfaces held: it has a negative stiffness; are K and M interchanged, or "
-                              "signs wrong?")
+            raise OptionError("K is indefinite: with the interfaces held it has a negative stiffness")
         if factors is None or np.min(pivots) <= NO_STIFFNESS:
             where = "" if factors is None else f", near {self._freedom(self.kept[factors.perm_c.argsort()[np.argmin(pivots)]])}"
-            raise OptionError(f"K is that of a mechanism{where}: a part moves without force while all interfaces are held; connect "
-                              f"it, or give it an interface")
+            raise OptionError(f"K is that of a mechanism{where}: a part moves without force while all interfaces are held; "
+                              f"connect it, or give it an interface")
         return _Scaled(factors, 1 / np.sqrt(size))
 
     def _held_modes(self, K: Any, M: Any, factors: Any, static: Array, modes: int | None) -> tuple[Array, Array, float]:
@@ -198,15 +199,15 @@ class FiniteElements:
         return values, vectors
 
     def _free_modes(self, M: Array, K: Array) -> tuple[Array, Array]:
-        """Squared angular frequencies (n,) and modes (reduced, n), of modal mass 1, of the reduced free body without its six rigid
-        motions, to which the modes are orthogonal exactly."""
+        """Squared angular frequencies (n,) and modes (reduced, n), of modal mass 1, of the reduced free body without its six
+        rigid motions, to which the modes are orthogonal exactly."""
         from scipy.linalg import eigh, null_space
 
         rigid = np.zeros((len(M), 6))
         rigid[: 6 * len(self.places)] = np.vstack([rigid_motions(place[None], self.center, 6) for place in self.places])
         size = np.sqrt(np.maximum(M.diagonal(), 0))
         if not np.min(size) > 0:
-            raise OptionError("M gives a motion of an interface no inertia: give consistent masses, or rotary inertia to its nodes")
+            raise OptionError("M gives a motion of an interface no inertia: give consistent masses, or its nodes rotary inertia")
         M, K = (A / np.outer(size, size) for A in (M, K))
         given = M @ (rigid * size[:, None])
         elastic = null_space((given / np.linalg.norm(given, axis=0)).T)
@@ -214,12 +215,12 @@ class FiniteElements:
             return np.zeros(0), np.zeros((len(M), 0))
         values, vectors = eigh(elastic.T @ K @ elastic, elastic.T @ M @ elastic)
         speed = np.sqrt(abs(values[0])) / (2 * np.pi) * self.size
-        if values[0] <= 1e-13 * values[-1]:
-            raise OptionError(f"K lets the body deform without force (a mechanism): {np.sum(values <= 1e-13 * values[-1])} motions that are not "
-                              f"rigid have no stiffness")
+        if free := int(np.sum(values <= 1e-13 * values[-1])):
+            raise OptionError(f"K lets the body deform without force (a mechanism): {free} motions that are not rigid have no "
+                              f"stiffness")
         if speed > FASTEST:
-            raise OptionError(f"the lowest frequency of the free body is {speed / self.size:.3g} Hz, at a size of {self.size:g} m, "
-                              f"more than waves in solids allow: are M in kg, K in N/m, nodes in m?")
+            raise OptionError(f"the lowest frequency of the free body is {speed / self.size:.3g} Hz, at a size of {self.size:g} "
+                              f"m, more than waves in solids allow: are M in kg, K in N/m, nodes in m?")
         return values, elastic @ vectors / size[:, None]
 
 
@@ -285,8 +286,8 @@ def _positive(name: str, matrix: Any, freedom: Any) -> None:
 def inertia_points(nodes: Array, M: Any, shapes: Array, inertia: Array, modal_mass: Array, mass: float) -> Array:
     """Points by which the body moves in space, see `ReducedBody.points`: as few as have the inertia of all its nodes.
 
-    Kinetic energy about the centre of mass is a sum of (omega x s + s')^2 over points s, linear in the modes, in which products of
-    components of s count alone. These are those of the nodes' masses (sums of rows of M; rotary inertia as masses beside the
+    Kinetic energy about the centre of mass is a sum of (omega x s + s')^2 over points s, linear in the modes, in which products
+    of components of s count alone. These are those of the nodes' masses (sums of rows of M; rotary inertia as masses beside the
     node), corrected so that inertia tensor, modal masses and orthogonality to rigid motions are exactly those of M."""
     k, f, n = shapes.shape
     along = np.tile(np.eye(f)[:, :3], (k, 1))
@@ -338,7 +339,7 @@ def _corrected(points: Array, inertia: Array, modal_mass: Array) -> Array:
         unit = moved / np.sqrt(modal_mass)
         products = np.einsum("pca,pcb->ab", unit, unit)
         if np.min(np.linalg.eigvalsh(products)) < 0.1:
-            raise OptionError("M has modes whose inertia is not in the masses and rotary inertias of its nodes: keep fewer modes, or "
-                              "give a finer mesh")
+            raise OptionError("M has modes whose inertia is not in the masses and rotary inertias of its nodes: keep fewer "
+                              "modes, or give a finer mesh")
         moved = unit @ _root(products, -0.5) * np.sqrt(modal_mass)
     return np.concatenate([x[:, :, None], moved], axis=2)

@@ -204,12 +204,29 @@ class ModalElasticity(Force):
         return se.Integer(0) if self.damping is None else self.damping * rate(self.c) ** 2 / 2
 
 
+class Modes(Joint):
+    """Coordinates of the modes of a reduced body, which its further laws tie to its interfaces and to its inertia. `reduced`: the
+    body."""
+
+    reduced: Any = None
+
+    def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
+        return {}
+
+    @classmethod
+    def freedoms(cls) -> int:
+        """As of a joint that constrains nothing."""
+        return 6
+
+    def remarks(self) -> list[str]:
+        return [self.reduced.summary]
+
+
 @cache
-def modes_of_body(count: int) -> type[Joint]:
+def modes_of_body(count: int) -> type[Modes]:
     """The class of items that have the coordinates of `count` modes."""
-    stated = {"coordinates": params(**{f"mode{n + 1}": ("m", "coordinate of a mode") for n in range(count)}),
-              "constraints": lambda self, *frames: {}, "freedoms": classmethod(lambda cls: 6), "__module__": __name__, "__doc__": "Modes of a reduced body."}
-    return type(f"Modes__{count}", (Joint,), stated)
+    named = params(**{f"mode{n + 1}": ("m", "coordinate of a mode") for n in range(count)})
+    return type(f"Modes__{count}", (Modes,), {"coordinates": named, "__module__": __name__, "__doc__": Modes.__doc__})
 
 
 def __getattr__(name: str) -> Any:

@@ -252,8 +252,7 @@ def growth_words(run: Controlled, asked: float | None, prepared: Prepared | None
 
 
 def turned_aside(result: Result) -> list[str]:
-    """Warnings about bodies whose inertia is stated as one number, about z, and which turn about other axes of theirs in space:
-    about these their inertia is 0."""
+    """Warnings about bodies whose inertia is stated as one number, about z, and which turn about other axes in space."""
     found = []
     for node, body in result.prepared.model.bodies:
         if body.principal_plane and node.kind is NodeKind.SPATIAL:
@@ -275,23 +274,8 @@ def past_their_domain(result: Result) -> list[str]:
             seen = getattr(result[c.name], name)
             if (below := np.flatnonzero(np.any(seen < -PAST * result.prepared.length, axis=1))).size:
                 found.append(f"{c.kind} '{c.name}', at t = {result.t[below[0]]:.6g} s: {words}")
-        found += _of_reduced_body(result, c) if hasattr(c.joint, "small_within") else []
-    return found
-
-
-def _of_reduced_body(result: Result, c: Any) -> list[str]:
-    """Warnings where the deformations of a reduced body are not small, or where it turns so fast that these stiffen it."""
-    found, bounds = [], (c.joint.small_within, c.joint.slow_within)
-    sizes = np.max(np.abs([getattr(result[c.name], mode) for mode in c.scalars]), axis=0, initial=0)
-    speed = np.linalg.norm(result[c.k.name].angular_velocity, axis=1)
-    if (beyond := np.flatnonzero(sizes > bounds[0])).size:
-        found.append(f"{c.kind} '{c.k.name}', at t = {result.t[beyond[0]]:.6g} s: a mode displaces by up to {np.max(sizes):.3g} m, "
-                     f"more than {bounds[0]:.3g} m: the body moves as with small deformations, whose error is then about 1 % or "
-                     "more and grows with the square; use s.beam, or several bodies")
-    if (beyond := np.flatnonzero(speed > bounds[1])).size:
-        found.append(f"{c.kind} '{c.k.name}', at t = {result.t[beyond[0]]:.6g} s: it turns at up to {np.max(speed):.3g} rad/s, more "
-                     f"than a tenth of its lowest angular frequency with an interface held: stiffening by centrifugal forces, of "
-                     "1 % or more of its stiffness, is left out; use s.beam")
+        if (body := getattr(c.joint, "reduced", None)) is not None:
+            found += [f"reduced body '{c.k.name}', {words}" for words in body.doubts(result, c)]
     return found
 
 

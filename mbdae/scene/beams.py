@@ -31,12 +31,6 @@ HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 HARMLESS_SECTION = Section(1, 1, 1, 1, 1, 1, 1, 1)
 FOLDED = 1e-6  #: rad, a beam with a corner that differs by less from half a turn is refused: the line folds back on itself
 TURNED = 0.9 * np.pi  #: rad, largest rotation between neighbouring nodes of a curve; a beam with a larger one is refused
-#: largest displacement by a mode, over the size of a reduced body, that is not told: at a cantilever's end deflection of 14 % of its
-#: length its mode displaces by 5.4 % and the deflection is 1.4 % off, and a tenth of that by 0.54 % and 0.013 %
-SMALL = 0.04
-#: angular velocity of a reduced body, over its lowest angular frequency with an interface held, that is not told: at the square of
-#: this, 1 %, centrifugal forces stiffen a rotating blade, which its matrices do not say
-SLOW = 0.1
 #: number of pieces of a curve, by which it is drawn, its rotation between nodes is estimated, and the place nearest to a point is
 #: first sought; also number of elements used in place of a wrong one
 SAMPLES = 64
@@ -184,15 +178,17 @@ class BeamStatements(SceneItems):
             return self._add_body(Body(f"{name}.{of}" if of else name, mass, np.zeros((3, 3)), place, np.eye(3), speed, w,
                                        given_velocity=bool(np.any(v) or np.any(w)), **more))
 
-        frame = part("", body.mass, origin, v, outline=at + body.nodes)
+        places = [at + x for x in body.interfaces.values()]
+        frame = part("", body.mass, origin, v, outline=np.array([*places[:1], origin, *places[1:]]))
         modes, count = f"{name}.modes", len(body.modal_mass)
         place = {"k": frame, "l": frame, "at": origin, "axis": (0.0, 0.0, 1.0), "axis_x": (1.0, 0.0, 0.0)}
         ratio = 2 * damping * np.sqrt(body.modal_mass * body.modal_stiffness)
         laws = [ModalElasticity(modes, (modes, f"mode{n + 1}"), stiffness=float(body.modal_stiffness[n]),
                                 damping=float(ratio[n]) if damping else None, **place) for n in range(count)]
         joint = modes_of_body(count)(modes, kept=True, **place)
-        joint.small_within, joint.slow_within = SMALL * body.size, SLOW * 2 * np.pi * body.lowest_held
-        self._enter(Connection(modes, "reduced body", frame, frame, [joint, *laws], True, model=Classical()))
+        joint.reduced = body
+        still = dict.fromkeys(joint.coordinates, 0.0)  # it starts as drawn, without vibration
+        self._enter(Connection(modes, "reduced body", frame, frame, [joint, *laws], True, still, dict(still), model=Classical()))
         for interface, shape in body.interface_shapes.items():
             x = at + body.interfaces[interface]
             node = part(interface, 0.0, x, v + np.cross(w, x - origin), shapes=())
@@ -205,9 +201,9 @@ class BeamStatements(SceneItems):
             node.inertia = None
             numbers = _by_axes(shape=point[:, 1:]) | {f"{what}_{a}": float(x) for what, vector in (
                 ("center", origin), ("place", point[:, 0])) for a, x in zip("xyz", vector, strict=True)}
-            law = InertiaPoint(f"{name}.rows {i + 1}", modes, numbers, count=count, **{**place, "l": node,
-                                                                                      "at": node.drawn.position})
-            self._enter(Connection(law.name, "inertia", frame, node, [law]))
+            rows = InertiaPoint(f"{name}.rows {i + 1}", modes, numbers, count=count,
+                                **{**place, "l": node, "at": node.drawn.position})
+            self._enter(Connection(rows.name, "inertia", frame, node, [rows]))
         if self.space == "auto":
             self.space = "spatial"
         return frame

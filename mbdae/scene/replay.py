@@ -17,8 +17,8 @@ import numpy as np
 
 from mbdae.deferred import Later
 from mbdae.errors import MbdaeError, OptionError, SceneError
-from mbdae.laws import exported
 from mbdae.inputs.reduced import ReducedBody
+from mbdae.laws import exported
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, signature_of, stored_name, without_module
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphere
@@ -52,7 +52,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
 def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
     models, shapes = (Kinematic, Classical, Recursive, Clearance, Stop), (Plane, Sphere, Point, Cylinder, Box)
-    return {stored_name(cls): cls for cls in (*exported().values(), Section, *models, *shapes)}
+    return {stored_name(cls): cls for cls in (*exported().values(), Section, ReducedBody, *models, *shapes)}
 
 
 class Known:
@@ -126,9 +126,6 @@ def _expected(name: str) -> str:
 def _word(name: str) -> str:
     """The name of a class for a remedy; "the class" where the stored text is no name."""
     return name if name.isidentifier() and len(name) <= 60 else "the class"
-
-
-# ---- arguments -----------------------------------------------------------------------------------------------------------
 
 
 def decoded(value: Any, scene: Any, known: Known) -> Any:

@@ -46,6 +46,7 @@ ELSEWHERE = {
     **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak", "Result.error"),
                     "tests/results"),
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
+    **dict.fromkeys(("ReducedBody", "ReducedBody.doubts", "ReducedBody.displacement"), "tests/inputs"),
     "read_table": "tests/inputs", "read_urdf": "tests/robots", "read_mjcf": "tests/robots",
     "Scene.write_mjcf": "tests/robots",
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
