@@ -44,7 +44,7 @@ def scene(speed=SPEED, lean_rate=LEAN_RATE):
 def roots(speed):
     """Roots of small motions at a speed (m/s), 1/s; those of motions that nothing resists, which are 0, left out."""
     found = scene(speed, 0.0).linearize()
-    return found.eigenvalues[np.abs(found.eigenvalues) > 1e-3]
+    return found.eigenvalues[found.eigenvalues != 0]
 
 
 if __name__ == "__main__":

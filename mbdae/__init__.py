@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from mbdae.sweep import sweep
     from mbdae.symbolic.joint import Coupling, Joint
     from mbdae.symbolic.law import Force, params
+    from mbdae.symbolic.variation import rate
     from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
 
@@ -86,8 +87,8 @@ _HOME = {
     "curve": "mbdae.inputs.measured", "design": "mbdae.fits.designs", "export": "mbdae.export", "extremes": "mbdae.extremes",
     "fit": "mbdae.fits", "function": "mbdae.fits.functions", "integral": "mbdae.derivatives", "largest": "mbdae.derivatives",
     "load": "mbdae.api", "mass": "mbdae.fits.designs", "measure_order": "mbdae.integrators.named",
-    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "read_mjcf": "mbdae.api",
-    "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
+    "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "rate": "mbdae.symbolic.variation",
+    "read_mjcf": "mbdae.api", "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
     "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }
 
@@ -100,8 +101,8 @@ __all__ = [
     "Section",
     "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
     "at_end", "audit", "compare", "curve", "design", "export", "extremes", "fit", "function", "integral", "largest", "load",
-    "mass", "measure_order", "number",
-    "params", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep", "t", "table",
+    "mass", "measure_order", "number", "params", "rate", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep",
+    "t", "table",
 ]
 
 

@@ -8,6 +8,7 @@ The Scene as users see it, and `load`. Importing this module gives Result its pi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from mbdae.integrators.named import solver_of
 from mbdae.notation import picture, rows, titled
 from mbdae.results.result import ATTACHED, Result
 from mbdae.results.storage import load as load
+from mbdae.results.stored_parts import wanted_of
 from mbdae.run.checkpoint import give_back, keeper_of, kept, progress_of, statement_of, taken
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from
@@ -35,10 +37,10 @@ from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start import Start
 from mbdae.threads import limited, single_threaded
-from mbdae.values import flag, number, of_class, option, optional, sequence, text, whole
+from mbdae.values import flag, number, of_class, option, optional, sequence, shown, text, whole
 
 if TYPE_CHECKING:
-    from mbdae.analysis import Equilibrium, Floquet, Linearization
+    from mbdae.analysis import Equilibrium, Floquet, Linearization, Periodic
     from mbdae.robots.joint_space import Tree
     from mbdae.run.stepper import Stepper
 else:
@@ -152,6 +154,13 @@ class Scene(SceneData):
 
         return floquet(self, period, at, count, accuracy)
 
+    def periodic(self, period: Any = None, accuracy: float = 1e-6, start: Any = None, of: Any = None) -> Periodic:
+        """A motion that returns to its start after `period` (s), found by shooting, as a Result over one period with its
+        `multipliers` and `stable`; period=None: found, for scenes without drives. See `mbdae.analysis.periodic`."""
+        from mbdae.analysis import periodic
+
+        return periodic(self, period, accuracy, start, of)
+
     def tree(self) -> Tree:
         """Joint-space dynamics of the scene: mass matrix, bias, gravity, inverse and forward dynamics, Jacobians at given states;
         see `mbdae.robots.joint_space.Tree`. Raises SceneError."""
@@ -194,7 +203,7 @@ class Scene(SceneData):
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
                  progress: Callable[..., None] | bool | None = None, checkpoint: Any = None, every: int | None = None,
-                 until: Any = None, record: Any = None, derivatives: bool = False) -> Result:
+                 until: Any = None, record: Any = None, derivatives: bool = False, of: Any = None) -> Result:
         """Integrate the equations of motion to t_end (s), or to the event `until`.
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
@@ -214,6 +223,9 @@ class Scene(SceneData):
         until: a condition on sensors that ends the run where it begins to hold, "J.angle > 1.0"; record: conditions whose
         instants are kept, "J.angle == 0" or a list; both as text or symbols (`sensor`), results in `events`.
         derivatives: refuse a run that has none at once, with the reason (DerivativeError), for `r.gradient` and `r.sensitivity`.
+        of: quantities that have to be as accurate as asked too, each over its largest value in the run (at least 1e-6 of the
+        scene's largest force or torque): a list of sensors, components and expressions, ["A.drive", "B.force[1]"], or a mapping
+        of names to them; the tolerance is chosen for them, `accuracy.of` of the result has their errors.
         An option that cannot be used raises OptionError before anything is solved, a mistake in the scene SceneError, a start
         that does not satisfy the joints StartError, a solver that cannot go on SolverError.
 
@@ -232,15 +244,15 @@ class Scene(SceneData):
         keeper = keeper_of(checkpoint, every)
         said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
                        outputs=times, verify=verify, until=[c.name for c in watched.until],
-                       record=[c.name for c in watched.record])
+                       record=[c.name for c in watched.record], of=shown(of))
         wanted = option("derivatives", derivatives, flag, "give True for a run whose derivatives are wanted, or False")
         with limited(wall), kept(keeper, said):
             return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,
-                                   DEFAULT_OUTPUTS if outputs is None else outputs, wanted)
+                                   DEFAULT_OUTPUTS if outputs is None else outputs, wanted, of)
 
     def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
                    start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any,
-                   derivatives: bool) -> Result:
+                   derivatives: bool, of: Any) -> Result:
         """`simulate` after its options have been checked."""
         default = method is None and own is None
         taken_, key = taken(self, (end, default) if start is None and asked.progress is None else None,
@@ -248,6 +260,7 @@ class Scene(SceneData):
         prepared = watched.with_turns(taken_, lambda scene: prepared_from(scene, start, end))
         if derivatives:
             _derivatives("refuse_scene")(prepared, start, bool(watched.until))
+        asked = replace(asked, wanted=wanted_of(of, prepared))
         found = self._solved(prepared, end, accuracy, method, own, times, start is not None, verify, asked, watched, outputs)
         give_back(taken_, key)
         return found

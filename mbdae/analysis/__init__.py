@@ -3,6 +3,7 @@
 from mbdae.analysis.equilibrium import Equilibrium, equilibrium
 from mbdae.analysis.linearization import Linearization, linearize
 from mbdae.analysis.multipliers import Floquet, floquet
+from mbdae.analysis.periodic import Periodic, periodic
 from mbdae.analysis.shapes import Mode
 
-__all__ = ["Equilibrium", "Floquet", "Linearization", "Mode", "equilibrium", "floquet", "linearize"]
+__all__ = ["Equilibrium", "Floquet", "Linearization", "Mode", "Periodic", "equilibrium", "floquet", "linearize", "periodic"]

@@ -137,6 +137,21 @@ def free_shifts(model: Model, frame: RotatingFrame, q: Array, w: Array) -> Array
     return found
 
 
+def spins(model: Model, frame: RotatingFrame, w: Array) -> list[Array]:
+    """Turns (nu, 1) of single bodies, and of coordinates, at the rates of a motion w (nu,) along the frame's axes, beside the
+    frame's own."""
+    found = []
+    for node in model.nodes:
+        n, size = 0 if node.kind is NodeKind.COORDINATE else node.kind.translations, node.kind.sizes[1]
+        rate = w[node.u + n : node.u + size].copy()
+        if node.kind is NodeKind.SPATIAL:
+            rate -= frame.rotation.T @ frame.rate
+        if np.any(rate):
+            found.append(np.zeros((model.nu, 1)))
+            found[-1][node.u + n : node.u + size, 0] = rate
+    return found
+
+
 def advanced(mechanics: Mechanics, frame: RotatingFrame, q: Array, u: Array, tau: float) -> tuple[Array, Array]:
     """Positions and velocities a time tau (s) later on the motion that is steady in the frame."""
     q, u = q.copy(), u.copy()

@@ -185,18 +185,18 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     return found
 
 
-def start_at(scene: SceneData, at: Any) -> Start | None:
+def start_at(scene: SceneData, at: Any, name: str = "at") -> Start | None:
     """The state that `at` names: a Result (its end), (Result, t), an equilibrium; None for the start of the scene."""
     if at is None:
         return None
     given, t = at if isinstance(at, tuple) and len(at) == 2 else (at, None)
     if not isinstance(given, Result):
-        raise OptionError(f"at = {shown(at)} is no state: give a Result (its end), (Result, t), an equilibrium, or None for the "
-                          f"start of the scene")
+        raise OptionError(f"{name} = {shown(at)} is no state: give a Result (its end), (Result, t), an equilibrium, or None for "
+                          f"the start of the scene")
     result = given
     said, meant = ([item.name for item in known._items] for known in (result.prepared.model.scene, scene))
     if said != meant:
-        raise OptionError(f"at is a state of scene '{result.prepared.model.scene.name}', which has other items than "
+        raise OptionError(f"{name} is a state of scene '{result.prepared.model.scene.name}', which has other items than "
                           f"'{scene.name}': give a state of this scene")
     return result.state_for(scene, t)
 
@@ -256,13 +256,15 @@ def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: Rota
     if np.abs(off).max(initial=0.0) > STEADY * np.abs(G).max(initial=1e-300):
         return f"the force of constraint {m.rows[largest(np.max(np.abs(off), axis=1))].name} has another direction"
     Z = np.asarray(np.linalg.lstsq(before.whole, before.N, rcond=None)[0], dtype=float)
-    return _differs(m, before, reduced(p, before.whole, Z), float(np.max(np.abs(frame.rate))))
+    errors = errors_of(found.pencil, before, m.velocity_units)
+    return _differs(m, before, reduced(p, before.whole, Z), errors, float(np.max(np.abs(frame.rate))))
 
 
-def _differs(m: Mechanics, a: Reduced, b: Reduced, rate: float) -> str | None:
+def _differs(m: Mechanics, a: Reduced, b: Reduced, e: Reduced, rate: float) -> str | None:
     size = np.abs(a.K).max(initial=0.0) + rate * np.abs(a.C).max(initial=0.0) + rate**2 * np.abs(a.M).max(initial=0.0)
-    for coefficient, x, y, unit in (("inertia", a.M, b.M, rate**2), ("damping", a.C, b.C, rate), ("stiffness", a.K, b.K, 1.0)):
-        off = np.abs(x - y)
+    for coefficient, name, unit in (("inertia", "M", rate**2), ("damping", "C", rate), ("stiffness", "K", 1.0)):
+        x, y, error = (getattr(matrices, name) for matrices in (a, b, e))
+        off = np.maximum(np.abs(x - y) - error, 0.0)
         scale = size / unit if unit else np.abs(x).max(initial=0.0)
         if off.max(initial=0.0) > STEADY * scale and off.max() > 0:
             column = largest(off.max(axis=0))

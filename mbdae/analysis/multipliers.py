@@ -32,6 +32,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
+from mbdae.system.start import Start
 from mbdae.threads import single_threaded
 from mbdae.values import number, option, optional, whole
 
@@ -188,7 +189,7 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     accuracy = option("accuracy", accuracy, number, "give the error of exponent x period, a number from 1e-11 to 0.01",
                       least=1e-11, most=1e-2)
     refuse_sampled(scene, "floquet")
-    prepared = _prepared(scene, at, period)
+    prepared = prepared_from(scene, start_at(scene, at), period)
     refuse_rolling(prepared.mechanics, "floquet", "where the motion is steady, use s.linearize; else simulate small disturbances")
     system = system_for(prepared, highest_index=3)
     returned = check_return(prepared, system, period)
@@ -202,20 +203,16 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     return made
 
 
-def _prepared(scene: SceneData, at: Any, period: float) -> Prepared:
-    """The scene at the state that `at` names: as a default run, with recursive joints where their model was left open."""
+def prepared_from(scene: SceneData, begin: Start | None, period: float) -> Prepared:
+    """The scene at a state: as a default run, with recursive joints where their model was left open."""
+    end = (begin.t if begin is not None else 0.0) + period
     variant = with_open_tree(scene)
     try:
-        found = _begun(variant, at, period) if variant is not None else None
+        found = prepare(variant, begin, t_end=end) if variant is not None else None
     except MbdaeError:  # the scene as stated is prepared below, which raises the error again if the scene is wrong
         found = None
     fewer = found is not None and not found.model.stay_kinematic and not found.all_bodies.moved.ordered
-    return found if found is not None and fewer else _begun(scene, at, period)
-
-
-def _begun(scene: SceneData, at: Any, period: float) -> Prepared:
-    begin = start_at(scene, at)
-    return prepare(scene, begin, t_end=(begin.t if begin is not None else 0.0) + period)
+    return found if found is not None and fewer else prepare(scene, begin, t_end=end)
 
 
 def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departures) -> Array:

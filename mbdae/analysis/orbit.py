@@ -9,6 +9,7 @@ departures are those that the constraints allow, of positions (as virtual displa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -42,6 +43,7 @@ WHOLE = 16
 #: largest relative difference of the state after a period from the start, and of the equations from those a period before, with
 #: which a motion counts as periodic; exponents change by about as much
 RETURN = 1e-4
+CLOSINGS = 3  #: number of corrections by which a state near a motion comes to satisfy the constraints
 SAMPLES = 24  #: largest number of times at which the equations are compared with those of a period later
 
 
@@ -103,8 +105,8 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
         raise SteadyError(f"after period = {period:.9g} s {difference}: give a whole period of the motion, and start on that "
                           f"motion: pass at=(result, t) of a run whose transients have died out, or "
                           f"at=s.equilibrium(frame=...)")
-    sign, turns = _later(prepared, system, run, acting)
-    changed_equation = _changed(prepared, system, run, period, (sign, turns))
+    sign, turns = later(prepared, system, run.y[[0, -1]], acting)
+    changed_equation = changed(prepared, system, run, period, (sign, turns))
     if changed_equation:
         raise SteadyError(f"the equations do not repeat after period = {period:.9g} s, although the motion does: "
                           f"{changed_equation}; give a period after which loads and prescribed motions repeat too (a force "
@@ -172,7 +174,7 @@ def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[floa
     return shift / length, f"'{node.name}' is {shift:.3g} m from its start"
 
 
-def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: float,
+def changed(prepared: Prepared, system: SceneSystem, run: Solution, period: float,
              later: tuple[Array, Array]) -> str | None:
     """Which equation differs a period later on the same motion; None where all repeat."""
     sign, turns = later
@@ -199,19 +201,27 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
     return None
 
 
-def _later(prepared: Prepared, system: SceneSystem, run: Solution, acting: Indices) -> tuple[Array, Array]:
-    """Signs of quaternions and whole turns of angles (n,) by which unknowns differ after a period."""
+def later(prepared: Prepared, system: SceneSystem, ends: Array, acting: Indices) -> tuple[Array, Array]:
+    """Signs of quaternions and whole turns of angles (n,) by which unknowns differ after a period; ends (2, n): unknowns before
+    and after it."""
     nb, sign = system.numbering, np.ones(system.n)
     for node in prepared.model.nodes:
         if node.kind is NodeKind.SPATIAL:
             own = np.flatnonzero((nb.of_positions >= node.q + 3) & (nb.of_positions < node.q + 7))
-            sign[own] = -1.0 if run.y[-1][own] @ run.y[0][own] < 0 else 1.0
-    shift = run.y[-1] - sign * run.y[0]
-    turns = np.zeros(system.n)
-    turns[: nb.nq] = 2 * np.pi * np.round(shift[: nb.nq] / (2 * np.pi))
+            sign[own] = -1.0 if ends[1][own] @ ends[0][own] < 0 else 1.0
+    shift, turns = ends[1] - sign * ends[0], np.zeros(system.n)
+    own = np.flatnonzero(np.isin(nb.of_positions, angles(prepared)))
+    turns[own] = 2 * np.pi * np.round(shift[own] / (2 * np.pi))
     following = np.setdiff1d(np.flatnonzero(np.array(system.kinds) == "s"), acting)
     turns[following] = shift[following]
     return sign, turns
+
+
+def angles(prepared: Prepared) -> list[int]:
+    """Numbers of the positions of all nodes that are angles."""
+    nodes = prepared.model.nodes
+    return [n.q + 2 for n in nodes if n.kind is NodeKind.PLANAR] + [
+        n.q for n in nodes if n.kind is NodeKind.COORDINATE and n.unit == "rad"]
 
 
 @dataclass(frozen=True)
@@ -220,7 +230,8 @@ class Departures:
 
     map (n, nx): unknowns from p (virtual displacements), w (velocities), s (internal states); back (nx, n): those from the
     unknowns after the period, where quaternions may have changed sign; units (nx,): size of each; Q (nx, k)
-    orthonormal; velocities: number of entries of p, and of w.
+    orthonormal; velocities: number of entries of p, and of w; rows, C: the equations that are constraints of positions and
+    velocities, and what x changes them by.
     """
 
     map: Array
@@ -228,6 +239,16 @@ class Departures:
     units: Array
     Q: Array
     velocities: int
+    rows: Any
+    C: Array
+
+    def closed(self, system: SceneSystem, y: Array) -> Array:
+        """Unknowns y (n,) near the start changed as little as possible so that the constraints hold."""
+        inverse, F = np.linalg.pinv(self.C * self.units) if self.rows else np.zeros((len(self.units), 0)), np.empty(system.n)
+        for _ in range(CLOSINGS):
+            system.residual(system.t0, y, system.yp0, F)
+            y = y - self.map @ (self.units * (inverse @ F[self.rows]))
+        return y
 
     @property
     def start(self) -> Array:
@@ -263,7 +284,7 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
         raise OptionError(f"floquet: the constraints allow {Q.shape[1]} independent changes of positions, velocities and states "
                           f"at the start, where {expected} are expected: the position is singular; start at another instant "
                           f"of the motion (at=(result, t))")
-    return Departures(T, back * returned.sign, units, Q, nu)
+    return Departures(T, back * returned.sign, units, Q, nu, rows, C)
 
 
 def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:

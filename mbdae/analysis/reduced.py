@@ -169,13 +169,15 @@ def _errors_of_rates(p: Pencil, e: Reduced) -> Reduced:
     assert p.errors is not None
     N, full = e.whole, _reduced(p, e.whole, e.whole, acting_states(p), p.kinematics)
     (B1, B0), (dB1, dB0) = _rates(p, p.A, N), _rates(p, p.errors.A, np.abs(N))
-    Z, Y = np.abs(free_basis(B1, np.ones(N.shape[1]))), np.linalg.qr(B1.T)[0]
+    Z, Y = free_basis(B1, np.ones(N.shape[1])), np.linalg.qr(B1.T)[0]
     inverse = np.linalg.inv(B1 @ Y)
-    B, Y = np.abs(inverse @ B0), np.abs(Y)
+    # entries of the bases are rounded in proportion to the largest of their columns
+    aslant, Y_rounded = (basis_error(basis, np.ones(len(basis))) for basis in (Z, Y))
+    B, Z, Y = np.abs(inverse @ B0), aslant / ROUNDED, Y_rounded / ROUNDED
     dB = np.abs(inverse) @ (np.abs(dB0) + np.abs(dB1) @ Y @ B) + 4 * ROUNDED * B
     size = replace(full, **{f.name: np.abs(getattr(full, f.name)) for f in fields(Reduced)})
     own, rounded = _rolling(e, Z, Y, B, 1.0), _rolling(size, Z, Y, B, 1.0)
-    found = {f.name: getattr(own, f.name) + 4 * ROUNDED * getattr(rounded, f.name) for f in fields(Reduced)}
+    found = {f.name: getattr(own, f.name) + ROUNDED * getattr(rounded, f.name) for f in fields(Reduced)}
     forces, states = size.M @ (Y @ dB), size.S2 @ (Y @ dB)
     k = len(full.Es)
     found["C"] += Z.T @ forces @ Z
@@ -183,7 +185,9 @@ def _errors_of_rates(p: Pencil, e: Reduced) -> Reduced:
     found["S1"][:k] += states @ Z
     found["Es"][:k, k:] += states @ Y
     # the rows b' + B x = 0
+    across = np.abs(inverse) @ (np.abs(B1) @ aslant + np.abs(dB1) @ Z)
     found["Es"][k:], found["As"][k:, :k], found["As"][k:, k:], found["S0"][k:] = 0.0, 0.0, dB @ Y, dB @ Z
+    found["S1"][k:] = across
     return Reduced(**found)
 
 

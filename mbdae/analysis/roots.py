@@ -176,7 +176,7 @@ def _solved(E: Array, A: Array, shift: float | None) -> tuple[Complex, Complex, 
 
 def _solve(Z: Any, right: Any) -> Any:
     """Z^-1 right with rows and columns scaled to largest entries of 1; a singular Z is changed by rounding."""
-    rows, columns = _scales(Z)
+    rows, columns = scales(Z)
     scaled = Z * rows[..., :, None] * columns[..., None, :]
     right = rows[..., :, None] * right
     rng = np.random.default_rng(3)
@@ -189,7 +189,7 @@ def _solve(Z: Any, right: Any) -> Any:
     return np.full((*np.broadcast_shapes(scaled.shape[:-2], right.shape[:-2]), Z.shape[-1], right.shape[-1]), np.nan)
 
 
-def _scales(Z: Any) -> tuple[Array, Array]:
+def scales(Z: Any) -> tuple[Array, Array]:
     """Scales of rows and columns of Z (..., n, n), powers of 2, that make the entries as equal as two rounds can."""
     size = np.abs(Z)
     rows, columns = np.ones(Z.shape[:-1]), np.ones(Z.shape[:-1])

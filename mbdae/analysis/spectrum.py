@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from mbdae.analysis.reduced import Reduced
-from mbdae.analysis.roots import EPS, Roots, parts, roots, sign
+from mbdae.analysis.roots import EPS, Roots, parts, roots, scales, sign
 from mbdae.errors import OptionError
 from mbdae.system.base import Array
 
@@ -27,6 +30,8 @@ LARGEST = 1600
 
 #: a root 0 of a motion that no force can resist counts as exact where its error is below this part of the smallest other root
 NEXT = 1e-3
+#: what is smaller than this part of a motion is rounding
+SLIGHT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -35,10 +40,12 @@ class Structure:
 
     surely(name, N): whether x^T S x >= 0 on the motions N x, for S = "K" or "C", is known law by law; asked where the sum of the
     laws does not show it. free(p): whether a motion p (nu,) is one that the whole scene, or its steady motion, may be shifted
-    along. rate: of the frame's axes, rad/s."""
+    along; shifted(p): the same of turns of the scene about any axis too, and of bodies about the axes about which they turn.
+    rate: of the frame's axes, rad/s."""
 
     surely: Callable[[str, Array], bool]
     free: Callable[[Complex], bool]
+    shifted: Callable[[Array], bool] = lambda p: False
     rate: float = 0.0
 
 
@@ -97,10 +104,15 @@ def _without_noise(r: Reduced, e: Reduced) -> tuple[Reduced, Reduced]:
     """The equations with entries that are not larger than their errors set to 0, which adds to the errors."""
     values, errors = {}, {}
     for f in fields(Reduced):
-        a, d = getattr(r, f.name), getattr(e, f.name)
-        noise = (np.abs(a) <= d) if f.name not in ("whole", "N", "Y") else np.zeros(a.shape, dtype=bool)
-        values[f.name], errors[f.name] = np.where(noise, 0.0, a), np.where(noise, d + np.abs(a), d)
+        values[f.name], errors[f.name] = pair = getattr(r, f.name), getattr(e, f.name)
+        if f.name not in ("whole", "N", "Y"):
+            values[f.name], errors[f.name] = _beyond_errors(*pair)
     return Reduced(**values), Reduced(**errors)
+
+
+def _beyond_errors(a: Array, d: Array) -> tuple[Array, Array]:
+    noise = np.abs(a) <= d
+    return np.where(noise, 0.0, a), np.where(noise, d + np.abs(a), d)
 
 
 def _cut(r: Reduced, x: NDArray[np.intp], s: NDArray[np.intp]) -> Reduced:
@@ -113,14 +125,18 @@ def _cut(r: Reduced, x: NDArray[np.intp], s: NDArray[np.intp]) -> Reduced:
 def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | None]:
     """All roots of motions that are coupled, and the verdict on them."""
     n = len(r.M)
-    # displacements that no force depends on at all: each adds a root 0, exactly, and leaves its velocity as an unknown
-    free = np.flatnonzero(~np.any(r.K, axis=0) & ~np.any(e.K, axis=0) & ~np.any(r.S0, axis=0) & ~np.any(e.S0, axis=0))
     (E, A), (dE, dA) = r.first_order(), e.first_order()
     dE[:n, :n], dA[:n, n : 2 * n] = 0.0, 0.0  # x' is x', without error
-    kept = np.delete(np.arange(len(E)), free)
-    inner = np.ix_(kept, kept)
-    some = roots(E[inner], A[inner], dE[inner], dA[inner])
-    found = _with_free(some, free, kept, n)
+    held = np.flatnonzero(~np.any(r.Y, axis=0)) + 2 * n  # states that are no displacements
+
+    def exact(X: Array) -> bool:
+        motions = np.hstack([r.displacements(x) for x in (X, np.linalg.lstsq(E, -A @ X, rcond=None)[0])])
+        size = np.max(np.abs(motions), axis=0)
+        return not np.any(np.abs(X[held]) > SLIGHT) and all(known.shifted(p) for p in motions[:, size > SLIGHT * np.max(size)].T)
+
+    found, mirrored = _beside_shifts(E, A, dE, dA, exact)
+    still = np.flatnonzero(~np.any(found.vectors[:n], axis=0) & ~np.any(found.vectors[2 * n :], axis=0))
+    found.vectors[:n, still] = found.vectors[n : 2 * n, still]  # of a drift the way it goes
     verdict, undamped, paired = _by_energy(r, e, known)
     paired |= not len(r.Es) and bool(np.all(np.abs(r.C) <= e.C))
     values, errors = found.values.copy(), found.errors
@@ -128,16 +144,16 @@ def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | No
         values.real = 0.0
     elif verdict:
         values.real = np.minimum(values.real, 0.0)
-    elif paired:
-        values.real[found.alone & (np.abs(values.real) <= errors)] = 0.0
+    mirrored = (mirrored | paired) & found.alone
+    values.real[mirrored & (np.abs(values.real) <= errors)] = 0.0
     zero = (np.abs(values) <= errors) & (values != 0)
     errors = np.where(zero, errors + np.abs(values), errors)
-    settled = (values.real + errors <= 0) | (paired & found.alone & (values.real == 0)) | (errors == 0) & (values == 0)
+    settled = (values.real + errors <= 0) | mirrored & (values.real == 0) | (errors == 0) & (values == 0)
     values = np.where(zero, 0.0, values)
     if paired and verdict is None:
-        exact = exact_zeros(values, errors, r.displacements(found.vectors), known)
-        settled |= exact
-        values.real[exact] = 0.0
+        shifts = exact_zeros(values, errors, r.displacements(found.vectors), known)
+        settled |= shifts
+        values.real[shifts] = 0.0
     if verdict is None:
         verdict = False if np.any(values.real > errors) else True if np.all(settled) else None
     return replace(found, values=values, errors=errors), verdict
@@ -152,20 +168,90 @@ def exact_zeros(values: Complex, errors: Array, motions: Complex, known: Structu
     return np.array([bool(small[i]) and known.free(motions[:, i]) for i in range(len(values))], dtype=bool)
 
 
-def _with_free(some: Roots, free: NDArray[np.intp], kept: NDArray[np.intp], n: int) -> Roots:
-    """The roots with those of free displacements, which are 0."""
-    if not len(free):
-        return some
-    size, k = len(kept) + len(free), len(free)
-    vectors = np.zeros((size, size), dtype=complex)
-    vectors[free, np.arange(k)] = 1.0
-    vectors[np.ix_(kept, k + np.arange(len(kept)))] = some.vectors
-    speed = some.vectors[np.searchsorted(kept, n + free)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        moved = speed / some.values  # x' = root * x; a drift x' alone where the root is 0
-    vectors[np.ix_(free, k + np.arange(len(kept)))] = np.where(np.isfinite(moved), moved, speed)
-    values, errors = np.r_[np.zeros(k), some.values], np.r_[np.zeros(k), some.errors]
-    return Roots(values, vectors, errors, np.r_[np.ones(k, dtype=bool), some.alone])
+def _beside_shifts(E: Array, A: Array, dE: Array, dA: Array,
+                   exact: Callable[[Array], bool]) -> tuple[Roots, NDArray[np.bool_]]:
+    """`roots` with roots that are 0 exactly split off first, so that they spoil no other one: those of unknowns that nothing
+    depends on, and of X with A X = 0 within the errors that are `exact`; then those that only these depend on (a heading turns
+    the way of a wheel), and so on. With X = Z a + W b and P^T E Z = 0 the rest is P^T E W b' + P^T A W b = 0. With it (n,) of
+    which roots z it is certain that -z is one too."""
+    n, kept, Z, (e, a, de, da) = len(E), np.arange(len(E)), np.zeros((len(E), 0)), (E, A, dE, dA)
+    while len(kept):
+        null = ~np.any(a, axis=0) & ~np.any(da, axis=0)
+        V, off = (np.eye(len(kept))[:, null], 0.0) if np.any(null) else _null(e, a, da)
+        whole = np.zeros((n, V.shape[1]))
+        whole[kept] = V
+        if not V.shape[1] or not (np.any(null) or exact(whole)):
+            break
+        split = _without(V, off, e, a, de, da)
+        if split is None:
+            break
+        rest, (e, a, de, da) = split
+        kept, Z = kept[rest], np.hstack([Z, whole])
+    (e, de), (a, da) = (_beyond_errors(x, dx) for x, dx in ((e, de), (a, da)))
+    some, k = roots(e, a, de, da), Z.shape[1]
+    mirrored = np.r_[np.zeros(k, dtype=bool), _mirrored(e, a)]
+    if not k:
+        return some, mirrored
+    vectors = np.zeros((n, n), dtype=complex)
+    vectors[:, :k], vectors[np.ix_(kept, k + np.arange(n - k))] = Z, some.vectors
+    for i in np.flatnonzero(some.values):
+        P, X = some.values[i] * E + A, vectors[:, k + i]
+        X += Z @ np.linalg.lstsq(P @ Z, -P @ X, rcond=None)[0]
+    values, errors = (np.r_[np.zeros(k), x] for x in (some.values, some.errors))
+    return Roots(values, vectors, errors, np.r_[np.ones(k, dtype=bool), some.alone]), mirrored
+
+
+def _mirrored(E: Array, A: Array) -> NDArray[np.bool_]:
+    """Of which unknowns (n,) the roots come in pairs z, -z, as those of a motion whose mirror image is its reverse (a coin that
+    rolls straight ahead): with signs of rows and unknowns that leave E as it is and turn A into -A."""
+    n, ((ei, ej), (ai, aj)) = len(E), (np.nonzero(x) for x in (E, A))
+    rows, columns = np.r_[ei, ei + n, ai, ai + n], 2 * n + np.r_[ej, ej + n, aj + n, aj]
+    label = connected_components(csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(4 * n, 4 * n)), directed=False)[1]
+    return np.asarray(label[2 * n : 3 * n] != label[3 * n :])
+
+
+def _null(E: Array, A: Array, dA: Array) -> tuple[Array, Any]:
+    """V (n, k) with A V = 0 within errors dA of the entries, 1 in a row of each column alone, and a bound of its own errors; none
+    where the other directions are not clearly apart from these."""
+    rows, columns = scales(np.abs(E) + np.abs(A))
+    scaled, off = A * rows[:, None] * columns, dA * rows[:, None] * columns
+    _, sizes, directions = np.linalg.svd(scaled)
+    least = float(np.linalg.norm(off)) + len(A) * EPS * float(sizes[0])
+    V = directions[sizes <= least].T
+    if not V.shape[1] or np.any((sizes > least) & (sizes * NEXT <= least)):
+        return V[:, :0], 0.0
+    pivots = scipy.linalg.qr(V.T, mode="r", pivoting=True)[1][: V.shape[1]]
+    V = V @ np.linalg.inv(V[pivots])
+    V[pivots] = np.eye(len(pivots))
+    V = np.where(np.abs(V) <= len(A) * EPS * np.max(np.abs(V), axis=0), 0.0, V)
+    rest = np.setdiff1d(np.arange(len(A)), pivots)
+    left = off @ np.abs(V) + np.abs(scaled @ V)
+    error = np.zeros(V.shape)
+    error[rest] = np.abs(np.linalg.pinv(scaled[:, rest])) @ left
+    V, error = (columns[:, None] * x / columns[pivots] for x in (V, error))
+    return V, error
+
+
+def _without(V: Array, off: Any, E: Array, A: Array, dE: Array, dA: Array) -> tuple[NDArray[np.intp], tuple[Array, ...]] | None:
+    """The unknowns beside V (n, k), which has the identity in k rows and errors up to `off`, and E, A, dE, dA of these; None
+    where the rates of V are not determined."""
+    k = V.shape[1]
+    place = np.argmax((np.abs(V) == 1) & (np.count_nonzero(V, axis=1) == 1)[:, None], axis=0)
+    rest = np.setdiff1d(np.arange(len(V)), place)
+    moved = E @ V
+    size = np.max(np.abs(E), axis=1, initial=1e-300)[:, None]
+    rows = scipy.linalg.qr((moved / size).T, mode="r", pivoting=True)[1][:k]
+    others = np.setdiff1d(np.arange(len(V)), rows)
+    if np.linalg.cond(moved[rows]) > 1 / NEXT**2:
+        return None
+    inverse = np.linalg.inv(moved[rows])
+    L = moved[others] @ inverse
+    error = dE @ np.abs(V) + np.abs(E) @ np.broadcast_to(off, V.shape) + EPS * np.abs(E) @ np.abs(V) * np.any(L)
+    dL = (error[others] + np.abs(L) @ error[rows]) @ np.abs(inverse)
+    found = [M[np.ix_(others, rest)] - L @ M[np.ix_(rows, rest)] for M in (E, A)]
+    errors = [dM[np.ix_(others, rest)] + np.abs(L) @ dM[np.ix_(rows, rest)] + dL @ np.abs(M[np.ix_(rows, rest)])
+              + EPS * np.abs(L) @ np.abs(M[np.ix_(rows, rest)]) for M, dM in ((E, dE), (A, dA))]
+    return rest, (*found, *errors)
 
 
 def _by_energy(r: Reduced, e: Reduced, known: Structure) -> tuple[bool | None, bool, bool]:

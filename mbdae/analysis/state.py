@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.analysis.frame import RotatingFrame, dynamics, free_shifts, stresses_of
+from mbdae.analysis.frame import RotatingFrame, dynamics, free_shifts, spins, stresses_of
 from mbdae.analysis.pencil import ROUNDED, Basis, Pencil, basis, pencil, with_errors
 from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.roots import EPS, sign
@@ -168,9 +168,18 @@ def structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: Whole
         off = p - moves @ np.linalg.lstsq(moves, p, rcond=None)[0]
         return bool(np.linalg.norm(off) <= SHIFT * np.linalg.norm(p))
 
+    def shifted(p: Any) -> bool:
+        p = whole(p) * np.sqrt(weights)
+        if still:
+            return laws().none_resists(p)
+        turned = basis(system, m, frame, q, u).C.T @ u
+        moves = np.hstack([free_shifts(m.model, frame, q, turned), *spins(m.model, frame, turned)]) * np.sqrt(weights)[:, None]
+        off = p - moves @ np.linalg.lstsq(moves, p, rcond=None)[0]
+        return bool(np.linalg.norm(off) <= SHIFT * np.linalg.norm(p))
+
     resting = not frame.turns and not np.any(u)
     still = resting and not m.model.lines
-    return Structure(lambda name, N: still and laws().surely(name, whole(N)), free, float(np.linalg.norm(frame.rate)))
+    return Structure(lambda name, N: still and laws().surely(name, whole(N)), free, shifted, float(np.linalg.norm(frame.rate)))
 
 
 def _moving(m: Mechanics, p: Any) -> NDArray[np.bool_]:
@@ -206,19 +215,24 @@ def kinks(m: Mechanics, state: tuple[float, Array, Array, Array], resting: bool 
         for x in states:
             any_way = rng.uniform(-1, 1, (SAMPLES + 1, x.shape[1])) * (1 + np.abs(x[0]))
             x[5:] += np.array([[ULP]] * SAMPLES + [[BESIDE[0]]]) * any_way
-        for outputs in (loads, position, *(() if resting else (state_rate_outputs,))):
-            for g, _, values in m.evaluate(outputs, np.full(len(parts), t), states[0], states[1], states[2]):
-                for i, instance in enumerate(m.model.groups[g].instances):
-                    if _bent(values[:, i]):
-                        found.setdefault(instance.item, np.concatenate(along))
+        read = [(g, values) for outputs in (loads, position, *(() if resting else (state_rate_outputs,)))
+                for g, _, values in m.evaluate(outputs, np.full(len(parts), t), states[0], states[1], states[2])]
+        least = EPS * max((float(np.max(np.abs(values), initial=0.0)) for _, values in read), default=0.0)
+        for g, values in read:
+            for i, instance in enumerate(m.model.groups[g].instances):
+                if _bent(values[:, i], least):
+                    found.setdefault(instance.item, np.concatenate(along))
     return list(found.items())
 
 
-def _bent(values: Array) -> bool:
-    """Whether values (n, k) at a state, at both `BESIDE` distances from it on either side, at SAMPLES states that rounding makes
-    of it, and at one as far from it as the former whatever constraints allow, have a kink or a jump there."""
+def _bent(values: Array, least: float) -> bool:
+    """Whether values (n, k), whose changes below `least` are rounding, at a state, at both `BESIDE` distances from it on either
+    side, at SAMPLES states that rounding makes of it, and at one as far from it as the former whatever constraints allow, have a
+    kink or a jump there."""
     apart = values[1:] - values[0]
     *size, noise, wide = np.max(np.abs(apart), axis=1, initial=0.0)[[0, 1, 2, 3, -2, -1]]
+    if max(size) <= least:
+        return False
     if noise > KINK * wide:
         return bool(max(size[2:]) > LASTS * max(size[:2]))
     noise = ROUNDING * noise

@@ -10,7 +10,6 @@ import numpy as np
 
 from mbdae.deferred import eigsh, issparse, sp, splu
 from mbdae.errors import OptionError
-from mbdae.inputs.reduced import rigid_motions
 from mbdae.values import Array, BadValueError, array, option, sequence, shown, whole
 
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")  #: freedoms of a node, in their order

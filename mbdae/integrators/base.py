@@ -260,7 +260,7 @@ class Asked:
     """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far, called now and
     then, that returns whether the run may end; edges: times (s): no step may be longer than the interval between two of them in
     which it begins; bounds: longest steps in parts of the run, times `share`; impacts: factor on the longest step during an
-    impact."""
+    impact; wanted: quantities, by name, whose error counts beside that of the motion where runs are compared."""
 
     t_end: float
     times: Array | None = None
@@ -274,6 +274,7 @@ class Asked:
     impacts: float = 1.0
     edges: Array | None = None
     bounds: tuple[Bound, ...] = ()
+    wanted: Any = None
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,

@@ -219,10 +219,8 @@ _PAGES: dict[Any, Any] = {Joint | Coupling: JointReport, Force: ForceReport, Lin
 
 
 def exported() -> dict[str, type]:
-    """Every law of the package that has a page, by its name in lower case; rows of velocities have none."""
-    return {name.lower(): law for name, law in laws.exported().items()
-            if law not in (Normal, Friction) and not (
-                issubclass(law, Law) and law.velocity_constraints is not Law.velocity_constraints)}
+    """Every law of the package that has a page, by its name in lower case."""
+    return {name.lower(): law for name, law in laws.exported().items() if law not in (Normal, Friction)}
 
 
 def names() -> list[str]:

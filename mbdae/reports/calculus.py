@@ -198,7 +198,7 @@ class Dual:
         if isinstance(atom, Base):
             self._base(atom, dual)
         elif isinstance(atom, NamedVector):
-            side = body_of(self.record, atom)
+            side = None if self.velocities else body_of(self.record, atom)
             if side is not None:
                 self.pairs[side][1] = self.pairs[side][1] - distributed(dual, atom)
             self._named_terms(atom, dual, side is not None)

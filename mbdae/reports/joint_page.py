@@ -20,6 +20,7 @@ from mbdae.reports.sections import (
     figure_of,
     other_statements,
     planar_pages,
+    plus,
     resistance_section,
     solution_set,
     title_of_joint,
@@ -58,10 +59,7 @@ class JointReport(LawPage):
 
     def __init__(self, law: type[Law], structure: Structure) -> None:
         statement = ReportedLaw(law, structure)
-        if statement.derived.by_rates:
-            raise LawError(f"{law.__name__} states velocity rows ({', '.join(statement.derived.by_rates)}), which the page of "
-                           f"a single law does not print; state the joint in a scene and see what its forces do there")
-        if not statement.rows and not statement.law.own_coordinates:
+        if not statement.rows and not statement.speeds and not statement.law.own_coordinates:
             raise LawError(f"{law.__name__} states no rows, so that there is nothing to report: return some from `constraints`")
         _ = statement.branches
         super().__init__(statement)
@@ -76,33 +74,46 @@ class JointReport(LawPage):
     # -- required values of the equations
 
     def _want_rows(self) -> None:
-        for row in (row for row in self.s.rows if row not in self.d.rows):
+        for row in (row for row in self.s.rows | self.s.speeds if row not in self.d.rows):
             raise LawError(f"{self.s.cls.__name__}: the row '{row}' is 0 between bodies in space, wherever they are: "
                            f"correct it, or leave it out of `constraints`")
         work: Any = 0.0
         for i, row in enumerate(self.d.rows):
-            unit = self.unit(self.s.rows[row])
-            for head, letter, per in (("g", "c", ""), ("gd", r"\dot c", "/s"), ("gdd", r"\gamma", "/s^2")):
+            by_rates = row in self.d.by_rates
+            unit = self.unit(self.s.speeds[row], "s") if by_rates else self.unit(self.s.rows[row])
+            for head, letter, per in (("g", "c", ""), ("gd", r"\dot c", "/s"), ("gdd", r"\gamma", "/s^2"))[by_rates:]:
                 self.want(f"{letter}_{below(row)}", self.kernel.get((head, i), 0.0), KERNEL, unit + per)
-            change = np.imag(self.varied.scalar(self.d.g[i])) / STEP
-            self.want(rf"\delta c_{below(row)}", change, MOVED, unit)
+            change = self._allowed(i) if by_rates else np.imag(self.varied.scalar(self.d.g[i])) / STEP
+            self.want(rf"\delta c_{below(row)}", change, DERIVED if by_rates else MOVED, unit)
             work = work + self.state.given[f"lambda_{row}"] * change
         self.want(r"\delta W", work, MOVED)
         stated = self.d.law.positives(*self.d.sides)
         for i, (name, e) in enumerate(self.s.branches.items()):
             self.want(f"b_{{{i + 1}}}", self.state.scalar(self.d.variation.name(stated[name])), DERIVED, self.unit(e))
 
+    def _allowed(self, i: int) -> Any:
+        """Values of row i of the derived Jacobian times the virtual displacements."""
+        weights: list[Expr] = [se.Integer(int(k == i)) for k in range(len(self.d.rows))]
+        total = sum((self.state.scalar(self.d.G[i][self.s.places[name]][0][0]) * self.state.given[str(self.s.virtual[c])]
+                     for name, c in self.s.coordinates.items()), np.zeros(1))
+        for side in (side for side in self.s.record.sides if side not in self.s.still):
+            for part, kind in zip(self.covector(self.state, side, weights), ("du", "dpsi"), strict=True):
+                total = total + np.einsum("pi,pi->p", *np.broadcast_arrays(part, self.state.atom(Base(kind, side))))
+        return total
+
     # -- sections of the report
 
     def document(self) -> Document:
         """The whole report."""
         sections = [*coordinates_section(self), self._constraint()]
-        if self.s.rows:
+        if self.s.rows or self.s.speeds:
             sections += [*self._solutions(), self._variation(), self._forces(), *self._balances(), self._rates(),
                          self._stiffness()]
         sections += resistance_section(self)
         planar, none, flat = planar_pages(self)
-        further = [*flat, *recursive_pages(self.s, self.taken.union(*(page.taken for page, _ in flat)))]
+        further: list[tuple[Any, list[Block]]] = [*flat]
+        if not self.s.speeds:
+            further += recursive_pages(self.s, self.taken.union(*(page.taken for page, _ in flat)))
         head: list[Block] = [*described(self.s.cls), *figure_of(self.s), *other_statements(self.s)]
         pages: list[tuple[Any, list[Block]]] = [(self, [*sections, *none]), *further]
         trees = [page for page, _ in pages if isinstance(page, RecursivePage)]
@@ -110,14 +121,18 @@ class JointReport(LawPage):
         return document(title_of_joint(self.s), head, pages, CONVENTION, tail)
 
     def _solutions(self) -> list[Section]:
-        return [Section("Solution set and branches", solution_set(self))] if self.s.sides else []
+        return [Section("Solution set and branches", solution_set(self))] if self.s.sides and self.s.rows else []
 
     def _constraint(self) -> Section:
-        if not self.s.rows:
+        if not self.s.rows and not self.s.speeds:
             return Section("Constraint", [Paragraph("No row must vanish: the joint holds nothing.")])
         rows = [self.line(f"c_{below(name)}", e) + " = 0" for name, e in self.s.rows.items()]
-        self.writer.used |= {f"lambda_{name}" for name in self.s.rows}
-        found = self.section("Constraint", f"{counted(len(rows), 'row')} must vanish.", *rows)
+        speeds = [self.line(rf"\dot c_{below(name)}", e) + " = 0" for name, e in self.s.speeds.items()]
+        self.writer.used |= {f"lambda_{name}" for name in (*self.s.rows, *self.s.speeds)}
+        blocks = self.told(f"{counted(len(rows), 'row')} must vanish.", *rows) if rows else []
+        blocks += self.told(f"{counted(len(speeds), 'row')} of velocities must vanish, linear in these, no derivative of a row "
+                            f"of positions.", *speeds) if speeds else []
+        found = Section("Constraint", blocks)
         text = ("With a scaling $s$ and a penalty $p$ (both left out below) the potential of a row is"
                 " $s\\,\\lambda\\,c + p\\,c^2$: its force $\\lambda$ becomes $s\\,\\lambda + 2\\,p\\,c$ everywhere in this"
                 " report.")
@@ -132,7 +147,11 @@ class JointReport(LawPage):
             named = self.lines(rf"\delta c_{below(name)} = {self.writer.scalar(change)}", note=RULE if i == 0 else "")
             sorted_ = f"= {self._sorted(name)}"
             blocks += [named[0], Equation(sorted_, note=REGROUPED if i == 0 else ""), *named[1:], *self.definitions()]
-        work = " + ".join(rf"\lambda_{below(name)}\,\delta c_{below(name)}" for name in self.s.rows)
+        if self.s.speeds:
+            lines = (rf"\delta c_{below(name)} = {self._sorted(name)}" for name in self.s.speeds)
+            blocks += self.told("Virtual displacements satisfy the rows of velocities as velocities do, without the terms that "
+                                "contain none:", *lines)
+        work = " + ".join(rf"\lambda_{below(name)}\,\delta c_{below(name)}" for name in self.s.gradients)
         return Section("Variation", [*blocks, *self.told("The virtual work of the rows:", rf"\delta W = {work}")])
 
     def _sorted(self, row: str) -> str:
@@ -176,14 +195,15 @@ class JointReport(LawPage):
         """The Jacobian as a matrix; first and second time derivative of the rows, the latter without accelerations."""
         rate = self.s.motion
         rates = {row: rate.scalar(e) for row, e in self.s.rows.items()}
-        second = {row: rate.scalar(e) for row, e in rates.items()}
+        second = {row: rate.scalar(e) for row, e in (rates | self.s.speeds).items()}
         text = ("The factors of the virtual displacements in the variation are the rows of the Jacobian $\\mathbf{G}$; rows"
                 " as in the constraint, columns as in the velocities beside it:")
         bias = ("$\\ddot c = \\mathbf{G}\\dot{\\mathbf{u}} + \\gamma$, where $\\gamma$ contains no acceleration of a centre and"
                 " no angular acceleration:")
         blocks = [Paragraph(text), *self._jacobian()]
-        blocks += self.told("The same rates by the motion of the bodies:",
-                            *(self.line(rf"\dot c_{below(row)}", e) for row, e in rates.items()))
+        if rates:
+            blocks += self.told("The same rates by the motion of the bodies:",
+                                *(self.line(rf"\dot c_{below(row)}", e) for row, e in rates.items()))
         blocks += self.told(bias, *(self.line(rf"\gamma_{below(row)}", e) for row, e in second.items()))
         return Section("Jacobian, rate and acceleration", blocks)
 
@@ -193,17 +213,16 @@ class JointReport(LawPage):
         sides = [side for side in self.s.record.sides if side not in self.s.still]
         columns = [(side, i) for side in sides for i in (0, 1) if i or side in self.s.sides]
         rows = []
-        for row in self.s.rows:
-            pairs, partial = self.s.gradients[row]
+        for pairs, partial in self.s.gradients.values():
             cells = ["".join(w.signed(pairs[side][i])) + r"^{\mathsf{T}}" for side, i in columns]
             rows.append(" & ".join([*cells, *(w.scalar(partial[c]) for c in self.s.coordinates.values())]))
         speeds = [w.atom(Base("w" if i else "v", side)) for side, i in columns]
         speeds += [w.scalar(self.s.clock[c]) for c in self.s.coordinates.values()]
-        timed = [w.scalar(of_time.scalar(e)) for e in self.s.rows.values()]
-        rates = matrix([rf"\dot c_{below(row)}" for row in self.s.rows])
+        timed = [w.scalar(of_time.scalar(e)) for e in self.s.rows.values()] + [w.scalar(e) for e in self.s.prescribed.values()]
+        rates = matrix([rf"\dot c_{below(row)}" for row in self.s.gradients])
         self.wanted.setdefault(rates, BOTH)
         product = f"{rates} = \\mathbf{{G}}\\,{matrix(speeds)}"
-        product += f" + {matrix(timed)}" if any(text != "0" for text in timed) else ""
+        product += plus(matrix(timed)) if any(text != "0" for text in timed) else ""
         return self.lines(rf"\mathbf{{G}} = {matrix(rows)}", product)
 
     def _stiffness(self) -> Section:

@@ -69,9 +69,10 @@ class LawPage(Page):
         self.s, self.d, self.what, self.others = s, s.derived, what, others
         self.defined: set[tuple[str, str]] = set()  #: intermediate quantities that printed equations define
         self.state, self.wanted = state if state is not None else random_state(self.d), {}
-        self.known = letters(s.cls, s.structure, s.law, s.rows)
-        for row in s.rows if rows else ():
-            self.known[f"lambda_{row}"] = Letter(multiplier(row), self.effort(s.rows[row]), f"multiplier of row {row}")
+        self.known = letters(s.cls, s.structure, s.law, (*s.rows, *s.speeds))
+        for row, e in (s.rows | s.speeds).items() if rows else ():
+            of = "W" if row in s.speeds else "J"
+            self.known[f"lambda_{row}"] = Letter(multiplier(row), self.effort(e, of), f"multiplier of row {row}")
         self.known |= {name: replace(self.known[name], unit="1") for name in s.turning}
         for side in s.headings:
             self.known |= {f"{side}_h": Letter(f"\\theta_{side}", "rad", f"rotation of body ${side}$ from the drawn position"),
@@ -94,13 +95,13 @@ class LawPage(Page):
         """Units of the quantities that the law states; see `dimensions`."""
         return dimensions(self.d)
 
-    def unit(self, e: Expr) -> str:
-        """Unit of a scalar, or units joined by "or" where several are possible."""
-        return " or ".join(map(str, unit_in(self.cases, e, self._number)))
+    def unit(self, e: Expr, times: str = "1") -> str:
+        """Unit of a scalar, times another one, or units joined by "or" where several are possible."""
+        return " or ".join(str(u * unit(times)) for u in unit_in(self.cases, e, self._number))
 
-    def effort(self, e: Expr) -> str:
-        """Unit of the generalised force on a scalar: N m for an angle or a cosine, N for a length."""
-        return " or ".join((unit("J") / u).of_force for u in unit_in(self.cases, e, self._number))
+    def effort(self, e: Expr, of: str = "J") -> str:
+        """Unit of the generalised force on a scalar: N m for an angle or a cosine, N for a length; of="W": on a velocity."""
+        return " or ".join((unit(of) / u).of_force for u in unit_in(self.cases, e, self._number))
 
     def units(self) -> list[Check]:
         faults = law_faults(self.d)
@@ -224,8 +225,8 @@ class LawPage(Page):
 
     def totals(self) -> dict[str, Pair]:
         """G^T lambda: force and moment on the bodies, at their points, by side."""
-        gradients = self.s.gradients.items()
-        return summed(self.s.record, [times(pairs, se.Symbol(f"lambda_{row}")) for row, (pairs, _) in gradients])
+        gradients = ((row, pairs) for row, (pairs, _) in self.s.gradients.items() if row in self.d.rows)
+        return summed(self.s.record, [times(pairs, se.Symbol(f"lambda_{row}")) for row, pairs in gradients])
 
     def all_pairs(self) -> dict[str, Pair]:
         """Forces and moments on the bodies at their points, signed as on the left-hand side."""
@@ -261,9 +262,9 @@ class LawPage(Page):
         lines = self.lines(f"{total} = {w.vector(force)}", f"{turning} = {w.vector(moment)}")
         return lines, not (force.terms or moment.terms)
 
-    def covector(self, state: SymbolValues, side: str) -> tuple[Any, Any]:
-        """G^T lambda of a frame by the derived law: force, and moment about its point (points, 3)."""
-        force, moment = (state.vector(part) for part in weighted(self.d, self.d.multipliers, side))
+    def covector(self, state: SymbolValues, side: str, weights: list[Expr] | None = None) -> tuple[Any, Any]:
+        """G^T lambda of a frame by the derived law: force, and moment about its point (points, 3). weights: instead of lambda."""
+        force, moment = (state.vector(part) for part in weighted(self.d, weights or self.d.multipliers, side))
         return force, moment - np.cross(state.vector(state.frame(side).arm), force)
 
 

@@ -50,6 +50,7 @@ RESULTS = (
     (r"\mathbf{m}", "N m", "moments about the points: factors of virtual rotations; with all: with those of friction"),
     (r"\delta\mathbf{f}", "N", "changes of the forces"), (r"\delta\mathbf{m}", "N m", "changes of the moments"),
     (r"m^{\text{2D}}", "N m", "moments in the plane"), (r"c^{\text{2D}}", "", "rows in the plane"),
+    (r"\dot c^{\text{2D}}", "", "rows of velocities in the plane"),
     (r"h_{", "", "terms in the equations of coordinates"), ("V", "J", "potential energy"),
     ("D", "W", "dissipation function"), ("P", "W", "power"), ("q", "", "length or angle along which a force works"),
     ("Q", "", "generalised force along $q$"), (r"\mathbf{F}", "N", "stated force on l"),

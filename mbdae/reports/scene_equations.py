@@ -21,7 +21,7 @@ from mbdae.reports.vectors import ZERO, Coefficients, NamedQuantities, solved
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
-from mbdae.symbolic.outputs import Target, scatter_pair
+from mbdae.symbolic.outputs import Target, lowest, scatter_pair
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Instance
@@ -41,7 +41,8 @@ def row_unit(d: Derived, row: int, coordinates: Mapping[str, str] | None = None,
 @lru_cache(maxsize=256)
 def _units_of_rows(d: Derived, coordinates: tuple[tuple[str, str], ...]) -> list[list[Unit]]:
     cases = dimensions(d, dict(coordinates))
-    return [unit_in(cases, g) for g in d.g]
+    per = {True: unit("s"), False: unit("1")}  # rows of velocities count by the displacements that they allow
+    return [[u * per[row in d.by_rates] for u in unit_in(cases, c)] for row, (_, c) in zip(d.rows, lowest(d), strict=True)]
 
 
 def unit_of_row(model: Model, row: NumberedRow, effort: bool = False) -> str:

@@ -21,7 +21,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force
 from mbdae.symbolic.motion import AXES, Motion, motion_of, no_rotation
-from mbdae.symbolic.outputs import dynamics, position
+from mbdae.symbolic.outputs import dynamics, lowest
 from mbdae.symbolic.vectors import UNIT, Expr
 
 #: rightward and upward direction of the drawing in inertial axes, with z up
@@ -164,15 +164,15 @@ class PlanarPage(LawPage):
         statement = ReportedLaw(of.s.cls, of.s.structure, planar=True)
         _ = statement.rows
         super().__init__(statement, of.what, others=of.taken)
-        self.kernel = self.compiled(lambda d: [*position(d), *dynamics(d)])
+        self.kernel = self.compiled(lambda d: [*lowest(d), *dynamics(d)])
 
     def blocks(self) -> list[Block]:
         """Rows that remain in the plane, with their forces and moments."""
         sign, lines = -1 if isinstance(self.s.law, Force) else 1, []
         for i, row in enumerate(self.d.rows):
-            letter = f"c^{{\\text{{2D}}}}_{{\\text{{{row_name(row)}}}}}"
-            unit = self.unit(self.s.rows[row])
-            lines.append(self.line(letter, self.s.rows[row], self.kernel.get(("g", i), 0.0), KERNEL, unit))
+            letter, e = f"c^{{\\text{{2D}}}}_{{\\text{{{row_name(row)}}}}}", (self.s.rows | self.s.speeds)[row]
+            letter = f"\\dot {letter}" if row in self.s.speeds else letter
+            lines.append(self.line(letter, e, self.kernel.get(("g", i), 0.0), KERNEL, self.unit(e)))
         for side, (force, moment) in self.all_pairs().items():
             if side in self.s.sides and side not in self.s.still:
                 values, turning = self.at_point(side, self.kernel), (moment * sign) @ self.s.record.axis(2)
@@ -286,7 +286,7 @@ STARTS = 60  #: number of random attitudes from which the rows are solved
 
 def _moved(r: LawPage) -> list[str]:
     """Rows that depend on the motion of l; the other rows prescribe coordinates that are unknowns."""
-    return [row for row, (pairs, _) in r.s.gradients.items() if any(part.terms for part in pairs[r.s.sides[1]])]
+    return [row for row in r.s.rows if any(part.terms for part in r.s.gradients[row][0][r.s.sides[1]])]
 
 
 def _rows(r: LawPage, state: SymbolValues, rows: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -232,6 +233,18 @@ class ReportedLaw:
         return {name: self.scalar(e) for name, e in self.law.rows(*self.frames).items()}
 
     @cached_property
+    def speeds(self) -> dict[str, Expr]:
+        """Rows of velocities by name."""
+        return {name: self.scalar(e) for name, e in self.law.velocity_constraints(*self.frames).items()}
+
+    @cached_property
+    def prescribed(self) -> dict[str, Expr]:
+        """What stands in the rows of velocities without them, by name."""
+        zero, none = self.record.zero(), {self.clock[c]: 0 for c in self.coordinates.values()}
+        still = [replace(f, v=zero, w=zero, center_velocity=zero) for f in self.frames]
+        return {name: self.scalar(e).subs(none) for name, e in self.law.velocity_constraints(*still).items()}
+
+    @cached_property
     def branches(self) -> dict[str, Expr]:
         """Expressions that are positive on the wanted solution branch, by name."""
         return {name: self.scalar(e) for name, e in self.law.positives(*self.frames).items()}
@@ -244,7 +257,11 @@ class ReportedLaw:
     @cached_property
     def gradients(self) -> dict[str, tuple[dict[str, Pair], dict[Expr, Expr]]]:
         """Force and moment of every row on every body and on the coordinates, per unit of its multiplier."""
-        return {name: self.gradient(e) for name, e in self.rows.items()}
+        found = {name: self.gradient(e) for name, e in self.rows.items()}
+        for name, e in self.speeds.items():
+            pairs, partial = self.by_velocities(e)
+            found[name] = pairs, {c: partial[self.clock[c]] for c in self.coordinates.values()}
+        return found
 
     def gradient(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
         """Derivatives of a scalar by displacement and rotation of every body, and by the coordinates that are unknowns."""
@@ -256,9 +273,13 @@ class ReportedLaw:
     @cached_property
     def drag(self) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
         """Derivatives of the dissipation function by the velocities of every body and of the coordinates that are unknowns."""
+        return self.by_velocities(self.dissipation)
+
+    def by_velocities(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
+        """Derivatives of a scalar by the velocities of every body, and by the rates of the coordinates that are unknowns."""
         speeds = {self.clock[h]: side for side, h in self.headings.items()}
         own = tuple(self.clock[c] for c in self.coordinates.values())
-        pairs, partial = Dual(self.record, velocities=True, symbols=(*own, *speeds)).of(self.dissipation)
+        pairs, partial = Dual(self.record, velocities=True, symbols=(*own, *speeds)).of(e)
         for speed, side in speeds.items():
             pairs[side] = (pairs[side][0], pairs[side][1] + self.record.axis(2) * partial.pop(speed))
         return pairs, partial

@@ -18,6 +18,7 @@ from mbdae.reports.states import SymbolValues, random_state
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.joint import SLIGHT
+from mbdae.symbolic.outputs import lowest
 from mbdae.symbolic.vectors import Expr
 
 BASIC = ("m", "kg", "s")
@@ -140,11 +141,11 @@ class Dimensions:
         return found | {str(s): unit("1/s") for s in f.u[n:]} | {f"{f.side}_p{i}": unit("m") for i in (1, 2, 3)}
 
     def _multipliers(self) -> None:
-        """Find the units of the multipliers: multiplier times row is an energy."""
-        for row, g in zip(self.d.rows, self.d.g, strict=True):
-            found = self.of(g)
+        """Find the units of the multipliers: multiplier times row is an energy, times a row of velocities a power."""
+        for row, (_, c) in zip(self.d.rows, lowest(self.d), strict=True):
+            found, of = self.of(c), unit("W" if row in self.d.by_rates else "J")
             for state, scale in zip(self.scaled, scales(), strict=True):
-                state.given[f"lambda_{row}"] = self.given[f"lambda_{row}"] * (unit("J") / (found or Unit())).size(scale)
+                state.given[f"lambda_{row}"] = self.given[f"lambda_{row}"] * (of / (found or Unit())).size(scale)
 
     def powers(self, e: Expr, by: Callable[[SymbolValues, Expr], Any] = SymbolValues.scalar) -> NDArray[np.float64] | None:
         """Powers of m, kg and s (3,) of an expression, nan where it is 0; None if it has no unit. by: evaluates it in a state."""
@@ -176,7 +177,7 @@ class Dimensions:
     def faults(self) -> list[str]:
         """Stated quantities whose terms have several units, or whose unit is wrong, in words."""
         d = self.d
-        stated = [(f"the row {row}", g, "") for row, g in zip(d.rows, d.g, strict=True)]
+        stated = [(f"the row {row}", c, "") for row, (_, c) in zip(d.rows, lowest(d), strict=True)]
         stated += [("the energy", d.energy, "J"), ("the dissipated power", d.dissipated_power, "W")]
         stated += [(f"the {what} on {side}", e, u) for side, pair in d.force.items() if side in [f.side for f in d.sides]
                    for what, u, part in zip(("force", "moment"), ("N", "N m"), pair, strict=True) for e in part]

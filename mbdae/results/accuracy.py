@@ -19,6 +19,7 @@ from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
 from mbdae.process import unchanging
 from mbdae.results.errors import Errors
+from mbdae.results.quantities import named
 from mbdae.system.base import Array
 from mbdae.values import option, shown, text
 
@@ -41,6 +42,8 @@ class Accuracy:
     reactions: error of the forces and torques of joints and force elements, over the largest of the run (torques are divided by
     the scene's length); from the same runs as the errors of motion and mesh.
     amplification: growth of small disturbances over the run, computed when it is read (in about the time of the run).
+    of: errors of the quantities that the run was asked for (`simulate(of=...)`), by what was given, each over its largest value
+    in the run, or 1e-6 of the scene's largest force or torque; None where one is not known.
     mesh: error of positions and angles, all along the beams and of all bodies, caused by the elements of beams; None where it was
     not measured.
     `covers` names the errors within the accuracy asked, `not_covered` the others with the reason.
@@ -56,6 +59,7 @@ class Accuracy:
     found_reactions: Callable[[], float] | float | None = field(default=None, compare=False)
     #: growth of small disturbances, or what computes it when it is read
     found_amplification: Callable[[], float | None] | float | None = field(default=None, compare=False)
+    of: Mapping[Any, float | None] = field(default_factory=dict)
 
     @property
     def motion(self) -> float | None:
@@ -81,16 +85,17 @@ class Accuracy:
 
     @property
     def met(self) -> bool | None:
-        """Whether the errors of the motion and, where measured, of the mesh are within the accuracy asked; None where none was
-        asked or the error is not known. Reactions do not count: see `covers`."""
+        """Whether the errors of the motion, of the quantities asked for and, where measured, of the mesh are within the accuracy
+        asked; None where none was asked or an error is not known. Other reactions do not count: see `covers`."""
         if self.asked is None or self.motion is None:
             return None
-        return self.motion <= self.asked and (self.mesh is None or self.mesh <= self.asked)
+        known = [error for error in (self.motion, self.mesh, *self.of.values()) if error is not None]
+        return False if not max(known) <= self.asked else None if None in self.of.values() else True
 
     @property
     def covers(self) -> frozenset[str]:
-        """Which of "motion", "reactions" and "mesh" are within the accuracy asked. Scenes without beams have no mesh: "mesh" is
-        neither here nor in `not_covered`."""
+        """Which of "motion", "reactions", "mesh" and the quantities asked for are within the accuracy asked. Scenes without beams
+        have no mesh: "mesh" is neither here nor in `not_covered`."""
         return frozenset(self._errors) - frozenset(self.not_covered)
 
     @property
@@ -102,14 +107,15 @@ class Accuracy:
             if error is None or self.asked is None:
                 found[word] = self.unknown.get(word, RUN_ONCE)
             elif not error <= self.asked:
-                of = " of the largest" if word == "reactions" else ""
+                of = " of the largest" if word == "reactions" else "" if word in WORDS else " of its largest value"
                 found[word] = f"error of about {error:.1e}{of}, {self.asked:g} was asked"
         return found | {"model": MODEL}
 
     @property
     def _errors(self) -> dict[str, float | None]:
-        """The errors by name: "motion", "reactions" and, in a scene with beams, "mesh"."""
-        return {"motion": self.motion, "reactions": self.reactions} | ({"mesh": self.mesh} if self.has_mesh else {})
+        """The errors by name: "motion", "reactions", in a scene with beams "mesh", and what was asked for."""
+        return {"motion": self.motion, "reactions": self.reactions} | ({"mesh": self.mesh} if self.has_mesh else {}) | {
+            named(key): error for key, error in self.of.items()}
 
     @property
     def brief(self) -> str:
@@ -123,7 +129,7 @@ class Accuracy:
         """Plain data; `Accuracy(**data)` is equal to this one."""
         return {"asked": self.asked, "estimated": self.estimated, "verified": self.verified, "mesh": self.mesh,
                 "has_mesh": self.has_mesh, "unknown": dict(self.unknown), "found_reactions": self.reactions,
-                "found_amplification": self.amplification}
+                "found_amplification": self.amplification, "of": {named(key): error for key, error in self.of.items()}}
 
     def __repr__(self) -> str:
         told = (f"{name}={value:.2g}" for name, value in (("asked", self.asked), ("estimated", self.estimated),

@@ -264,6 +264,17 @@ class OtherRun:
         return replace(self, times=self.times[self.times <= end])
 
 
+def at_the_same_times(others: tuple[OtherRun, ...]) -> tuple[OtherRun, ...]:
+    """The runs, with the two companions of a run with contacts compared with it at the same times: what one of them shows at an
+    impact and the other misses is no sign that errors fall."""
+    pair = [other for other in others if other.kind == "companion" and not isinstance(other.run.interpolant, AtTimes)]
+    if len(pair) != 2:
+        return others
+    end = min(other.run.t[-1] for other in pair)
+    times = distinct(np.concatenate([other.times[other.times <= end] for other in pair]))
+    return tuple(replace(other, times=times) if other in pair else other for other in others)
+
+
 OUTSIDE = 1e-6  #: distance beyond the boundary of a section, relative to its size, that counts as rounding
 
 

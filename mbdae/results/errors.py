@@ -7,19 +7,19 @@ error of the run, is the estimate. It is computed when the quantity is read.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.deferred import distinct
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
-from mbdae.results.clearance import AtTimes, OtherRun, wrenches
-from mbdae.results.contacts import largest
-from mbdae.results.quantities import Quantity, differences, magnitudes, moves, named, unit_of, value
+from mbdae.results.clearance import AtTimes, OtherRun, at_the_same_times, wrenches
+from mbdae.results.contacts import fallen, largest
+from mbdae.results.quantities import Quantity, difference, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.states import states_of
+from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
 #: rounding error of forces, relative to the force that moves the heaviest body by the scene's length in the motion's
@@ -42,10 +42,6 @@ MEETING, LATE, NEAR = 0.3, 2 / 3, 0.05
 #: tightens 7 times, where both end a step in the same moment
 FAR = 0.15
 NEARLY = 5.0  #: the closer run is made for the error of all reactions too where that is up to so many times the accuracy
-#: of the tolerance, with which errors of runs with contact are taken to fall: at most the root, as everywhere with impacts.
-#: Measured: two companions of a pin with play that showed a power of 1 or more, where the run was 4.6 times as far off as that
-#: power says
-POWERS = np.linspace(0.15, 0.5, 40)
 #: errors of functions that read what other runs do not have
 UNREADABLE = (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError)
 
@@ -56,6 +52,11 @@ class Estimate(NamedTuple):
     error: float
     size: float
     limit: float = 0.0
+
+    @property
+    def relative(self) -> float:
+        """The error over the size; 0 where it is rounding."""
+        return 0.0 if self.error <= self.limit else self.error / self.size if self.size > 0 else np.inf
 
     def beyond(self, asked: float) -> bool:
         """Whether the error is above the accuracy asked."""
@@ -76,6 +77,7 @@ class Errors:
     told: dict[str, str] = field(default_factory=dict)  #: by quantity: what its reader was told
     reactions: float | None = None  #: error of all reactions where it is known from a file
     closer: Callable[[], OtherRun | None] | None = field(default=None, repr=False)
+    wanted: tuple[Quantity, ...] = ()  #: those that the run was asked for, which are relative to their own size
     _known: dict[Any, Estimate | None] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -89,8 +91,7 @@ class Errors:
     # -- reactions
 
     def __call__(self) -> float:
-        """Error of the forces and torques of all joints and force elements over the largest force of the run (torques are divided
-        by the length)."""
+        """Error of all forces and torques over the largest force of the run (torques are divided by the length)."""
         if self.reactions is None:
             self.reactions = self._of_reactions().error
             asked = self.asked or 0.0
@@ -132,23 +133,34 @@ class Errors:
 
     def of(self, result: Any, quantity: Quantity) -> Estimate | None:
         """The error of a quantity over the run; None where no other run can be read. result: the run as users see it."""
-        if not isinstance(quantity, str):
-            return self._closely(lambda: self._estimated(result, quantity))
-        if quantity not in self._known:
-            self._known[quantity] = self._closely(lambda: self._estimated(result, quantity))
-        return self._known[quantity]
+        return self._once(quantity, (), lambda: self._estimated(result, quantity))
 
     def of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
-        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s). Where the error over time is
-        above the accuracy, the peak is not trusted to runs that may all damp what makes it: a closer run is asked first."""
-        if not isinstance(quantity, str):
-            return self._of_peak(result, quantity, size, t)
-        if (quantity, size, t) not in self._known:
-            self._known[quantity, size, t] = self._of_peak(result, quantity, size, t)
-        return self._known[quantity, size, t]
+        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s), between the first and the last
+        of the result's times. Where the error over time is above the accuracy, the peak is not trusted to runs that may all damp
+        what makes it: a closer run is asked first."""
+        return self._once(quantity, (size, t, *result.t[[0, -1]]), lambda: self._estimated_peak(result, quantity, size, t))
 
-    def _of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
-        return self._closely(lambda: self._estimated_peak(result, quantity, size, t))
+    def of_mean(self, result: Any, quantity: Quantity, size: float, power: int) -> Estimate | None:
+        """The error of the mean (power 1), or of the root mean square `size` (2), of a quantity between the first and the last of
+        the result's times. Of a mean counts the largest integral of the difference up to any time, since what swings about 0 may
+        end at 0 by chance; of a root mean square that of the difference, which is at least as large."""
+        def mean(t: Array, own: Array, beside: Array) -> float:
+            apart = difference(own, beside, unit_of(result, quantity)).reshape(len(t), -1)
+            apart = apart if power == 1 else np.sum(apart**2, axis=1, keepdims=True)
+            sums = np.cumsum((apart[1:] + apart[:-1]) * np.diff(t)[:, None] / 2, axis=0)
+            return float((np.max(np.linalg.norm(sums, axis=1)) / (t[-1] - t[0])) ** (1 / power))
+
+        return self._once(quantity, (size, power, *result.t[[0, -1]]), lambda: self._estimated(result, quantity, mean, size))
+
+    def _once(self, quantity: Quantity, further: tuple[float, ...], estimate: Callable[[], Estimate | None]) -> Estimate | None:
+        """An estimate, kept where the quantity is a text."""
+        if not isinstance(quantity, str):
+            return self._closely(estimate)
+        key = (quantity, *further)
+        if key not in self._known:
+            self._known[key] = self._closely(estimate)
+        return self._known[key]
 
     def _closely(self, estimate: Callable[[], Estimate | None]) -> Estimate | None:
         """An estimate; where it is above the accuracy, or not far below it in a run that leaves vibrations out or meets kinks of
@@ -164,19 +176,29 @@ class Errors:
         self.others = (*self.others, other)
         return estimate()
 
-    def _estimated(self, result: Any, quantity: Quantity) -> Estimate | None:
-        """From the largest differences over time."""
-        unit, found, size = unit_of(result, quantity), [], 0.0
+    def _estimated(self, result: Any, quantity: Quantity, part: Callable[..., float] | None = None,
+                   size: float | None = None) -> Estimate | None:
+        """From the differences over time: the largest of the run, with np.max that between the first and the last of the result's
+        times, else what `part` makes of times and values of both runs there, relative to `size` (default: the largest value)."""
+        unit, found, known = unit_of(result, quantity), [], size or 0.0
+        asked, (first, last) = self.asked or 0.0, (-np.inf, np.inf) if part is None else result.t[[0, -1]]
         try:
             for other in self._shown:
-                own, beside = self._both(result, other)
-                size = max(size, float(np.max(magnitudes(value(own, quantity)), initial=0.0)))
-                asked = self.asked or 0.0
-                shown = differences(own, beside, quantity, unit, asked * self.prepared.time, asked * size)
-                found.append((other, float(np.max(shown))))
+                both = self._both(result, other)
+                own, beside = (value(one, quantity) for one in both)
+                top = float(np.max(magnitudes(own), initial=0.0))
+                known = max(known, top) if size is None else size
+                at = slice(*np.clip(np.searchsorted(other.times, [first, last]) + np.array([-1, 1]), 0, len(own)))
+                if other.kind == "window" or len(own[at]) < 2:  # what it shows goes on elsewhere
+                    at = slice(None)
+                if part is None or part is np.max:
+                    shown = differences(*both, quantity, unit, asked * self.prepared.time, asked * top)
+                    found.append((other, float(np.max(shown[at]))))
+                else:
+                    found.append((other, part(other.times[at], own[at], beside[at])))
         except UNREADABLE:
             return None
-        return Estimate(together(found), max(size, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
+        return Estimate(together(found), max(known, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
 
     def _estimated_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
         """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks."""
@@ -185,7 +207,7 @@ class Errors:
             found = [(other, self._at_peak(result, quantity, size, t, other)) for other in self._shown]
         except UNREADABLE:
             return None
-        over_time = self._estimated(result, quantity)
+        over_time = self._estimated(result, quantity, np.max)
         if not found or over_time is None:
             return None
         followed = any(other.kind == "closer" and other.times[-1] >= t for other in self.others)
@@ -247,7 +269,8 @@ class Errors:
 
     def _scale(self, result: Any, quantity: Quantity, unit: str) -> float:
         """Least size of a quantity: motion is relative to length and characteristic time, as its accuracy is."""
-        return (1.0 if moves(result, quantity) else IDLE if unit == "W" else LEAST) * self._typical(unit)
+        share = LEAST if quantity in self.wanted else 1.0 if moves(result, quantity) else IDLE if unit == "W" else LEAST
+        return share * self._typical(unit)
 
     def _rounding(self, unit: str) -> float:
         return ROUNDED * self._typical(unit)
@@ -256,7 +279,7 @@ class Errors:
         """What the scene has of a quantity of some unit; 0 where that is not known."""
         L, T = self.prepared.length, self.prepared.time
         motion = {"m": L, "rad": 1.0, "m/s": L / T, "rad/s": 1 / T, "m/s^2": L / T**2, "rad/s^2": 1 / T**2}
-        F = 0.0 if unit in motion else self._largest_force
+        F = 0.0 if unit in motion or not unit else self._largest_force
         return (motion | {"N": F, "N m": F * L, "N, N m": F, "W": F * L / T}).get(unit, 0.0)
 
     # -- telling
@@ -267,30 +290,28 @@ class Errors:
         if self.asked is not None and name not in self.told and not self._covered(result, quantity, unit):
             self.tell(name, unit, self.of(result, quantity), self.asked)
 
-    def judge_peak(self, result: Any, quantity: Quantity, size: float, t: float, silent: bool) -> float | None:
-        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s), told where it is above the
-        accuracy asked, unless silent."""
-        found, unit = self.of_peak(result, quantity, size, t), unit_of(result, quantity)
-        if not silent and self.asked is not None and not self._covered(result, quantity, unit):
-            self.tell(named(quantity), unit, found, self.asked, "peak")
+    def judge_part(self, result: Any, quantity: Quantity, found: Estimate | None, read: str) -> float | None:
+        """The error `found` of what was `read` of a quantity, as its "largest value"; told where it is above the accuracy."""
+        unit = unit_of(result, quantity)
+        if not result._silent and self.asked is not None and not self._covered(result, quantity, unit):
+            self.tell(named(quantity), unit, found, self.asked, read)
         return None if found is None else found.error
 
     def _covered(self, result: Any, quantity: Quantity, unit: str) -> bool:
         """Whether the accuracy of the motion speaks of a quantity: with beams it leaves velocities out."""
         return moves(result, quantity) and not (self.prepared.model.lines and unit in ("m/s", "rad/s"))
 
-    def tell(self, name: str, unit: str, found: Estimate | None, asked: float, read: str = "values") -> None:
-        """Warn once about a quantity whose error is above the accuracy asked; read: "values" over time, or their "peak", of which
-        nothing is said after the values, whose error contains it."""
-        key = name if read == "values" else f"{name}, its largest value"
+    def tell(self, name: str, unit: str, found: Estimate | None, asked: float, read: str = "") -> None:
+        """Warn once about a quantity whose error is above the accuracy asked; read: "" for its values over time, or what was read
+        of them, of which nothing is said after the values, whose error contains it."""
+        key = f"{name}, its {read}" if read else name
         if name in self.told or key in self.told or (found is not None and not found.beyond(asked)):
             return
         error = "an error that is not known"
         if found is not None and np.isfinite(found.error):
             share, of = f"{100 * found.error / found.size:.2g} % of ", f"{found.error:.2g}{f' {unit}' if unit else ''}"
-            error = f"an error of about {of}, {share}its largest value"
-            if read == "peak":
-                error = f"an error of about {of} in its largest value, {share}that"
+            error = f"an error of about {of} in its {read}, {share}that" if read else (
+                f"an error of about {of}, {share}its largest value")
         self.told[key] = f"{name} has {error}, where the accuracy {asked:g} was asked: {self._remedy(asked)}"
         warn(f"scene '{self.prepared.model.scene.name}': {self.told[key]}")
 
@@ -309,17 +330,6 @@ class Errors:
         return f"ask for {smaller}"
 
 
-def at_the_same_times(others: tuple[OtherRun, ...]) -> tuple[OtherRun, ...]:
-    """The runs, with the two companions of a run with contacts compared with it at the same times: what one of them shows at an
-    impact and the other misses is no sign that errors fall."""
-    pair = [other for other in others if other.kind == "companion" and not isinstance(other.run.interpolant, AtTimes)]
-    if len(pair) != 2:
-        return others
-    end = min(other.run.t[-1] for other in pair)
-    times = distinct(np.concatenate([other.times[other.times <= end] for other in pair]))
-    return tuple(replace(other, times=times) if other in pair else other for other in others)
-
-
 def together(found: Iterable[tuple[OtherRun, float]]) -> float:
     """The error of a run from its differences to others: those of one kind show the same error, of which the largest counts;
     errors of several kinds add."""
@@ -333,14 +343,3 @@ def together(found: Iterable[tuple[OtherRun, float]]) -> float:
         kinds[other.kind] = max(kinds.get(other.kind, 0.0), other.share * apart)
     closer, mesh = kinds.pop("closer", 0.0), kinds.pop("mesh", 0.0)
     return float(max(closer, sum(kinds.values())) + mesh)  # beside a closer run the others count after its end alone
-
-
-def fallen(far: tuple[float, float], near: tuple[float, float]) -> float:
-    """The error of a run from its differences to two companions, each with its tolerance over that of the run: errors e(r) at a
-    tolerance r times as large are r^p e, where p follows from the differences; at most the larger difference."""
-    (wide, far_ratio), (close, near_ratio) = max(far, near, key=lambda one: one[1]), min(far, near, key=lambda one: one[1])
-    if close <= 0 or near_ratio <= 1:
-        return 0.0 if close <= 0 else max(wide, close)
-    shown = (far_ratio**POWERS - 1) / (near_ratio**POWERS - 1)  # rises with the power
-    p = POWERS[int(np.clip(np.searchsorted(shown, wide / close), 0, len(POWERS) - 1))]
-    return float(min(close / (near_ratio**p - 1), max(wide, close)))

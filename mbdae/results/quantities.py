@@ -258,7 +258,7 @@ def _is_series(result: Any, sensor: Any, name: str) -> bool:
 
 def to_dataframe(result: Any, sensors: Sequence[Quantity], further: dict[str, Quantity]) -> Any:
     """A pandas.DataFrame over the time; `attrs["units"]` has the units by column."""
-    pandas = _library("pandas")
+    pandas = library("pandas")
     parts = [(name, column.unit, values) for column in columns(result, sensors, further) for name, values in column.parts()]
     frame = pandas.DataFrame({name: values for name, _, values in parts}, index=pandas.Index(result.t, name="t"))
     frame.attrs["units"] = {"t": "s"} | {name: unit for name, unit, _ in parts}
@@ -267,7 +267,7 @@ def to_dataframe(result: Any, sensors: Sequence[Quantity], further: dict[str, Qu
 
 def to_xarray(result: Any, sensors: Sequence[Quantity], further: dict[str, Quantity]) -> Any:
     """An xarray.Dataset with the coordinate t; vectors have the dimension "axis" (x, y, z), units are attributes."""
-    xarray, data = _library("xarray"), {}
+    xarray, data = library("xarray"), {}
     axis: dict[str, list[str]] = {}
     for column in columns(result, sensors, further):
         names = ["axis" if n == 3 and i == 0 and column.values.ndim == 2 else f"{column.name}_{i}"
@@ -296,7 +296,8 @@ def _quoted(name: str) -> str:
     return '"' + name.replace('"', '""') + '"' if any(sign in name for sign in ',"\n') else name
 
 
-def _library(name: str) -> Any:
+def library(name: str) -> Any:
+    """A library for tables; OptionError where it is not installed."""
     try:
         return import_module(name)
     except ImportError:

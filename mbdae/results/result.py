@@ -15,7 +15,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.notation import counted, rows, titled
 from mbdae.results.accuracy import Drift, Event, OfRun, RunInfo
 from mbdae.results.clearance import ClearanceSensor, ContactSensor, RopeSensor
-from mbdae.results.contacts import Peak, peak
+from mbdae.results.contacts import Mean, Peak, mean, peak
 from mbdae.results.quantities import Quantity, to_csv, to_dataframe, to_xarray, value
 from mbdae.results.sensors import BodySensor, ConnectionSensor
 from mbdae.results.states import Energy, RunStates, energy
@@ -27,7 +27,7 @@ from mbdae.system.dependent_rows import smallest_at
 from mbdae.system.prepare import Prepared
 from mbdae.system.sampling import Sampling, UnderWay
 from mbdae.system.start import Start
-from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
+from mbdae.values import file_to_write, number, of_class, option, optional, sequence, shown, text
 
 if TYPE_CHECKING:
     from mbdae.laws.contact import Contact
@@ -202,16 +202,34 @@ class Result(OfRun, RunStates, ListsAttributes):
         if not self._silent and (errors := self.info.accuracy.errors) is not None:
             errors.judge(self, quantity)
 
-    def _judge_peak(self, quantity: Quantity, size: float, t: float) -> float | None:
-        """The error of the largest magnitude of a quantity, which it has at t (s); a warning where it is above the accuracy."""
+    def _judge_part(self, quantity: Quantity, read: str, kind: str, *found: Any) -> float | None:
+        """The error of what was read of a quantity, by a method of `Errors`; a warning where it is above the accuracy."""
         if self.info is None or (errors := self.info.accuracy.errors) is None:
             return None
-        return errors.judge_peak(self, quantity, size, t, self._silent)
+        return errors.judge_part(self, quantity, getattr(errors, kind)(self, quantity, *found), read)
 
-    def peak(self, quantity: Quantity) -> Peak:
+    def peak(self, quantity: Quantity, t: Any = None) -> Peak:
         """The largest magnitude of a quantity (see `value`), between the result's times too, with its time: `.value`, `.t`, and
-        the error of the value, `.error`."""
-        return peak(self, quantity)
+        the error of the value, `.error`. t: (begin, end), s, between which it is sought; by default the result's times."""
+        return peak(self._between(t), quantity)
+
+    def mean(self, quantity: Quantity, t: Any = None) -> Mean:
+        """The mean of a quantity (see `value`) over the times t = (begin, end), s, by default the result's: `.value`, of a vector
+        by component, and its `.error`."""
+        return mean(self._between(t), quantity, 1)
+
+    def rms(self, quantity: Quantity, t: Any = None) -> Mean:
+        """The root of the mean square of the magnitude of a quantity over the times t = (begin, end), s; see `mean`."""
+        return mean(self._between(t), quantity, 2)
+
+    def _between(self, t: Any) -> Result:
+        """The run at two times (begin, end), s; itself for None."""
+        if t is None:
+            return self
+        ends = option("t", t, sequence, "give two times of the run in s, (begin, end)", each=number)
+        if len(ends) != 2 or not ends[0] < ends[1]:
+            raise OptionError(f"t = {shown(t)} is no interval: give two times of the run in s, (begin, end), begin < end")
+        return self(ends)
 
     def to_dataframe(self, *sensors: Quantity, **further: Quantity) -> Any:
         """Quantities (see `value`) as a pandas.DataFrame over the time in s, vectors by component; every sensor where none is

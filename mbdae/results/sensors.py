@@ -247,7 +247,7 @@ class ConnectionSensor(ListsAttributes):
     def _evaluated(self, outputs: Any) -> Iterator[tuple[Any, Any, Array]]:
         """(law, targets, values (nt, outputs)) of the outputs of every law of the item that has some."""
         prepared, q, u, s = self._result.prepared, *self._result.states(self._result.t)
-        for g, p, values in prepared.with_all_rows.evaluate(outputs, self._result.t, q, u, s, self._result.multipliers):
+        for g, p, values in prepared.with_all_rows.evaluate(outputs, self._result.t, q, u, s, self._result._dynamics[1]):
             for i, instance in enumerate(prepared.model.groups[g].instances):
                 if instance.item == self._item.name and len(p.targets):
                     yield instance.law, p.targets, values[:, i]
@@ -258,7 +258,7 @@ class ConnectionSensor(ListsAttributes):
         loads = [values[:, 0] for law, _, values in self._evaluated(drive_outputs) if law.name_of_coordinate == coordinate]
         name = f"{self._item.name}.{row}"
         if name in self._result.multiplier_names:
-            loads.append(self._result.multipliers[:, self._result.multiplier_names.index(name)])
+            loads.append(self._result._dynamics[1][:, self._result.multiplier_names.index(name)])
         return np.sum(loads, axis=0) if loads else np.full(len(self._result.t), np.nan)
 
     @cached_property

@@ -155,7 +155,7 @@ class RunStates(NamesArguments):
         """Outputs (nt, width) of the laws of one item, summed; they may depend on multipliers."""
         total = np.zeros((len(self.t), width))
         q, u, s = self._states
-        for g, _, values in self.prepared.with_all_rows.evaluate(outputs, self.t, q, u, s, self.multipliers):
+        for g, _, values in self.prepared.with_all_rows.evaluate(outputs, self.t, q, u, s, self._dynamics[1]):
             for i, instance in enumerate(self.prepared.model.groups[g].instances):
                 if instance.item == item.name:
                     total += values[:, i]

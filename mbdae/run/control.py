@@ -22,6 +22,7 @@ from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Beside, Solution, check_times
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun
+from mbdae.results.stored_parts import AskedToo
 from mbdae.run.contacts import hidden_contacts, resolving
 from mbdae.run.estimate import (
     LOOSEST,
@@ -82,6 +83,9 @@ COARSE = 3.0
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
+#: a run whose motion has the accuracy is not repeated any more where the last one brought what else was asked for no nearer than
+#: this: tolerances fall to 0.3 or less, and errors with the power SLOW of them at least
+STUCK = 0.65
 #: smallest ratio of the error to the difference from a companion at the smallest tolerance, where errors need not fall any more
 AT_ROUND_OFF = 1.0
 
@@ -94,7 +98,8 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
         run = _passing_nothing_over(system, prepared, solver, accuracy, asked, outputs)
-        second = None if solver.by_steps else second_method(solver, system, asked, accuracy, measure_of(system, prepared))
+        second = None if solver.by_steps else second_method(
+                solver, system, asked, accuracy, measure_of(system, prepared, asked.wanted))
         if second is not None:
             distance = second.distance(run.solution, run.estimate)
             second.tell(run.estimate, distance, accuracy)
@@ -146,7 +151,8 @@ class _Search:
     def __init__(self, system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked, outputs: Array,
                  grown: bool) -> None:
         self.system, self.prepared, self.solver, self.accuracy = system, prepared, solver, accuracy
-        self.asked, self.outputs, self.grown, self.measure = asked, outputs, grown, measure_of(system, prepared)
+        self.asked, self.outputs, self.grown = asked, outputs, grown
+        self.measure = measure_of(system, prepared, asked.wanted)
         self.made: list[RunAt] = []
 
     def by_steps(self) -> Controlled:
@@ -180,6 +186,8 @@ class _Search:
             too_coarse = rtol > COARSE * self.ceiling
             if (best.estimate <= self.accuracy and not too_coarse) or rtol <= self.limit * (1 + 1e-9):
                 return self._judged_again(best)
+            if not too_coarse and self._in_vain(told, rtol / loose):
+                return best
             if too_coarse:
                 self.tight = with_rtol(self.tight, self.ceiling)
                 continue
@@ -194,6 +202,12 @@ class _Search:
             falls = float(np.clip(falls, *(FINER_WITH_IMPACTS if contacts else FINER)))
             self.tight = with_rtol(self.tight, max(rtol * falls, self.limit))
         return best
+
+    def _in_vain(self, told: list[tuple[float, float]], ratio: float) -> bool:
+        """Whether the motion is within the accuracy, and what else was asked for has come no nearer to it by the last run."""
+        if len(told) < 2 or not isinstance(self.measure, AskedToo) or told[-1][1] < STUCK * told[-2][1]:
+            return False
+        return self.measure.motion * share_of(self.system, self.solver, ratio) <= self.accuracy
 
     def _finer(self, best: Controlled) -> Solution:
         """The next run; it is stopped where it costs far more than the one before."""

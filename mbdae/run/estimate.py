@@ -29,7 +29,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, by_speeds, check_times, scaled_distance
 from mbdae.results.clearance import OtherRun, some_of
+from mbdae.results.stored_parts import AskedToo
 from mbdae.run.contacts import Hidden, largest_tolerance
 from mbdae.run.growing import Growth
 from mbdae.system.base import Array, System
@@ -264,8 +265,11 @@ def cpu_of(error: SolverError) -> float:
     return 0.0 if error.solution is None else float(error.solution.stats.cpu_s)
 
 
-def measure_of(system: System, prepared: Prepared | None) -> Measure:
-    """The distance between two trajectories of a system: of motions for a scene, else of unknowns."""
+def measure_of(system: System, prepared: Prepared | None, wanted: Any = None) -> Measure:
+    """The distance between two trajectories of a system: of motions for a scene, and of the quantities `wanted`, else of
+    unknowns."""
+    if wanted and prepared is not None and isinstance(system, SceneSystem):
+        return AskedToo(prepared, system, wanted)
     if prepared is not None and isinstance(system, SceneSystem):
         return partial(distance, prepared)
     if system.measure is not None:

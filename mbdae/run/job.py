@@ -10,7 +10,7 @@ Modules of this folder in the order in which a run uses them:
                       a quantity is read that the estimate does not cover;
 4. `assessment`       warnings about the run that is returned: `reliability`, `drift`, `singular_positions`,
                       `quaternion_lengths`;
-5. `recheck`          steps with a large `defect` are integrated again, since something may have acted between the points at
+5. `conditions`       steps with a large `defect` are integrated again, since something may have acted between the points at
                       which the solver evaluated the equations (`short_events`).
 """
 
@@ -44,15 +44,16 @@ from mbdae.integrators.solution import Solution
 from mbdae.integrators.stored_runs import keeping_runs
 from mbdae.results.accuracy import RunInfo
 from mbdae.results.result import Result
+from mbdae.results.stored_parts import AskedToo, told
 from mbdae.run.assessment import assessed, singular_stop
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
+from mbdae.run.conditions import Rechecked, rechecked
 from mbdae.run.contacts import hidden_contacts, refuse_unresolved
 from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, run_controlled
 from mbdae.run.drift import Assessment, joint_drift
-from mbdae.run.estimate import UNTESTED, Controlled, cpu_of
+from mbdae.run.estimate import UNTESTED, Controlled, cpu_of, measure_of
 from mbdae.run.growing import growing, unfollowed
-from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified, with_forces, with_lost_vibrations
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
@@ -121,12 +122,13 @@ class Job:
         it by at most the factor NEARLY, a tighter run, whose shorter steps damp less away; else one that resolves all
         vibrations."""
         resolving = shared_system(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
-        run = with_lost_vibrations(self.prepared, resolving, run)
+        measure = measure_of(system, self.prepared, self.asked.wanted)
+        run = with_lost_vibrations(self.prepared, resolving, run, measure)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
             tighter = partial(self._controlled, system, solver, self.accuracy / 10)
-            run = _better(run, lambda: with_lost_vibrations(self.prepared, resolving, tighter()))
+            run = _better(run, lambda: with_lost_vibrations(self.prepared, resolving, tighter(), measure))
         if run.estimate <= self.accuracy:
-            if not self.choice or self.prepared.contacts:
+            if not self.choice or self.prepared.contacts or self.asked.wanted:
                 return run
             return with_forces(run, resolving, self.prepared, self.accuracy, replace(self.asked, begin=self.begin), self.times)
         # every impact excites such vibrations anew, and resolving them all takes 10 to 40 times as many steps
@@ -214,6 +216,9 @@ class Job:
                 begin = time.process_time()
                 other = verified(self.prepared, self.form, run, self.accuracy, self.asked, self.continued)
                 run = run.after(other.runs, time.process_time() - begin)
+            wanted = self.asked.wanted
+            if isinstance(measure := measure_of(self._system(run.solver), self.prepared, wanted), AskedToo):
+                run = replace(run, estimate=measure.of_motion(run.solution, run.others, run.estimate))
             known = accuracy_of(self.prepared, self.accuracy, run, other)
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
@@ -230,6 +235,9 @@ class Job:
             if (errors := known.errors) is not None and not run.solver.fixed and run.solver.rtol is not None and found.reliable:
                 waves = bool(self._system(run.solver).numbering.stresses) and not (self.form.waves or run.waves)
                 errors.closer = CloserRun(self.prepared, self.form, run.solver, run.solution, self.accuracy, self.asked, waves)
+            if wanted:
+                known, notes = told(made, known, wanted)
+                found = found._replace(notes=(*found.notes, *notes))
             made.info = replace(info, accuracy=known, warnings=found.notes, reliable=found.reliable)
         for note in found.notes:
             warn(f"scene '{self.prepared.model.scene.name}': {note}")

@@ -19,7 +19,6 @@ import copy
 import math
 import warnings
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.solution import Beside, Solution, check_times
+from mbdae.integrators.solution import Beside, Measure, Solution, check_times
 from mbdae.integrators.stored_runs import keeping_runs
 from mbdae.laws.bodies import ORDERS
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
@@ -42,7 +41,7 @@ from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.system.sampling import distance, position_distance
+from mbdae.system.sampling import position_distance
 from mbdae.system.scene_system import SceneSystem
 from mbdae.threads import one_thread
 
@@ -137,9 +136,9 @@ POINTS = 400  #: number of times at which both runs are compared
 MARGIN = 2.1
 
 
-def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Controlled) -> Controlled:
-    """The run whose estimate includes the lost vibrations: its largest difference of positions (over the scene's length, rad)
-    from short runs of the system `resolving`, which resolves them, from the start and from every excitation."""
+def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Controlled, measure: Measure) -> Controlled:
+    """The run whose estimate includes the lost vibrations: its largest distance, in a measure such as that of positions (over the
+    scene's length, rad), from short runs of the system `resolving`, which resolves them, from start and excitations on."""
     solution = run.solution
     t0, t1 = float(solution.t[0]), float(solution.t[-1])
     span = WINDOW * (t1 - t0) / max(solution.stats.steps, 1)
@@ -147,7 +146,7 @@ def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Contro
     if not close.by_steps:
         close = replace(close, rtol=close.companion * close.tolerance)  # type: ignore[type-var]
     probe = Probe(close, resolving, prepared, span, POINTS, MARGIN)
-    return with_left_out(run, probe, partial(distance, prepared))
+    return with_left_out(run, probe, measure)
 
 
 #: FORCES: accuracies up to which a run whose vibrations carry force is repeated with all of them resolved, DEEPER times as

@@ -20,6 +20,7 @@ from mbdae.scene.components import Beam, Body, Clearance, Connection, Kinematic,
 from mbdae.scene.models import joint_model, law_of
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import SceneItems, statement
+from mbdae.symbolic.class_checks import PLACES
 from mbdae.symbolic.joint import Coupling, Joint, Reference
 from mbdae.symbolic.law import Force
 from mbdae.values import Array, BadValueError, number, shown
@@ -183,7 +184,7 @@ def _unit(law: Coupling, coordinate: str) -> str:
     return unit if unit in ("rad", "m") else ""
 
 
-NEEDED = ("name", "k", "l", "at", "axis", "at_l", "axis_x")
+NEEDED = ("name", "k", "l", *PLACES)
 
 
 def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
@@ -219,8 +220,9 @@ def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
     found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
     found.at = None if law.at is None else reading.point(head.part("at"), law.at)
     found.axis = reading.direction(head.part("axis"), law.axis)
-    if law.axis_x is not None:
-        found.axis_x = reading.direction(head.part("axis_x"), law.axis_x)
+    for key in ("axis_x", "axis_l", "axis_x_l"):
+        if getattr(law, key) is not None:
+            setattr(found, key, reading.direction(head.part(key), getattr(law, key)))
     for side in law.frames[2:]:
         setattr(found, side, reading.body(head.part(side), getattr(law, side)))
     found.points = {side: reading.point(head.part(f"at_{side}"), point) for side, point in law.points.items()}
@@ -253,8 +255,8 @@ class ConnectionStatements(CouplingStatements):
             return self._add_coupling(law)
         if law.at is None:
             law.at = where(self, f"{type(law).__name__.lower()} '{law.name}'", law.l, None)
-        law.axis = reading.unit(law.axis)
-        law.axis_x = across(Argument(self, f"{type(law).__name__.lower()} '{law.name}'", "axis_x"), law.axis, law.axis_x)
+        vars(law).update(directions(Argument(self, f"{type(law).__name__.lower()} '{law.name}'", ""), law.axis, law.axis_x,
+                                    law.axis_l, law.axis_x_l))
         item = Connection(law.name, type(law).__name__.lower(), law.k, law.l, [law], isinstance(law, Joint))
         if isinstance(law, Joint):
             item.prescribed = {c: getattr(law, name) for c, name in law.prescribed.items()}
@@ -322,12 +324,24 @@ def where(scene: Any, item: str, body: Body | Place, at: Any = None) -> Array:
     return np.array(body.point if isinstance(body, Place) else body.drawn.position, dtype=float)
 
 
-def across(arg: Argument, axis: Array, axis_x: Any) -> Array | None:
-    """Unit vector (3,) in the direction of a joint's x axis, which may not be along its axis; None where none is given."""
+def directions(item: Argument, axis: Any, axis_x: Any, axis_l: Any = None, axis_x_l: Any = None) -> dict[str, Any]:
+    """The directions of a law's frames on k and on l as unit vectors, by argument."""
+    z, z_l = reading.unit(axis), None if axis_l is None else reading.unit(axis_l)
+    x_l = across(item.part("axis_x_l"), z if z_l is None else z_l, axis_x_l, "axis_l")
+    if z_l is not None and x_l is None and z @ z_l < 1e-12 - 1:
+        item.part("axis_l").wrong(f"{z_l.tolist()} is opposite to axis, so that l may turn either way to the frame of k",
+                                  "give axis_x_l too, or the axis in the other sense")
+        z_l = None
+    return {"axis": z, "axis_x": across(item.part("axis_x"), z, axis_x), "axis_l": z_l, "axis_x_l": x_l}
+
+
+def across(arg: Argument, axis: Array, axis_x: Any, word: str = "axis") -> Array | None:
+    """Unit vector (3,) in the direction of a joint's x axis, not along its axis; None where none is given. word: the statement's
+    name of the axis."""
     if axis_x is None:
         return None
     found = reading.unit(axis_x)
     if np.linalg.norm(np.cross(found, axis)) < 1e-9:
-        arg.wrong(f"{np.asarray(axis_x).tolist()} is along axis", "give a direction at an angle to axis")
+        arg.wrong(f"{np.asarray(axis_x).tolist()} is along {word}", f"give a direction at an angle to {word}")
         return None
     return found

@@ -25,7 +25,9 @@ from mbdae.scene.components import AsGiven, BeamLoad, Connection, Controller, Si
 from mbdae.scene.connections import ConnectionStatements
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
+from mbdae.symbolic.frames import NodeKind, make_frame
 from mbdae.symbolic.joint import Coupling, Joint
+from mbdae.symbolic.law import Law
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, number, option, sequence, several, shown, text
@@ -41,12 +43,14 @@ MOST = 20_000  #: largest number of time intervals at whose ends and middles the
 
 
 class Input(NamedTuple):
-    """One expression of time in a scene: its description, its unit, and whether it prescribes the motion of a joint."""
+    """One expression of time in a scene: its description, its unit, whether it prescribes the motion of a joint, and whether it
+    prescribes velocities alone, whose kinks are jumps of accelerations."""
 
     what: str
     expression: Expr
     unit: str
     moves: bool
+    may_bend: bool = False
 
 
 def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Input]:
@@ -59,7 +63,18 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
                 drives = law.drives() if isinstance(law, Joint) else {}
                 said = _ARGUMENTS.get((kind, drives.get(key, key)), drives.get(key, key))
                 what = readable(f"{kind} '{name}': {said} = {value}")
-                yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint | Coupling))
+                yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint | Coupling), _is_speed(law, key))
+
+
+def _is_speed(law: Any, key: str) -> bool:
+    """Whether a parameter of a joint or coupling stands in rows of velocities alone."""
+    if type(law).velocity_constraints is Law.velocity_constraints or key in law.drives() or (
+            isinstance(law, Joint) and law.states_motion()):
+        return False
+    stated = law.symbolic(law.structure())
+    vars(stated).update({name: se.Symbol(name) for name in law.own_coordinates})
+    rows = stated.constraints(*(make_frame(side, NodeKind.SPATIAL) for side in law.frames))
+    return not any(se.Symbol(key) in se.sympify(e).free_symbols for e in rows.values())
 
 
 def stated_values(connections: list[Connection], signals: list[Signal]) -> list[tuple[str, str, Any]]:
@@ -139,7 +154,7 @@ def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before:
     if not len(at):
         return []
     smooth_ramp_or_cubic_table = CUBIC_TABLE if timed.split(tuple(parts[:1])).readings else SMOOTH_RAMP
-    for order in (0, 1):
+    for order in (0,) if one.may_bend else (0, 1):
         size, steep = (float(np.max(np.abs(v[np.isfinite(v)]), initial=0.0)) for v in values[order : order + 2])
         by = jumps(parts[order], at, middle[:-1], middle[1:])
         found = np.flatnonzero(np.abs(by) > max(JUMP * size, 1e-300) + 8 * np.spacing(at) * steep)

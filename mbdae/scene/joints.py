@@ -14,7 +14,7 @@ from mbdae.laws.joint_rows import Distance, FixedOrientation, KnifeEdge, PointOn
 from mbdae.laws.joints import FREE, Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal, Weld, generic
 from mbdae.scene import reading
 from mbdae.scene.components import Clearance, Connection, Kinematic
-from mbdae.scene.connections import ConnectionStatements, across, where
+from mbdae.scene.connections import ConnectionStatements, across, directions, where
 from mbdae.scene.coordinates import on_coordinates
 from mbdae.scene.models import friction_law, joint_model, law_of
 from mbdae.scene.reading import FEEDS, Argument, reads
@@ -35,6 +35,8 @@ PLACED = {**BODIES, "axis": reading.direction}
 MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
 EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: values by coordinate are checked when the coordinates are known
 FLAT = 1e-6  #: sine of the angle between axle and normal up to which a disc counts as lying flat
+#: further arguments of every joint: where its frame on l is, if not where that on k is
+OF_L = {"at_l": reading.point, "axis_l": reading.direction, "axis_x_l": reading.direction}
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
 
@@ -56,7 +58,7 @@ class JointStatements(ConnectionStatements):
         `friction` (mb.Coulomb, mb.LuGre or one's own) with `radius` (m) for angles, and `normal_force` (N), by default the
         joint's reaction normal to the axis; `rotor` (kg m^2 or kg) an inertia that moves with the coordinate alone, of a
         motor i^2 times that of its rotor (i its gear ratio). `axis_x`: direction of the joint's x axis, by default any normal
-        to `axis`."""
+        to `axis`. `at_l`, `axis_l`, `axis_x_l`: the joint's frame on l, where it is drawn elsewhere or turned."""
         options = {"prescribed": prescribed, "start": start, "start_rate": start_rate, "spring": spring, "damper": damper,
                    "load": load, "limits": limits, "stop": stop, "friction": friction, "rotor": rotor}
         point = where(self, f"joint '{name}'", l, at)
@@ -66,41 +68,43 @@ class JointStatements(ConnectionStatements):
            rate0=reading.quantity("rad/s"), spring=reading.driven("N m/rad", True),
            damper=reading.driven("N m s/rad", True, least=FEEDS), torque=reading.driven("N m", True, named=True),
            friction=friction_law, radius=reading.quantity("m", "positive"), limits=reading.as_given, stop=reading.as_given,
-           normal_force=reading.quantity("N", "not negative"))
+           normal_force=reading.quantity("N", "not negative"), axis_l=reading.direction)
     @statement
     def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
                  angle0: float | None = None, rate0: float | None = None, spring: Any = None,
                  damper: Any = None, torque: Any = None, friction: Any = None, radius: float | None = None,
-                 limits: Any = None, stop: Any = None, normal_force: float | None = None) -> Connection:
+                 limits: Any = None, stop: Any = None, normal_force: float | None = None, axis_l: Any = None) -> Connection:
         """l turns relative to k about `axis` through `at` (m, as drawn); the angle is 0 as drawn, positive about the axis.
 
         `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
         `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis. `friction` (mb.Coulomb, mb.LuGre or
         one's own) of a pin of `radius` m is pressed by `normal_force` N, by default the joint's reaction normal to the axis.
-        `limits` (lowest, highest) rad with `stop=mb.Stop(stiffness, damping)`."""
+        `limits` (lowest, highest) rad with `stop=mb.Stop(stiffness, damping)`. `axis_l`: the axis on l, where l is drawn turned
+        against the joint; the start turns the bodies."""
         words = {"prescribed": "angle", "start": "angle0", "start_rate": "rate0", "load": "torque"}
         options = {"prescribed": angle, "start": angle0, "start_rate": rate0, "spring": spring, "damper": damper, "load": torque,
                    "friction": friction, "radius": radius, "normal_force": normal_force, "limits": limits,
                    "stop": stop}
-        return self._joint("revolute", Revolute, name, k, l, at, axis, None, model, options, {}, words)
+        return self._joint("revolute", Revolute, name, k, l, at, axis, None, model, options, {"axis_l": axis_l}, words)
 
     @reads(**PLACED, position=reading.driven("m"), position0=reading.quantity("m"), rate0=reading.quantity("m/s"),
            spring=reading.driven("N/m", True), damper=reading.driven("N s/m", True, least=FEEDS),
            force=reading.driven("N", True, named=True), model=joint_model, friction=friction_law,
-           normal_force=reading.quantity("N", "not negative"), limits=reading.as_given, stop=reading.as_given)
+           normal_force=reading.quantity("N", "not negative"), limits=reading.as_given, stop=reading.as_given,
+           axis_l=reading.direction)
     @statement
     def prismatic(self, name: str, k: Any, l: Any, at: Any, axis: Any, position: Any = None, position0: float | None = None,
                   rate0: float | None = None, spring: Any = None, damper: Any = None,
                   force: Any = None, model: Any = None, friction: Any = None, normal_force: float | None = None,
-                  limits: Any = None, stop: Any = None) -> Connection:
+                  limits: Any = None, stop: Any = None, axis_l: Any = None) -> Connection:
         """l slides relative to k along `axis` through `at` (m) without turning; 0 as drawn. `position` m prescribes the
         displacement; `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's
         own) is pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count).
-        `limits` (lowest, highest) m with `stop=mb.Stop(stiffness, damping)`."""
+        `limits` (lowest, highest) m with `stop=mb.Stop(stiffness, damping)`. `axis_l`: the axis on l, as in `revolute`."""
         words = {"prescribed": "position", "start": "position0", "start_rate": "rate0", "load": "force"}
         options = {"prescribed": position, "start": position0, "start_rate": rate0, "spring": spring, "damper": damper,
                    "load": force, "friction": friction, "normal_force": normal_force, "limits": limits, "stop": stop}
-        return self._joint("prismatic", Prismatic, name, k, l, at, axis, None, model, options, {}, words)
+        return self._joint("prismatic", Prismatic, name, k, l, at, axis, None, model, options, {"axis_l": axis_l}, words)
 
     @reads(**PLACED, further=reading.as_given)
     @statement
@@ -221,7 +225,7 @@ class JointStatements(ConnectionStatements):
         """The point of l at `at` (m, as drawn) moves relative to k in the direction of a blade of l, `along` as drawn, and not
         across it, as a skate on ice: in the plane of k with this `normal`, in which other joints have to keep it."""
         up = reading.unit(normal)
-        blade = across(Argument(self, f"knife_edge '{name}'", "along"), up, along)
+        blade = across(Argument(self, f"knife_edge '{name}'", "along"), up, along, "normal")
         return self._joint("knife_edge", KnifeEdge, name, k, l, at, up, blade, None, {}, {})
 
     def _library(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any,
@@ -239,11 +243,13 @@ class JointStatements(ConnectionStatements):
         item = f"{kind} '{name}'"
         ours = [key for key in ("radius", "normal_force") if key in further and key not in law.params]
         options = options | {key: further.pop(key) for key in ours}
+        of_l = {key: further.pop(key, None) for key in OF_L}
+        of_l = {key: OF_L[key](Argument(self, item, key), value) for key, value in of_l.items() if value is not None}
         given = on_coordinates(self, item, law, words or {}, options, model)
         modelled, extra = law_of(Argument(self, item, "model"), law, model)
         numbers = self._numbers(kind, item, law, further)
-        place: dict[str, Any] = {"k": k, "l": l, "at": at, "axis": reading.unit(axis),
-                                 "axis_x": across(Argument(self, item, "axis_x"), reading.unit(axis), axis_x)}
+        place: dict[str, Any] = {"k": k, "l": l, "at": at, "at_l": of_l.pop("at_l", None),
+                                 **directions(Argument(self, item, ""), axis, axis_x, **of_l)}
         forces = given.forces()
 
         def laws(cls: type[Joint], extra: dict[str, Any]) -> list[TwoBodyLaw]:
@@ -286,7 +292,7 @@ def _no_argument(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
     parameters of the joint."""
     coordinate = key.removesuffix("_rate")
     if coordinate not in law.scalars():
-        known = (set(signature(STATEMENTS.get(kind, STATEMENTS["joint"])).parameters) | {*OPTIONS, "model"}) - {"self", "further"}
+        known = {*signature(STATEMENTS.get(kind, STATEMENTS["joint"])).parameters, *OPTIONS, *OF_L, "model"} - {"self", "further"}
         return f"it has no argument {unknown_name(key, {*own, *known})} it takes {', '.join(sorted({*own, *known}))}"
     if coordinate != key:
         return f"it has no argument '{key}'; to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"

@@ -23,6 +23,7 @@ from mbdae.scene import reading
 from mbdae.scene.components import AsGiven, Beam, BeamLoad, Body, Connection, Controller, Place, Signal
 from mbdae.scene.reading import Argument, Reader
 from mbdae.scene.sensed import keep_read_coordinates, keep_wanted, read_by
+from mbdae.symbolic.class_checks import PLACES
 from mbdae.symbolic.joint import Coupling
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
@@ -162,7 +163,7 @@ def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
     if isinstance(law, Coupling):
         of = {c: at if isinstance(at, str) else ".".join(at) for c, at in law.of.items()}
         return {"coupling": stored_name(type(law), own), "name": law.name, "of": of, "values": values}
-    places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l", "axis_x")}
+    places = {key: encode(getattr(law, key), own) for key in ("k", "l", *PLACES)}
     if len(law.frames) > 2:
         points = {f"at_{side}": encode(point, own) for side, point in law.points.items()}
         places["others"] = {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]} | points}

@@ -22,6 +22,7 @@ from mbdae.laws import exported
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, signature_of, stored_name, without_module
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphere
+from mbdae.symbolic.class_checks import PLACES
 from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
@@ -199,15 +200,14 @@ def _object(value: Any, scene: Any, known: Known) -> Any:
 
 def _law(value: Any, scene: Any, known: Known) -> Law:
     cls = known.find(value["law"], Joint, Force)
-    at_l, axis_x = (_decode(value.get(key), scene, known) for key in ("at_l", "axis_x"))
-    at_l, axis_x = (np.asarray(one, dtype=float) if isinstance(one, list) else one for one in (at_l, axis_x))
+    sides = {key: _decode(value.get(key), scene, known) for key in PLACES[2:]}
+    sides = {key: np.asarray(one, dtype=float) if isinstance(one, list) else one for key, one in sides.items() if one is not None}
     places = {key: _decode(value[key], scene, known) for key in ("k", "l", "at", "axis")}
     for key, one in {"name": value["name"], **places}.items():
         if not (isinstance(one, _KINDS[key]) if key in _KINDS else _is_number(one)):
             raise SceneError([f"{key} = {shown(one)}, where {_expected(key)} is expected: correct the stored scene"])
     given = _options(value["values"], scene, known)
     stated = {key: v for key, v in given.items() if key in cls.params or key in cls.options or not _of_part(cls, key)}
-    sides = {key: one for key, one in (("at_l", at_l), ("axis_x", axis_x)) if one is not None}
     sides |= _decode(value["others"], scene, known) if "others" in value else {}
     law: Law = _rebuilt(cls, TwoBodyLaw, {"name": value["name"], **places, **sides, **stated},
                         lambda law: all(getattr(law, key, None) == v for key, v in stated.items()))
@@ -271,7 +271,7 @@ _READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
     frozenset({"coupling", "name", "of", "values"}): _coupling,
     frozenset({"by"}): lambda value, scene, known: {str(k): _decode(v, scene, known) for k, v in value["by"].items()},
     **{frozenset({"law", "name", "k", "l", "at", "axis", "at_l", "values", *more}): _law
-       for more in ((), ("axis_x",), ("axis_x", "others"))},
+       for more in ((), ("axis_x",), ("axis_x", "others"), PLACES[3:], (*PLACES[3:], "others"))},
 }
 
 
@@ -342,7 +342,7 @@ def refuse_losses(scene: Any, copy: Any) -> None:
         for law, again in zip(old.laws, new.laws, strict=False):
             if type(law) is not type(again) or type(law).__module__.startswith("mbdae."):
                 continue
-            for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l", "axis_x"}):
+            for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, *PLACES}):
                 if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):
                     raise SceneError([f"'{old.name}': the attribute {name} of {type(law).__name__} would be lost in a copy of "
                                       f"the scene: declare it in the class, in `params` (numbers) or `options`"])

@@ -4,13 +4,18 @@ Cross-sections of beams. Axis 1 runs along the beam; in a planar scene axis 2 li
 
 Shear correction factors: G.R. Cowper, The Shear Coefficient in Timoshenko's Beam Theory, J. Appl. Mech. 33 (1966) 335.
 Torsion of rectangles: Saint-Venant's series, S.P. Timoshenko and J.N. Goodier, Theory of Elasticity, section 109.
+
+Axes of the frames of joints and forces as drawn.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.values import BadValueError, array, number, option, shown
@@ -226,4 +231,48 @@ def _positive(**values: tuple[Any, str]) -> list[float]:
             refused_values.append(_described(name, value, unit, refused))
     if refused_values:
         raise OptionError(f"section: {', '.join(refused_values)}: give positive numbers")
+    return found
+
+
+# -- axes of frames
+
+
+def joint_axes(law: Any, k: Any, side: str = "k") -> Any:
+    """Axes of a law's frame on a body as drawn, columns of a matrix (3, 3) in inertial components: z along the axis. A law with
+    `axes_of` uses the axes of that body instead. k: the body of its first frame; side: of the frame. The axes of l, where other
+    ones are stated, are those of k turned the shortest way, or about its z to the x that is stated."""
+    if law.axes_of == "k":
+        return k.drawn.rotation
+    if law.axes_of == "l":
+        return law.l.drawn.rotation
+    z, x, z_l, x_l = (None if a is None else tuple(map(float, a)) for a in (law.axis, law.axis_x, law.axis_l, law.axis_x_l))
+    if side != "l" or (z_l is None and x_l is None):
+        return _axes(z, x)
+    return _axes(z_l or z, x_l) if x_l is not None else _turned(z, x, z_l)
+
+
+@lru_cache(maxsize=1024)
+def _axes(axis: Any, axis_x: Any) -> Any:
+    z = np.array(axis)
+    if axis_x is not None:
+        x = np.array(axis_x) - (np.array(axis_x) @ z) * z
+        x /= np.linalg.norm(x)
+    elif abs(z[2]) < 1e-14:
+        x = np.array([0.0, 0.0, 1.0])
+    else:
+        helper = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
+        x = helper - (helper @ z) * z
+        x /= np.linalg.norm(x)
+    y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]]
+    found = np.array([x, y, z]).T
+    found.flags.writeable = False  # read-only, because all joints with these axes share the array
+    return found
+
+
+@lru_cache(maxsize=1024)
+def _turned(axis: Any, axis_x: Any, axis_l: Any) -> Any:
+    J, n = _axes(axis, axis_x), np.cross(axis, axis_l)
+    across = np.cross(n, J, axisb=0, axisc=0)
+    found = J + across + np.cross(n, across, axisb=0, axisc=0) / (1 + np.dot(axis, axis_l))
+    found.flags.writeable = False
     return found

@@ -20,7 +20,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, naming_arguments, warn
 from mbdae.notation import counted
-from mbdae.results.contacts import Peak
+from mbdae.results.contacts import Mean, Peak
 from mbdae.results.reads import reads
 from mbdae.run.checkpoint import versions
 from mbdae.scene.scene import SceneData
@@ -124,7 +124,7 @@ class Sweep(ListsAttributes):
 @overload
 def sweep(job: SceneData, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False, progress: Progress | None = None, t_end: float,
-          accuracy: float = 1e-6, outputs: Any = None) -> SceneSweep:
+          accuracy: float = 1e-6, outputs: Any = None, of: Any = None) -> SceneSweep:
     """Signature where `job` is a scene."""
 
 
@@ -138,7 +138,7 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
 @naming_arguments
 def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int | None = None, resume: Any = None,
           again: bool = False, progress: Progress | None = None, t_end: float | None = None, accuracy: float = 1e-6,
-          outputs: Any = None) -> Sweep | SceneSweep:
+          outputs: Any = None, of: Any = None) -> Sweep | SceneSweep:
     """Call job(**point), which returns a dict, at every point of a grid; where `job` is a scene, run it to t_end (s) at every
     point.
 
@@ -154,15 +154,17 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
 
     Where `job` is a scene, names are those of `mb.extremes` ("crank.mass"), accuracy and outputs those of `simulate`, and
     `resume` is a folder; the result is a SceneSweep with the unknowns at the outputs. Points run in native batches where
-    possible; else its `why` has the reason.
+    possible; else its `why` has the reason. of: sensors or expressions that are read of every run, at the outputs, with their
+    peaks and the errors of these; points then run one by one.
     """
     workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
                        least=1, most=MOST_WORKERS)
     again = option("again", again, flag, "give True to do points that failed once more, or False")
     tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
     if isinstance(job, SceneData):
-        return sweep_scene(job, grid, executor, workers, resume, again, tell, t_end, accuracy, outputs)
-    for name, value, default in (("t_end", t_end, None), ("accuracy", accuracy, 1e-6), ("outputs", outputs, None)):
+        return sweep_scene(job, grid, executor, workers, resume, again, tell, t_end, accuracy, outputs, of)
+    for name, value, default in (("t_end", t_end, None), ("accuracy", accuracy, 1e-6), ("outputs", outputs, None),
+                                 ("of", of, None)):
         if value is not default and not (isinstance(value, float) and value == default):
             raise OptionError(f"{name} = {shown(value)} is for sweeps of a scene; leave it out: a function takes what it needs "
                               f"itself")
@@ -265,9 +267,9 @@ def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
 
 
 def _with_errors(values: dict[str, Any]) -> dict[str, Any]:
-    """Values of a job; in the place of a peak its value, and its error beside it."""
-    errors = {f"{name} error": one.error for name, one in values.items() if isinstance(one, Peak)}
-    return {name: one.value if isinstance(one, Peak) else one for name, one in values.items()} | errors
+    """Values of a job; in the place of a peak or a mean its value, and its error beside it."""
+    errors = {f"{name} error": one.error for name, one in values.items() if isinstance(one, Peak | Mean)}
+    return {name: one.value if isinstance(one, Peak | Mean) else one for name, one in values.items()} | errors
 
 
 def _finite(value: Any) -> Any:

@@ -9,12 +9,12 @@ import json
 import pickle
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from mbdae.errors import DiskError, ListsAttributes, OptionError
 from mbdae.files import first_difference, path_of, read_file, write_file
 from mbdae.integrators.base import end_after, output_times
 from mbdae.integrators.stored_runs import DamagedError, read_tree, write_tree
+from mbdae.results.quantities import library
 from mbdae.results.reads import own_of
 from mbdae.results.stored_parts import by_item, own_laws
 from mbdae.run.checkpoint import versions
@@ -29,101 +30,54 @@ from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.study.kept import computed_again, told_when_interrupted
 from mbdae.study.workers import THREADS, with_executor, with_processes
-from mbdae.sweep.scenes import SceneJob, planned, solved
+from mbdae.sweep.scenes import Points, SceneJob, planned, solved
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
-from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
+from mbdae.values import option, sequence, text, whole
 
-FORMAT = "mbdae sweep of a scene 4"
+FORMAT = "mbdae sweep of a scene 5"
 #: largest number of points per part: PART in native batches, ALONE where every point is a run of its own; a part that failed is
 #: divided into PIECES
 PART, ALONE, PIECES = 512, 8, 8
 STATEMENT = "statement.json"  #: file in the folder of a sweep with its identity: scene, grid, options
 FOLDER = "give a new folder, or that of an earlier call of the same sweep; None keeps nothing"
-GRID = "give a mapping of names such as 'crank.mass' to lists of numbers, or a list of such points"
 _NAME = re.compile(r"part(\d+)-(\d+)\.npz")
 
 
-@dataclass(frozen=True)
-class Points:
-    """The points of a grid: all combinations of the values in `axes`, one for each name, or an array `listed` (points, names)."""
+class Peaks(NamedTuple):
+    """Largest magnitudes of a quantity on the grid, their times (s), and their estimated errors, nan where not known."""
 
-    names: tuple[str, ...]
-    axes: tuple[Array, ...] | None
-    listed: Array | None
-
-    def __len__(self) -> int:
-        return int(np.prod([len(a) for a in self.axes])) if self.axes is not None else len(self.listed)  # type: ignore[arg-type]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Lengths of the axes, or the number of points."""
-        return tuple(map(len, self.axes)) if self.axes is not None else (len(self),)
-
-    def values(self, first: int, last: int) -> Array:
-        """Values (k, names) of the points with numbers from `first` to `last` - 1."""
-        if self.axes is None:
-            assert self.listed is not None
-            return self.listed[first:last]
-        where = np.unravel_index(np.arange(first, last), self.shape)
-        return np.stack([axis[i] for axis, i in zip(self.axes, where, strict=True)], axis=1)
-
-    def extent(self) -> Array:
-        """All values of every name, in columns (k, names); a name with fewer values than another has them repeated."""
-        columns = self.axes if self.axes is not None else tuple(self.listed.T)  # type: ignore[union-attr]
-        longest = max(map(len, columns))
-        return np.stack([np.resize(column, longest) for column in columns], axis=1)
-
-    @classmethod
-    def of(cls, grid: Any) -> Points:
-        """The points of a grid as a user gives it; OptionError for anything else."""
-        if isinstance(grid, Mapping):
-            axes = tuple(option(f"grid: {shown(name)}", values, _axis, GRID) for name, values in grid.items())
-            return cls(_names(grid), axes, None)
-        listed = list(grid) if several(grid) else []
-        if not listed or not all(isinstance(p, Mapping) and p.keys() == listed[0].keys() for p in listed):
-            raise OptionError(f"grid = {shown(grid)}: give a mapping of names such as 'crank.mass' to lists of numbers, or a "
-                              f"list of such points, all with the same names")
-        names = _names(listed[0])
-        return cls(names, None, np.array([[option(f"grid: '{n}'", p[n], number, GRID) for n in names] for p in listed]))
-
-
-def _names(point: Mapping[Any, Any]) -> tuple[str, ...]:
-    if not point:
-        raise OptionError("grid has 0 names: name what varies, as in {'crank.mass': [1.0, 2.0]}")
-    return tuple(option("grid: name", name, text, GRID) for name in point)
-
-
-def _axis(values: Any) -> Array:
-    """The values (k,) of one name, read from what a user gave."""
-    if not several(values):
-        raise BadValueError(f"{shown(values)} is no list of numbers")
-    listed = list(values)
-    if not listed:
-        raise BadValueError(f"{shown(values)} is an empty list")
-    found = array(listed)
-    if found.ndim != 1:
-        raise BadValueError(f"{shown(values)} has shape {found.shape}, not that of a plain list of numbers")
-    return found
+    value: Array
+    t: Array
+    error: Array
 
 
 class SceneSweep(ListsAttributes):
     """A sweep over numbers of a scene.
 
-    grid: its points; t (m,): output times, s; names: of the unknowns; batched: whether points run in native batches; why: reason
-    where they do not. Results are stored in parts, on the disk where a folder was given: `array` reads them."""
+    grid: its points; t (m,): output times, s; names: of the unknowns; of: of the quantities that were asked for; batched: whether
+    points run in native batches; why: reason where they do not. Results are stored in parts, on the disk where a folder was
+    given: `array` and `peaks` read them."""
 
     def __init__(self, points: Points, job: SceneJob, folder: Path | None, statement: str = "") -> None:
         """folder: where parts are stored (None: in memory); statement: identity of the sweep, whose hash is stored in each
         part."""
         self._statement, self._key = statement, hashlib.sha256(statement.encode()).hexdigest()
         self.grid, self.t, self.batched, self.why = points, job.outputs, job.lines is not None, job.why
-        self._folder, self._parts = folder, dict[tuple[int, int], Any]()
+        self.of, self._folder, self._parts = job.of, folder, dict[tuple[int, int], Any]()
         self.names: tuple[str, ...] = ()
 
     def array(self, name: str) -> Array:
-        """An unknown at the outputs on the grid, (one length per axis, ..., m) or (points, m); nan where it is missing.
-        Where every point failed the unknowns are not known, and every name gives nan."""
+        """An unknown, or a quantity that was asked for, at the outputs on the grid, (one length per axis, ..., m) or (points, m),
+        vectors with their components; nan where it is missing. Where every point failed the unknowns are not known, and every
+        name gives nan."""
+        if name in self.of:
+            parts = [(place, part["of"][name]) for place, part in self._all() if name in part["of"]]
+            inner = next((values.shape[2:] for _, values in parts if np.isfinite(values).any()), ())
+            read = np.full((len(self.grid), len(self.t), *inner), np.nan)
+            for (first, last), values in parts:
+                read[first:last] = values if values.shape[2:] == inner else np.nan
+            return read.reshape(*self.grid.shape, *read.shape[1:])
         column = self._column(name)
         out = np.full((len(self.grid), len(self.t)), np.nan)
         for (first, last), part in self._all():
@@ -134,9 +88,32 @@ class SceneSweep(ListsAttributes):
     def _column(self, name: str) -> int:
         name = option("name", name, text, "give the name of an unknown")
         if self.names and name not in self.names:
-            raise OptionError(f"name = '{name}' is no unknown of these runs (sensors are not stored): there are "
-                              f"{', '.join(self.names)}")
+            raise OptionError(f"name = '{name}' is no unknown of these runs, and was not asked for (of=): there are "
+                              f"{', '.join([*self.of, *self.names])}")
         return self.names.index(name) if self.names else 0
+
+    def peaks(self, name: str) -> Peaks:
+        """The largest magnitudes of a quantity that was asked for; OptionError for another one."""
+        name = option("name", name, text, "give a quantity of `of`")
+        if name not in self.of:
+            raise OptionError(f"name = '{name}' was not asked for: there are {', '.join(self.of) or 'none'}; give mb.sweep(..., "
+                              f"of=['{name}'])")
+        out = np.full((len(self.grid), 3), np.nan)
+        for (first, last), part in self._all():
+            out[first:last] = part["peaks"][:, self.of.index(name)]
+        return Peaks(*(column.reshape(self.grid.shape) for column in out.T))
+
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame with a row for every point: its numbers, the estimated error of the run, of every quantity asked for
+        the peak, its time (s) and its error, why the point failed, and its warnings."""
+        table: dict[str, Any] = dict(zip(self.grid.names, self.grid.values(0, len(self.grid)).T, strict=True))
+        table["estimate"] = self.estimate.ravel()
+        for name in self.of:
+            found = self.peaks(name)
+            table |= {f"{name} {word}": values.ravel() for word, values in zip(("peak", "t", "error"), found, strict=True)}
+        for word, said in ("failure", self.failures), ("warnings", self.warnings):
+            table[word] = [said.get(i, "") for i in range(len(self.grid))]
+        return library("pandas").DataFrame(table)
 
     @property
     def estimate(self) -> Array:
@@ -231,11 +208,13 @@ def _part(path: Path) -> Any:
 
 
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
-                t_end: Any, accuracy: Any, outputs: Any) -> SceneSweep:
+                t_end: Any, accuracy: Any, outputs: Any, of: Any) -> SceneSweep:
     """`mb.sweep` of a scene; arguments as there, tell: its `progress`."""
     points, end = Points.of(grid), end_after(0.0, t_end)
     times = np.array([end]) if outputs is None else output_times(0.0, end, outputs)
-    job = SceneJob(scene, points.names, end, plausible(accuracy), times)
+    listed = [of] if isinstance(of, str) else () if of is None else of
+    named = option("of", listed, sequence, "give sensors or expressions, as in of=['A.drive']", each=text)
+    job = SceneJob(scene, points.names, end, plausible(accuracy), times, of=tuple(dict.fromkeys(named)))
     for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
         replace(job, names=(name,)).at([value])  # raises OptionError for an unknown name, before anything is computed
     job = planned(job, points.extent())
@@ -278,14 +257,15 @@ def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[in
                     step = -(-(last - first) // PIECES)
                     left += [(a, min(a + step, last)) for a in range(first, last, step)]
                     continue
-                made.add((first, last), found.values or _failed(found.error, len(made.t)))
+                made.add((first, last), found.values or _failed(found.error, len(made.t), len(made.of)))
                 if tell is not None:
                     tell(made.done, len(points))
 
 
-def _failed(error: str | None, outputs: int) -> dict[str, Any]:
+def _failed(error: str | None, outputs: int, quantities: int) -> dict[str, Any]:
     """The results of a part that consists of one failed point."""
-    return {"names": [], "y": np.full((1, outputs, 0), np.nan), "estimate": np.array([np.nan]), "errors": [error], "warnings": {}}
+    return {"names": [], "y": np.full((1, outputs, 0), np.nan), "estimate": np.array([np.nan]), "errors": [error], "warnings": {},
+            "of": {}, "peaks": np.full((1, quantities, 3), np.nan)}
 
 
 def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, str]:
@@ -298,7 +278,8 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
     scene = job.scene
     stated = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
     said = {"format": FORMAT, "scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "accuracy": job.accuracy,
-            "t_end": job.t_end, "outputs": job.outputs.tolist(), "grid": dict(zip(points.names, values, strict=True)),
+            "t_end": job.t_end, "outputs": job.outputs.tolist(), "of": list(job.of),
+            "grid": dict(zip(points.names, values, strict=True)),
             "listed": points.axes is None, "own": own_of(scene), "versions": versions()}
     place, statement = folder / STATEMENT, json.dumps(said)
     try:

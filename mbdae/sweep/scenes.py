@@ -26,6 +26,8 @@ from mbdae.scene.scene import SceneData, refuse_other_laws, stated_laws
 from mbdae.study.statements import changed
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
+from mbdae.values import BadValueError, array, option, several, shown, text
+from mbdae.values import number as checked_number
 
 #: largest number of values of a name at which the scene is modelled, to see whether numbers of laws follow that name on straight
 #: lines
@@ -42,14 +44,78 @@ BESIDE = 1.0009
 #: largest relative difference of the start values and of the rates y' between a batch and a scene prepared for one point alone;
 #: with a larger one the sweep makes no batch
 SAME = 1e-9
+GRID = "give a mapping of names such as 'crank.mass' to lists of numbers, or a list of such points"
 Line = tuple[float, float]  #: how a number of a law depends on the value of a name: number at value 0, and slope
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of a grid: all combinations of the values in `axes`, one for each name, or an array `listed` (points, names)."""
+
+    names: tuple[str, ...]
+    axes: tuple[Array, ...] | None
+    listed: Array | None
+
+    def __len__(self) -> int:
+        return int(np.prod([len(a) for a in self.axes])) if self.axes is not None else len(self.listed)  # type: ignore[arg-type]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of the axes, or the number of points."""
+        return tuple(map(len, self.axes)) if self.axes is not None else (len(self),)
+
+    def values(self, first: int, last: int) -> Array:
+        """Values (k, names) of the points with numbers from `first` to `last` - 1."""
+        if self.axes is None:
+            assert self.listed is not None
+            return self.listed[first:last]
+        where = np.unravel_index(np.arange(first, last), self.shape)
+        return np.stack([axis[i] for axis, i in zip(self.axes, where, strict=True)], axis=1)
+
+    def extent(self) -> Array:
+        """All values of every name, in columns (k, names); a name with fewer values than another has them repeated."""
+        columns = self.axes if self.axes is not None else tuple(self.listed.T)  # type: ignore[union-attr]
+        longest = max(map(len, columns))
+        return np.stack([np.resize(column, longest) for column in columns], axis=1)
+
+    @classmethod
+    def of(cls, grid: Any) -> Points:
+        """The points of a grid as a user gives it; OptionError for anything else."""
+        if isinstance(grid, Mapping):
+            axes = tuple(option(f"grid: {shown(name)}", values, _axis, GRID) for name, values in grid.items())
+            return cls(_names(grid), axes, None)
+        listed = list(grid) if several(grid) else []
+        if not listed or not all(isinstance(p, Mapping) and p.keys() == listed[0].keys() for p in listed):
+            raise OptionError(f"grid = {shown(grid)}: give a mapping of names such as 'crank.mass' to lists of numbers, or a "
+                              f"list of such points, all with the same names")
+        names = _names(listed[0])
+        return cls(names, None, np.array([[option(f"grid: '{n}'", p[n], checked_number, GRID) for n in names] for p in listed]))
+
+
+def _names(point: Mapping[Any, Any]) -> tuple[str, ...]:
+    if not point:
+        raise OptionError("grid has 0 names: name what varies, as in {'crank.mass': [1.0, 2.0]}")
+    return tuple(option("grid: name", name, text, GRID) for name in point)
+
+
+def _axis(values: Any) -> Array:
+    """The values (k,) of one name, read from what a user gave."""
+    if not several(values):
+        raise BadValueError(f"{shown(values)} is no list of numbers")
+    listed = list(values)
+    if not listed:
+        raise BadValueError(f"{shown(values)} is an empty list")
+    found = array(listed)
+    if found.ndim != 1:
+        raise BadValueError(f"{shown(values)} has shape {found.shape}, not that of a plain list of numbers")
+    return found
 
 
 @dataclass(frozen=True)
 class SceneJob:
     """A scene with the names that vary, and the end (s), accuracy and output times (m,) of its runs. lines: {name: {number of a
     law: straight line on which it follows the name}}; None where every point runs as a scene of its own, for the reason `why`.
-    middle: values of the names for which the scene of a batch is prepared."""
+    middle: values of the names for which the scene of a batch is prepared; of: quantities that are read of every run."""
 
     scene: SceneData
     names: tuple[str, ...]
@@ -60,11 +126,12 @@ class SceneJob:
     lines: Mapping[str, Mapping[str, Line]] | None = None
     why: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
+    of: tuple[str, ...] = ()
 
     @cached_property
     def key(self) -> str:
         """A hash of the job, the same for equal jobs in every process."""
-        options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines), \
+        options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines), self.of, \
             stated_laws(self.scene)
         return hashlib.sha256(pickle.dumps((self.scene.name, self.scene.statements, *options))).hexdigest()
 
@@ -96,6 +163,8 @@ class SceneJob:
 def planned(job: SceneJob, values: Array) -> SceneJob:
     """The job, prepared for native batches where these give the same as scenes of their own at points (k, names); else with the
     reason why not."""
+    if job.of:
+        return replace(job, why="quantities (of=) are read of every run, with their peaks inside its steps")
     try:
         middle = tuple(float(np.median(values[:, i])) * BESIDE for i in range(len(job.names)))
         base = job.at(middle)
@@ -210,37 +279,51 @@ def _batches(job: SceneJob) -> Batches:
 
 def solved(job: SceneJob, values: Array) -> dict[str, Any]:
     """Run the points (k, names). Returns {"names": of the unknowns, "y": (k, m, n) at the outputs, "estimate": (k,) of the error,
-    "errors": message of every point that failed, else None, "warnings": by the number of the point}."""
+    "errors": message of every point that failed, else None, "warnings": by the number of the point, "of": {quantity:
+    (k, m, ...)}, "peaks": (k, quantities, 3) with values, times (s) and errors}."""
     if job.lines is None:
         return _each(job, values)
     batches = _batches(job)
     runs = batches.run(numbers=batches.read(job.numbers(values)))
     warned = {str(i): text for i, text in runs.warnings.items() if runs.batch.errors[i] is None}
     return {"names": list(runs.names), "y": runs.batch.y, "estimate": runs.estimate, "errors": list(runs.batch.errors),
-            "warnings": warned}
+            "warnings": warned, "of": {}, "peaks": np.zeros((len(values), 0, 3))}
 
 
 def _each(job: SceneJob, values: Array) -> dict[str, Any]:
     """The same results as of `solved`, by one scene and one run per point."""
     names: tuple[str, ...] = ()
-    found: list[Any] = []
-    for point in values:
+    errors, warned = list[str | None](), dict[str, str]()
+    y: list[Any] = []
+    estimate, peaks = np.full(len(values), np.nan), np.full((len(values), len(job.of), 3), np.nan)
+    read: dict[str, list[Any]] = {name: [] for name in job.of}
+    for i, point in enumerate(values):
+        y.append(None)
+        for found in read.values():
+            found.append(None)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)
                 r = job.at(point).simulate(job.t_end, job.accuracy, outputs=job.outputs, **job.options)  # type: ignore[attr-defined]
+                for k, name in enumerate(job.of):
+                    read[name][i], peak = r.value(name), r.peak(name)
+                    peaks[i, k] = peak.value, peak.t, np.nan if peak.error is None else peak.error
         except MbdaeError as error:
-            found.append(f"{type(error).__name__}: {error}")
+            errors.append(f"{type(error).__name__}: {error}")
             continue
         first = r.prepared.all_bodies.numbering.n
         names = names or tuple(r.solution.names[:first])
-        same = tuple(r.solution.names[:first]) == names
-        found.append((r.solution(job.outputs)[:, :first], r.accuracy.estimated, "; ".join(r.warnings)) if same else
-                     "OptionError: this point has other unknowns than the first")
-    y, estimate = np.full((len(values), len(job.outputs), len(names)), np.nan), np.full(len(values), np.nan)
-    errors, warned = [one if isinstance(one, str) else None for one in found], dict[str, str]()
-    for i, one in enumerate(found):
-        if not isinstance(one, str):
-            y[i], estimate[i] = one[0], np.nan if one[1] is None else one[1]
-            warned |= {str(i): one[2]} if one[2] else {}
-    return {"names": list(names), "y": y, "estimate": estimate, "errors": errors, "warnings": warned}
+        if tuple(r.solution.names[:first]) != names:
+            errors.append("OptionError: this point has other unknowns than the first")
+            continue
+        errors.append(None)
+        y[i], estimate[i] = r.solution(job.outputs)[:, :first], np.nan if r.accuracy.estimated is None else r.accuracy.estimated
+        warned |= {str(i): "; ".join(r.warnings)} if r.warnings else {}
+    return {"names": list(names), "y": _filled(y, (len(job.outputs), len(names))), "estimate": estimate, "errors": errors,
+            "warnings": warned, "of": {name: _filled(found, (len(job.outputs),)) for name, found in read.items()}, "peaks": peaks}
+
+
+def _filled(found: list[Any], shape: tuple[int, ...]) -> Array:
+    """Arrays of one shape (`shape` where there is none) as one, nan in the place of those that are missing."""
+    shape = next((one.shape for one in found if one is not None), shape)
+    return np.array([np.full(shape, np.nan) if one is None else one for one in found])

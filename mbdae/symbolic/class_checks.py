@@ -24,6 +24,8 @@ from mbdae.values import SMALLEST, BadValueError, number, shown
 
 Check = Callable[[Any], Any]
 UNDEFINED = ("half turn", "points together", "some places")  #: states in which a law may say that it is not defined
+#: arguments of a law between bodies that say where its frames are
+PLACES = ("at", "axis", "at_l", "axis_x", "axis_l", "axis_x_l")
 OF_STATES = ("rate", "rates", "initial")  #: methods called only where there are states
 FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
 DERIVED_NAME = re.compile(r"named\d+|(q|u|up)_c?\d+_\d+|clock_\d+_\d+|[kl]_P0")  #: names of derivations, refused in a class
@@ -134,7 +136,8 @@ def _size(found: Any) -> Any:
 
 
 RETURNS: dict[str, tuple[Check, str]] = {
-    "constraints": (_by_name(_expression), "a dictionary of rows that vanish, {'name': expression}"),
+    **dict.fromkeys(("constraints", "velocity_constraints"), (_by_name(_expression), "a dictionary of rows that vanish, "
+                                                              "{'name': expression}")),
     "branches": (_by_name(_expression), "a dictionary of expressions by name"),
     "losses": (_by_name(_expression), "a dictionary of powers by cause, {'friction': expression}"),
     "rates": (_by_name(_expression), "a dictionary with the time derivative of every state"),

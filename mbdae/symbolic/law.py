@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import symengine as se
 
 from mbdae.errors import LawError, unknown_name
-from mbdae.symbolic.class_checks import check_class
+from mbdae.symbolic.class_checks import PLACES, check_class
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import Exactly, Parameter, Part, PartStructure, exact, params
 from mbdae.symbolic.statement import NO_FEEDS, Feeds
@@ -80,7 +80,7 @@ class Law:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        check_class(cls, ("name", "k", "l", "at", "axis", "at_l", "axis_x"))
+        check_class(cls, ("name", "k", "l", *PLACES))
 
     def __init__(self, name: str, **values: Any) -> None:
         self.name = name
@@ -199,13 +199,13 @@ class TwoBodyLaw(Law):
     """A law between two bodies, or as many as `frames` names.
 
     k, l: bodies or places. at: point (3,) at which it acts on all bodies, m; at_l: its point on l, where that is another one.
-    axis, axis_x: directions (3,) of the frames' z and x (None: any normal to z). All as drawn. Bodies of further frames are given
-    by the names of these frames, their points, where they differ from `at`, by `at_<name>`."""
+    axis, axis_x: directions (3,) of the frames' z and x (None: any normal to z); axis_l, axis_x_l: those of l, where others. As
+    drawn. Bodies of further frames are given by their names, points other than `at` by `at_<name>`."""
 
     frames: ClassVar[tuple[str, ...]] = ("k", "l")
 
     def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None, axis_x: Any = None,
-                 **values: Any) -> None:
+                 axis_l: Any = None, axis_x_l: Any = None, **values: Any) -> None:
         for side in self.frames[2:]:
             if side not in values:
                 raise LawError(f"{type(self).__name__} {shown(name)}: the body of its frame '{side}' is missing; add {side}= "
@@ -213,13 +213,13 @@ class TwoBodyLaw(Law):
             setattr(self, side, values.pop(side))
         self.points = {side: values.pop(f"at_{side}") for side in self.frames[2:] if values.get(f"at_{side}") is not None}
         super().__init__(name, **values)
-        self.k, self.l, self.at, self.axis, self.at_l, self.axis_x = k, l, at, axis, at_l, axis_x
+        self.k, self.l, self.at, self.axis, self.axis_x = k, l, at, axis, axis_x
+        self.at_l, self.axis_l, self.axis_x_l = at_l, axis_l, axis_x_l
 
     def point_on(self, side: str) -> Any:
         """The point (3,), m, as drawn, at which the law acts on the body of a frame."""
-        if side in self.points:
-            return self.points[side]
-        return self.at_l if side == "l" and self.at_l is not None else self.at
+        found = self.at_l if side == "l" else self.points.get(side)
+        return self.at if found is None else found
 
 
 SLOW = 1e-2  #: bodies are expected to move in the characteristic time by at least this fraction of the scene's size

@@ -21,10 +21,11 @@ import numpy as np
 
 from mbdae.deferred import as_full, sp, splu
 from mbdae.scene.components import Body, Connection
+from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
-from mbdae.system.model.nodes import Node, joint_axes, quaternion, quaternion_product, rotation_matrices, rotation_of, turned
+from mbdae.system.model.nodes import Node, quaternion, quaternion_product, rotation_matrices, rotation_of, turned
 from mbdae.system.motion.constrained import largest_entries, row_lengths
 from mbdae.system.motion.mechanics import LARGE
 
@@ -112,8 +113,8 @@ class JointMotions:
     def rotation(self, joint: Connection, q: Array) -> Array:
         """Quaternion (4,) of the rotation of l relative to k from the drawing, in components along the joint's axes."""
         k, l = self.model.ends(joint)
-        (a, b), axes = self._poses(q)[1][[self._number[k], self._number[l]]], joint_axes(joint.joint, k)
-        return quaternion(axes.T @ a.T @ b @ axes)
+        a, b = self._poses(q)[1][[self._number[k], self._number[l]]]
+        return quaternion(joint_axes(joint.joint, k).T @ a.T @ b @ joint_axes(joint.joint, k, "l"))
 
     def _poses(self, q: Array) -> tuple[Array, Array, Array]:
         """For the n bodies of all joints: rotation matrices of their axes (n, 3, 3), rotations from the drawing (n, 3, 3),

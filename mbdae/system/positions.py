@@ -227,7 +227,10 @@ class ConsistentPositions:
 
     def _closure_jacobian(self, q: Array) -> Any:
         _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held(self.held_values))
-        return self.below(self.mechanics.closing_matrix(self.t, q), C)
+        found = self.below(self.mechanics.closing_matrix(self.t, q), C)
+        values = found.data if self.mechanics.large else found
+        values[~np.isfinite(values)] = 0.0  # a row has no derivatives where its joint is half a turn off
+        return found
 
     def below(self, G: Any, C: Any) -> Any:
         """Rows G (m, nu) with the rows C (j, nu) of held coordinates below them; sparse in large scenes."""

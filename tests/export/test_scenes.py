@@ -109,6 +109,17 @@ def floating(mass=1.0, stiffness=3.0):
     return s
 
 
+def rolling(mass=1.0, stiffness=3.0):
+    """A disc that rolls on a table that turns, on a spring: rows of positions and of velocities."""
+    s = mb.Scene("rolling", gravity=(0, 0, -9.81))
+    table = s.rigid_body("table", 5.0, (1, 1, 1.5), at=(0, 0, -0.1))
+    s.revolute("shaft", s.ground, table, at=(0, 0, 0), axis=(0, 0, 1), angle=0.5 * mb.t**2)
+    disc = s.rigid_body("disc", mass, (0.01, 0.02, 0.01), at=(0.5, 0, 0.2), velocity=(1, 0, 0))
+    s.rolling("edge", table, disc, at=(0.5, 0, 0.2), axis=(0, 1, 0.1), radius=0.2)
+    s.spring("pull", s.ground, disc, (0, 0, 0.5), (0.5, 0, 0.2), stiffness, length=0.3)
+    return s
+
+
 ELIMINATED = mb.Index1(multipliers="eliminated")
 SCENES = {
     "pendulum": (pendulum, None), "driven": (driven, None), "four-bar": (four_bar, None),
@@ -122,11 +133,13 @@ SCENES = {
     "bristles": (lambda *p: example("stick_slip").scene(), None),
     "masses": (masses, mb.ODE()), "masses, GGL": (masses, mb.GGL()), "masses, eliminated": (masses, ELIMINATED),
     "tree and mass": (beside, mb.ODE()), "floating": (floating, mb.ODE()), "floating, GGL": (floating, mb.GGL()),
-    "floating, eliminated": (floating, ELIMINATED),
+    "floating, eliminated": (floating, ELIMINATED), "rolling": (rolling, mb.GGL()),
+    "rolling, eliminated": (rolling, ELIMINATED),
 }
 #: other scenes have the same form, and others the same items
-LONG = ("beam in space", "four-bar, eliminated", "four-bar, index 3", "beam, eliminated", "beam, GGL", "floating, GGL")
-SYMBOLS = ("pendulum", "four-bar", "four-bar, eliminated", "beam", "clearance", "bristles", "Andrews")
+LONG = ("beam in space", "four-bar, eliminated", "four-bar, index 3", "beam, eliminated", "beam, GGL", "floating, GGL",
+        "rolling, eliminated")
+SYMBOLS = ("pendulum", "four-bar", "four-bar, eliminated", "beam", "clearance", "bristles", "Andrews", "rolling")
 CHANGED = ("pendulum", "driven", "four-bar", "four-bar, eliminated", "beam", "beam, GGL", "in space, eliminated")
 
 

@@ -43,13 +43,15 @@ ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
     **dict.fromkeys(("Result.gradient", "Result.sensitivity", "integral", "at_end", "largest", "number"), "tests/derivatives"),
     **dict.fromkeys(("fit", "design", "mass", "function"), "tests/test_fits"),
-    **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak", "Result.error"),
+    **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak",
+                     "Result.mean", "Result.rms", "Result.error"),
                     "tests/results"),
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
     **dict.fromkeys(("ReducedBody", "ReducedBody.doubts", "ReducedBody.displacement"), "tests/inputs"),
     "read_table": "tests/inputs", "read_urdf": "tests/robots", "read_mjcf": "tests/robots",
     "Scene.write_mjcf": "tests/robots",
-    "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
+    "SceneData.__getitem__": "statements of a scene", "load": "files",
+    **dict.fromkeys(("params", "rate"), "statements of a law"),
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
     "Solver.between_breaks": "between modules", "State.save": "files",
     "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
@@ -258,10 +260,13 @@ CALLS: dict[str, Call] = {
                             "mbdae.analysis.linearization.complete_system"),
     "Scene.floquet": Call(lambda: scene().floquet, lambda: {"period": 1.0, "at": hanging(), "count": 1, "accuracy": 1e-6},
                           "mbdae.analysis.multipliers.prepare"),
+    "Scene.periodic": Call(lambda: scene().periodic,
+                           lambda: {"period": 1.0, "accuracy": 1e-6, "start": None, "of": ["hinge.angle"]},
+                           "mbdae.analysis.periodic._Search"),
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
-        "derivatives": False}, "mbdae.api.Job"),
+        "derivatives": False, "of": ["hinge.angle"]}, "mbdae.api.Job"),
     "Scene.stepper": Call(lambda: scene().stepper, lambda: {
         "dt": 0.01, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "inputs": ["hinge.damper"], "reads": ["hinge.angle"],
         "batch": None, "start": None},
@@ -287,7 +292,7 @@ CALLS: dict[str, Call] = {
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
-        "t_end": None, "accuracy": 1e-6, "outputs": None}, "mbdae.sweep.with_processes"),
+        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None}, "mbdae.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
@@ -369,7 +374,7 @@ SIZES: list[tuple[set[str], str]] = [
     ({"a half", "much"},
      "IDA.atol CVODE.atol DOP853.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step OneStep.step "
      "Solver.solve.t_end Solver.solve.max_wall measure_order.t_end "
-     "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
+     "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.periodic.period Scene.simulate.t_end "
      "Scene.simulate.max_wall DAE.simulate.t_end DAE.simulate.max_wall compare.t_end compare.max_wall extremes.t_end "
      "extremes.max_wall extremes.budget Result.animate.speed "
      "ComparisonData.cheapest.accuracy Scene.stepper.dt Stepper.advance.dt"),

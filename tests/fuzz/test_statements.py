@@ -66,9 +66,9 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
                      {"at": (0, 1), "damping": 0.1, "velocity": (0, 0, 1), "angular_velocity": (0, 1)}),
     "line_load": ({"name": "x", "beam": "beam", "per_length": (0, 1.0)}, {"frame": "section"}),
     "revolute": ({"name": "x", **HINGE}, {"axis": (0, 0, 1), "model": mb.Recursive(), "torque": 1.0, "friction": None,
-                                          "radius": None, "normal_force": None, **MOVED, **LIMITED}),
+                                          "radius": None, "normal_force": None, "axis_l": (0, 0, 1), **MOVED, **LIMITED}),
     "prismatic": ({"name": "x", **HINGE, "axis": (1, 0)}, {"model": None, "force": 1.0, "friction": DRY, "normal_force": None,
-                                                           **SLID, **LIMITED}),
+                                                           "axis_l": (1, 0), **SLID, **LIMITED}),
     "joint": ({"joint": mb.Revolute, "name": "x", **HINGE},
               {"axis": (0, 0, 1), "axis_x": (1, 0), "model": None, "prescribed": 0.1, "start": 0.1, "start_rate": 0.1,
                "spring": 1.0, "damper": 1.0, "load": 1.0, "friction": None, "rotor": 0.1, **LIMITED}),
@@ -101,7 +101,8 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 NO_STATEMENTS = {"replace", "recursive", "joints", "sensor"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}
-LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1), "axis_x": (1, 0)}
+LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1), "axis_x": (1, 0), "axis_l": (0, 0, 1),
+                              "axis_x_l": (1, 0)}
 AUGMENTED = {"scaling": 1.0, "penalty": 1.0}
 JOINT: dict[str, Any] = {**LAW_PLACES, "kept": True, "friction": None, "rubs": None}
 #: the same of public classes
@@ -137,8 +138,8 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 PLAIN = (float, int, str, bool, type(None))
 TEXTS = ("text", "digits as text")
 PLANE = ("a list", "a range")  #: two or three numbers: a point, a direction, a load
-VECTORS = ("at", "at_k", "at_l", "axis", "axis2", "axis_x", "axis_l", "velocity", "angular_velocity", "value", "per_length",
-           "gravity")
+VECTORS = ("at", "at_k", "at_l", "axis", "axis2", "axis_x", "axis_l", "axis_x_l", "velocity", "angular_velocity", "value",
+           "per_length", "gravity")
 #: (argument, kind of value) that mean something after all, with the reason
 LEGITIMATE: dict[tuple[str, str], str] = (
     {("name", kind): "any text is a name" for kind in TEXTS}

@@ -20,7 +20,7 @@ from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.line import LineLaw, derive_line
-from mbdae.symbolic.outputs import acceleration, dynamics, position
+from mbdae.symbolic.outputs import acceleration, dynamics, lowest
 from mbdae.symbolic.part import Part
 
 FILE = Path(__file__).parent / "values.json"
@@ -40,7 +40,7 @@ def of_law(law):
         at = dict(zip(symbols, np.random.default_rng(2).uniform(0.5, 1.5, len(symbols)), strict=True))
         return float(sum(value(se.sympify(e), at.__getitem__) * weights.normal() for e in outputs))
     d = PartPage(_TYPICAL[law].structure()).d if issubclass(law, Part) else derived(law, structure_of(law, {}))
-    outputs = [*position(d), *acceleration(d), *dynamics(d), *enumerate((*d.state_rates, *d.state_starts))]
+    outputs = [*lowest(d), *acceleration(d), *dynamics(d), *enumerate((*d.state_rates, *d.state_starts))]
     outputs += [*d.coordinates.items(), ("energy", d.energy), ("dissipated", d.dissipated_power)]
     if issubclass(law, Joint):
         outputs += [(k, d.variation.name(e)) for k, e in d.law.positives(*d.sides).items()]

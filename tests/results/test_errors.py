@@ -110,6 +110,43 @@ def test_peaks_carry_their_error(rigid: mb.Result) -> None:
     assert pickle.loads(pickle.dumps(found)).error == found.error
 
 
+def test_peaks_and_means_of_an_interval(rigid: mb.Result) -> None:
+    """Against sums over many times, which are good to 1e-4 here, and a run at 1e-9."""
+    exact, part = four_bar().simulate(0.5, accuracy=1e-9), (0.1, 0.3)
+    found, force = rigid.peak("A.drive", t=part), np.abs(rigid(np.linspace(*part, 2001))["A"].drive)
+    assert part[0] <= found.t <= part[1]
+    assert rigid.peak("A.drive").value > found.value
+    assert found.value == pytest.approx(force.max(), rel=1e-6)
+    assert found.error is not None
+    assert abs(found.value - exact.peak("A.drive", t=part).value) <= 3 * found.error
+    times = np.linspace(*part, 4001)
+    vector, drive = exact(times)["B"].force, exact(times)["A"].drive
+    for read, wanted in ((rigid.mean("B.force", t=part), np.trapezoid(vector, times, axis=0) / 0.2),
+                         (rigid.mean("A.drive", t=part), np.trapezoid(drive, times) / 0.2),
+                         (rigid.rms("A.drive", t=part), np.sqrt(np.trapezoid(drive**2, times) / 0.2)),
+                         (rigid.rms("B.force", t=part), np.sqrt(np.trapezoid(np.sum(vector**2, axis=1), times) / 0.2))):
+        assert read.error is not None
+        assert np.shape(read.value) == np.shape(wanted)
+        off = np.linalg.norm(read.value - wanted)
+        assert off <= 3 * read.error + 1e-6 * np.linalg.norm(wanted), read
+        assert read.error <= 1e-3 * np.linalg.norm(wanted), read
+    whole = exact.rms("A.drive")
+    assert " +- " in repr(whole)
+    assert "N m" in repr(whole)
+    assert whole.sensor == "root mean square of A.drive"
+    for wrong in ((0.3, 0.1), (0.1,), (0.1, 0.7), "half", (0.1, float("nan"))):
+        with pytest.raises(mb.OptionError):
+            rigid.peak("A.drive", t=wrong)
+
+
+def test_a_mean_outlives_the_shock_of_the_start(ringing: mb.Result) -> None:
+    """Undamped vibrations that the run leaves out: values, peak and mean square of the drive are told, each once."""
+    fresh = pickle.loads(pickle.dumps(ringing))
+    told = told_by(lambda: [fresh.rms("A.drive", t=(0.002, 0.008)) for _ in range(2)])
+    assert len(told) <= 1
+    assert all("in its root mean square from 0.002 to 0.008 s" in note for note in told)
+
+
 @pytest.mark.parametrize(("value", "error", "shown"), [
     (26.6018, 0.02, "26.60 +- 0.02"), (26.6018, 3e-7, "26.6018 +- 3e-07"), (110.667, 122.0, "111 +- 120"), (4.0, 0.0, "4"),
     (0.001234, 2e-5, "0.00123 +- 2e-05"), (1.0, None, "1"), (31234.5, 12.0, "31230 +- 10"), (0.0, 1e-3, "0.00 +- 0.001"),

@@ -227,6 +227,8 @@ def everything() -> mb.Scene:
     s.point_on_line("c5", "a", b, (0, 0, 1), axis=(0, 1, 0))
     s.point_on_plane("c6", "a", b, (0, 0, 1), axis=(0, 1, 0), axis_x=(0, 0, 1))
     s.joint(mb.Prismatic, "c7", "a", b, (1, 0, 0), axis=(0, 0, 1), start=0.1)
+    s.joint(mb.Revolute, "c8", "a", b, (1, 0, 0), axis=(0, 0, 1), axis_l=(0, 0.1, 1), at_l=(1, 0, 0.1), axis_x_l=(1, 0, 0))
+    s.revolute("c9", "a", b, (1, 0, 0), axis=(0, 0, 1), axis_l=(0, 0.1, 1))
     s.couple("g1", {"r1": 2, "c1.angle": -1 / 3}, value=mb.t)
     s.gear("g2", "r1", s["r2"], ratio=-0.5)
     s.rack("g3", "r1", "c1.displacement", radius=0.1)

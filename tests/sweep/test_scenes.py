@@ -17,7 +17,7 @@ import sympy
 import mbdae as mb
 from mbdae.study.statements import changed
 from mbdae.sweep import scene_sweep
-from mbdae.sweep.scene_sweep import Points
+from mbdae.sweep.scenes import Points
 
 GRID = {"a.mass": [0.5, 1.0, 1.7], "b.mass": [0.4, 0.7]}
 OUTPUTS = [0.5, 1.0]
@@ -49,6 +49,29 @@ def test_points_of_a_batch_are_those_of_their_own_scenes():
         r = scene.simulate(1.0, accuracy=1e-9, outputs=OUTPUTS)
         np.testing.assert_allclose(found.array("B.angle")[i, j], r["B"].angle, atol=1e-7)
     assert found.point(3) == {"a.mass": 1.0, "b.mass": 0.7}
+
+
+def test_quantities_are_read_of_every_run_with_their_peaks(tmp_path):
+    grid = {"a.mass": [0.5, 1.7, -1.0]}
+    found = here(arm(), grid, accuracy=1e-6, of=["A.force", "B.angle - A.angle"], resume=tmp_path)
+    assert not found.batched
+    assert found.array("A.force").shape == (3, 2, 3)
+    r = changed(arm(), "a.mass", 1.7)[0].simulate(1.0, accuracy=1e-9, outputs=OUTPUTS)
+    np.testing.assert_allclose(found.array("A.force")[1], r["A"].force, atol=2e-5)  # of 43 N
+    value, t, error = (column[1] for column in found.peaks("B.angle - A.angle"))
+    best = r.peak("B.angle - A.angle")
+    assert abs(value - best.value) <= error < 1e-6
+    assert t == pytest.approx(best.t, abs=1e-4)
+    assert np.isnan(found.peaks("A.force").value[2])
+    frame = found.to_dataframe()
+    assert list(frame.columns) == ["a.mass", "estimate", "A.force peak", "A.force t", "A.force error", "B.angle - A.angle peak",
+                                   "B.angle - A.angle t", "B.angle - A.angle error", "failure", "warnings"]
+    assert "mass = -1 kg is negative" in frame["failure"][2]
+    again = here(arm(), grid, accuracy=1e-6, of=["A.force", "B.angle - A.angle"], resume=tmp_path)
+    np.testing.assert_array_equal(again.array("A.force"), found.array("A.force"))
+    with pytest.raises(mb.OptionError, match="was not asked for"):
+        found.peaks("A.torque")
+    assert "there is no sensor" in here(arm(), {"a.mass": [1.0]}, of="A.nothing").failures[0]
 
 
 @pytest.mark.parametrize("grid", [
@@ -158,7 +181,7 @@ def test_where_every_point_failed_all_is_missing():
     assert found.array("A.angle").shape == (2, 1, 2)
     assert np.isnan(found.array("A.angle")).all()
     assert len(repr(found).splitlines()) == 1
-    with pytest.raises(mb.OptionError, match=r"'A\.angel' is no unknown of these runs .*: there are A"):
+    with pytest.raises(mb.OptionError, match=r"'A\.angel' is no unknown of these runs, .*: there are A"):
         here(arm(), {"b.mass": [-1.0, 1.0]}).array("A.angel")
 
 

@@ -25,6 +25,7 @@ from mbdae.errors import LawError
 from mbdae.inputs import timed
 from mbdae.scene.components import Body, Connection, Station
 from mbdae.scene.scene import SceneData
+from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
@@ -124,12 +125,11 @@ def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
     if isinstance(law, Element):
         assert nodes[0] is not None
         return ((nodes[0].kind, Axes.GENERAL),), {}
-    J = joint_axes(law, bodies[0]) if bodies else np.eye(3)
     sides: list[Side] = []
     numbers: dict[str, float] = {}
     for side, body, node in zip(law.frames, bodies, nodes, strict=True):
         kind = node.kind if node is not None else (NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND)
-        Q = body.drawn.rotation.T @ J
+        Q = body.drawn.rotation.T @ joint_axes(law, bodies[0], side)
         offset = body.drawn.rotation.T @ (law.point_on(side) - body.drawn.position)
         sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
         numbers |= zip(_names(side), (*offset.tolist(), *Q.T.ravel().tolist(), body.heading), strict=True)
@@ -143,34 +143,6 @@ def _names(side: str) -> tuple[str, ...]:
     """Names of the numbers of a frame, in the order of `sides_of`: its point, its axes column by column, its heading."""
     axes = (f"{side}_Q{a}{i + 1}" for a in "xyz" for i in range(3))
     return *(f"{side}_p{i + 1}" for i in range(3)), *axes, f"{side}_theta0"
-
-
-def joint_axes(law: Any, k: Body) -> Array:
-    """Joint axes as drawn, columns of a matrix (3, 3) in inertial components: z along the joint's axis. A law with `axes_of` uses
-    the axes of that body instead. k: the body of its first frame."""
-    if law.axes_of == "k":
-        return k.drawn.rotation
-    if law.axes_of == "l":
-        return law.l.drawn.rotation  # type: ignore[no-any-return]
-    return _axes(tuple(map(float, law.axis)), None if law.axis_x is None else tuple(map(float, law.axis_x)))
-
-
-@lru_cache(maxsize=1024)
-def _axes(axis: tuple[float, ...], axis_x: tuple[float, ...] | None) -> Array:
-    z = np.array(axis)
-    if axis_x is not None:
-        x = np.array(axis_x) - (np.array(axis_x) @ z) * z
-        x /= np.linalg.norm(x)
-    elif abs(z[2]) < 1e-14:
-        x = np.array([0.0, 0.0, 1.0])
-    else:
-        helper = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
-        x = helper - (helper @ z) * z
-        x /= np.linalg.norm(x)
-    y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]]
-    found = np.array([x, y, z]).T
-    found.flags.writeable = False  # read-only, because all joints with these axes share the array
-    return found
 
 
 def pattern(Q: Array) -> Axes:

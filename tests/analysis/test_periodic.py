@@ -1,0 +1,163 @@
+"""Periodic motions by shooting: Duffing's and van der Pol's equations against SciPy, mechanisms against long runs, refusals."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
+from scipy.special import ellipk
+
+import mbdae as mb
+
+G, W, LOAD, LOSS = 9.81, 1.2, 0.3, 0.1
+T = 2 * np.pi / W
+
+
+class Cubic(mb.Force):
+    """A spring that stiffens: V = b x^4 / 4."""
+
+    params = mb.params(b=("N/m^3", "stiffness"))
+
+    def energy(self, k: Any, l: Any) -> Any:
+        return self.b * ((l.r - k.r) @ k.x) ** 4 / 4
+
+
+class Pol(mb.Force):
+    """Van der Pol's damper: mu (1 - x^2) x', x in m."""
+
+    params = mb.params(mu=("N s/m", "growth"))
+
+    def wrench(self, k: Any, l: Any) -> Any:
+        x = (l.r - k.r) @ k.x
+        return self.mu * (1 - x**2) * ((l.v - k.v) @ k.x) * k.x, 0 * k.x
+
+
+def slider(law: Any, damper: float = 0.0, x: float = 0.0, load: Any = None) -> mb.Scene:
+    """A mass of 1 kg on a line with a spring of 1 N/m and a law."""
+    s = mb.Scene("slider")
+    m = s.point_mass("m", 1.0, (x, 0))
+    s.prismatic("J", s.ground, m, at=(x, 0), axis=(1, 0), damper=damper)
+    s.spring("spring", s.ground, m, at_k=(0, 0), at_l=(x, 0), stiffness=1.0, length=0.0)
+    s.add(law("law", s.ground, m, at=(0, 0), at_l=(x, 0), **({"b": 1.0} if law is Cubic else {"mu": 1.0})))
+    if load is not None:
+        s.force("load", m, (load, 0))
+    return s
+
+
+def duffing(damper: float = LOSS) -> mb.Scene:
+    w = mb.number("w", W)
+    return slider(Cubic, damper, load=LOAD * sp.cos(w * mb.t))
+
+
+def end(f: Any, x: Any, period: float) -> Any:
+    return solve_ivp(f, (0, period), x, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-7])
+def test_duffing_against_shooting_by_scipy(accuracy: float) -> None:
+    def rhs(t: float, y: Any) -> Any:
+        return [y[1], -y[0] - y[0] ** 3 - LOSS * y[1] + LOAD * np.cos(W * t)]
+
+    r = duffing().periodic(period=2 * sp.pi / mb.number("w", W), accuracy=accuracy)
+    found = np.array([r["m"].position[0, 0], r["m"].velocity[0, 0]])
+    exact = fsolve(lambda z: end(rhs, z, T) - z, found, xtol=1e-11)
+    assert np.abs(found - exact).max() <= accuracy / 10
+    assert r.accuracy.estimated <= accuracy
+    assert (r.t[-1], r.period, r.period_error, r.stable) == (pytest.approx(T), pytest.approx(T, rel=1e-15), 0.0, True)
+    steps = 1e-6 * np.eye(2)
+    matrix = np.array([end(rhs, exact + e, T) - end(rhs, exact - e, T) for e in steps]).T / 2e-6
+    assert np.sort_complex(r.multipliers) == pytest.approx(np.sort_complex(np.linalg.eigvals(matrix)), abs=1e-6)
+
+
+def test_a_motion_that_takes_thousands_of_periods_to_settle() -> None:
+    """Newton's method from rest, with a hundredth of a percent of damping: a run would take 5000 periods."""
+    r = duffing(1e-3).periodic(T)
+    before, after = r.states(r.t[[0, -1]])[0]
+    assert np.abs(after - before).max() < 1e-6
+    assert 0.99 < np.abs(r.multipliers).max() < 1.0
+    assert r.stable
+
+
+@pytest.mark.parametrize("mu", [1.0])
+def test_van_der_pol_with_its_period(mu: float) -> None:
+    """From a start far outside the limit cycle."""
+    r = slider(Pol, x=3.5).periodic()
+    z = fsolve(lambda z: end(lambda t, y: [y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]], [z[0], 0.0], z[1]) - [z[0], 0.0],
+               [2.0, 6.66], xtol=1e-12)
+    assert abs(r.period - z[1]) <= max(3 * r.period_error, 1e-9) <= 1e-8 * r.period * 3
+    assert r.peak("m.position").value == pytest.approx(z[0], rel=1e-6)
+    assert r.stable
+    assert sorted(abs(r.multipliers - 1))[0] < 1e-6
+
+
+def test_a_pendulum_is_one_of_a_family() -> None:
+    """Without losses: the motion of the amplitude at the start, 4 K(sin 45 deg) sqrt(2 l / 3 g)."""
+    s = mb.Scene("pendulum", gravity=(0, -G, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+    r = s.periodic()
+    assert r.period == pytest.approx(4 * ellipk(0.5) * np.sqrt(2 / 3 / G), rel=1e-6)
+    assert r.peak("hinge.angle").value == pytest.approx(np.pi, rel=1e-6)
+
+
+def four_bar() -> mb.Scene:
+    """A loop that a motor turns through a soft coupling."""
+    s = mb.Scene("four-bar", gravity=(0, -G, 0))
+    A, B, C, D = (0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)
+    crank, coupler, rocker = s.link("crank", A, B, mass=0.3), s.link("coupler", B, C, mass=0.6), s.link("rocker", C, D, mass=0.5)
+    motor = s.rigid_body("motor", 1.0, 0.05, at=A)
+    s.revolute("M", s.ground, motor, at=A, angle=4 * np.pi * mb.t)
+    s.revolute("A", motor, crank, at=A, spring=300.0, damper=1.0)
+    s.revolute("B", crank, coupler, at=B)
+    s.revolute("C", coupler, rocker, at=C)
+    s.revolute("D", s.ground, rocker, at=D)
+    return s
+
+
+def test_a_driven_loop_against_a_run_that_has_settled() -> None:
+    """Whole turns are a return; the multipliers are below 1e-2, so that the fifth turn is the periodic one."""
+    r, long = four_bar().periodic(0.5, of=["B.force"]), four_bar().simulate(2.5, accuracy=1e-7)
+    last = long(np.linspace(2.0, 2.5, 201))
+    assert r(np.linspace(0, 0.5, 201))["B"].force == pytest.approx(last["B"].force, abs=1e-5 * np.abs(last["B"].force).max())
+    assert r.accuracy.of["B.force"] <= 1e-6
+    assert r.peak("B.force").value == pytest.approx(long.peak("B.force", t=(2.0, 2.5)).value, rel=1e-5)
+
+
+def test_a_flexible_rod_without_the_shock_of_its_start() -> None:
+    """3000 1/min, material damping: the first turns of a run from an unstrained rod have twice the force."""
+    steel = mb.Section.rectangular(0.02, 0.01, E=210e9, nu=0.3, rho=7850.0, damping=1e-6)
+    R, L = 0.05, 0.2
+    s = mb.Scene("engine")
+    crank, rod = s.link("crank", (0, 0), (R, 0), mass=2.0), s.beam("rod", (R, 0), (R + L, 0), section=steel, elements=2)
+    ram = s.rigid_body("ram", 0.5, 1e-3, at=(R + L, 0))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=100 * np.pi * mb.t)
+    s.revolute("B", crank, rod, at=(R, 0))
+    s.revolute("C", rod, ram, at=(R + L, 0))
+    s.prismatic("D", s.ground, ram, at=(R + L, 0), axis=(1, 0, 0))
+    steady = s.periodic(0.02, accuracy=1e-3, of=["B.force"]).peak("B.force")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        shock = s.simulate(0.02, accuracy=1e-3, of=["B.force"]).peak("B.force")
+    assert shock.value > 1.8 * steady.value
+    assert steady.value == pytest.approx(4826.0, rel=5e-4)  # that of the fifth turn of a run: 4827 +- 1 N
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"period": 3.0}, "do not repeat after period = 3 s"), ({}, "do not repeat after period"), ({"period": -1}, "not positive"),
+    ({"period": "x"}, "not a number"), ({"period": T, "start": 3}, "start = 3 is no state"), ({"accuracy": 1}, "accuracy = 1"),
+    ({"period": T, "of": ["J.forces"]}, "no sensor"),
+])
+def test_what_cannot_be_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(mb.MbdaeError, match=words):
+        duffing().periodic(**options)
+
+
+def test_what_never_returns_is_refused() -> None:
+    s = mb.Scene("fall", gravity=(0, -G, 0))
+    s.point_mass("stone", 1.0, (0, 0))
+    with pytest.raises(mb.SteadyError, match="does not come near to a state in which it was before"):
+        s.periodic()
