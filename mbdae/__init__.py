@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from mbdae.fits.functions import function
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.inputs.measured import curve, read_table, table
+    from mbdae.inputs.reduced import ReducedBody
     from mbdae.inputs.sensed import number
     from mbdae.integrators.dop853 import DOP853
     from mbdae.integrators.named import measure_order
@@ -78,6 +79,7 @@ _HOME = {
     "OneStep": "mbdae.integrators.one_step", "Planar": "mbdae.laws.joints", "Plane": "mbdae.scene.shapes",
     "Point": "mbdae.scene.shapes", "PointOnLine": "mbdae.laws.joints", "PointOnPlane": "mbdae.laws.joints",
     "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
+    "ReducedBody": "mbdae.inputs.reduced",
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Screw": "mbdae.laws.joints",
     "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
@@ -95,7 +97,8 @@ __all__ = [
     "Coulomb", "Coupling", "Cylinder", "Cylindrical", "DerivativeError", "Distance", "EquilibriumError", "Export",
     "FixedOrientation", "Force", "Free", "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine",
-    "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section",
+    "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "ReducedBody", "Revolute", "Run", "Scene", "SceneError", "Screw",
+    "Section",
     "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
     "at_end", "audit", "compare", "curve", "design", "export", "extremes", "fit", "function", "integral", "largest", "load",
     "mass", "measure_order", "number", "params", "rate", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep",

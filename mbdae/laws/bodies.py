@@ -5,16 +5,20 @@ expressions of sensors that controllers, events and loads read.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, ClassVar
 
 import symengine as se
 
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Element, TwoBodyLaw, params
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Element, Force, TwoBodyLaw, params
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.part import Parameter
-from mbdae.symbolic.vectors import Expr
+from mbdae.symbolic.variation import rate
+from mbdae.symbolic.vectors import Expr, Vec
 
 __all__ = ["BeamNode", "JointCoordinate", "PointMass", "RigidBody"]
 
@@ -115,3 +119,119 @@ class Observed(TwoBodyLaw):
 def observed_value(d: Derived) -> list[tuple[Target, Expr]]:
     """The value as an output of the law's kernel; none for other laws."""
     return [(("observed",), se.Symbol("value"))] if isinstance(d.law, Observed) else []
+
+
+class _ByModes(TwoBodyLaw):
+    """A law by the coordinates of the modes of a reduced body, unknowns of the joint `of`: c1, c2, ..., m. options: count, their
+    number."""
+
+    options = ("count",)
+    vectors: ClassVar[tuple[str, ...]] = ()  #: names of its vectors by modes: parameters "<name>_<axis>_<mode>"
+
+    def __init__(self, name: str, of: str, numbers: Mapping[str, float], **values: Any) -> None:
+        super().__init__(name, **values)
+        self.of = of
+        vars(self).update(numbers)
+
+    def compose(self) -> None:
+        self.params = {**type(self).params, **{f"{v}_{a}_{n + 1}": Parameter("1", "shape of a mode") for v in self.vectors
+                                               for a in "xyz" for n in range(self.count)}}
+        vars(self).update({p: se.Symbol(p) for p in self.params})
+        super().compose()
+
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        return tuple(f"c{n + 1}" for n in range(self.count))
+
+    def coordinates_in(self, item: str) -> list[tuple[str, str]]:
+        return [(self.of, f"mode{n + 1}") for n in range(self.count)]
+
+    def by_modes(self, vector: str) -> list[Expr]:
+        """Sum (3) over the modes of coordinate times shape, in axes of the floating frame."""
+        return [sum((getattr(self, f"{vector}_{a}_{n + 1}") * getattr(self, c) for n, c in enumerate(self.own_coordinates)),
+                    se.Integer(0)) for a in "xyz"]
+
+
+class InertiaPoint(_ByModes):
+    """A point mass l that moves about `center` as the axes of the floating frame k turn and the body deforms."""
+
+    params = params(center_x=("m", "point that it moves about, inertial"), center_y=("m", "y"), center_z=("m", "z"),
+                    place_x=("m", "place of the point without deformation, from there"), place_y=("m", "y"), place_z=("m", "z"))
+    vectors = ("shape",)
+
+    def rows(self, *frames: Frame) -> dict[str, Expr]:
+        k, l = frames[:2]
+        x, y, z = self.by_modes("shape")
+        off = l.r - Vec(self.center_x, self.center_y, self.center_z)
+        off = off - k.x * (self.place_x + x) - k.y * (self.place_y + y) - k.z * (self.place_z + z)
+        return dict(zip("xyz", off, strict=True))
+
+
+class InterfaceOfBody(_ByModes):
+    """An interface l of a reduced body: it moves with the floating frame k and by the displacement and rotation of the modes."""
+
+    vectors = ("shape", "turn")
+
+    def rows(self, *frames: Frame) -> dict[str, Expr]:
+        k, l = frames[:2]
+        (x, y, z), turned = self.by_modes("shape"), self.by_modes("turn")
+        off = l.r - k.r - k.x * x - k.y * y - k.z * z
+        sine = [(l.y @ k.z - l.z @ k.y) / 2, (l.z @ k.x - l.x @ k.z) / 2, (l.x @ k.y - l.y @ k.x) / 2]
+        return dict(zip("xyz", off, strict=True)) | {f"turn_{a}": s - t for a, s, t in zip("xyz", sine, turned, strict=True)}
+
+
+class ModalElasticity(Force):
+    """V = stiffness c^2 / 2, and half the dissipated power damping c'^2 / 2, of the coordinate c of a mode."""
+
+    params = params(stiffness=("N/m", "modal stiffness"), damping=("N s/m", "modal damping"))
+    frames = ()
+
+    def __init__(self, name: str, of: tuple[str, str], **values: Any) -> None:
+        super().__init__(name, **values)
+        self.of = of
+
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        return ("c",)
+
+    def coordinates_in(self, item: str) -> list[tuple[str, str]]:
+        return [self.of]
+
+    def energy(self, *frames: Any, **_: Any) -> Expr:
+        return self.stiffness * self.c**2 / 2
+
+    def dissipation(self, *frames: Any, **_: Any) -> Expr:
+        return se.Integer(0) if self.damping is None else self.damping * rate(self.c) ** 2 / 2
+
+
+class Modes(Joint):
+    """Coordinates of the modes of a reduced body, which its further laws tie to its interfaces and to its inertia. `reduced`: the
+    body."""
+
+    reduced: Any = None
+
+    def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
+        return {}
+
+    @classmethod
+    def freedoms(cls) -> int:
+        """As of a joint that constrains nothing."""
+        return 6
+
+    def remarks(self) -> list[str]:
+        return [self.reduced.summary]
+
+
+@cache
+def modes_of_body(count: int) -> type[Modes]:
+    """The class of items that have the coordinates of `count` modes."""
+    named = params(**{f"mode{n + 1}": ("m", "coordinate of a mode") for n in range(count)})
+    return type(f"Modes__{count}", (Modes,), {"coordinates": named, "__module__": __name__, "__doc__": Modes.__doc__})
+
+
+def __getattr__(name: str) -> Any:
+    """Classes of modes by their names, as pickles ask for them."""
+    head, _, count = name.partition("__")
+    if head != "Modes" or not count.isdigit():
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    return modes_of_body(int(count))

@@ -252,8 +252,7 @@ def growth_words(run: Controlled, asked: float | None, prepared: Prepared | None
 
 
 def turned_aside(result: Result) -> list[str]:
-    """Warnings about bodies whose inertia is stated as one number, about z, and which turn about other axes of theirs in space:
-    about these their inertia is 0."""
+    """Warnings about bodies whose inertia is stated as one number, about z, and which turn about other axes in space."""
     found = []
     for node, body in result.prepared.model.bodies:
         if body.principal_plane and node.kind is NodeKind.SPATIAL:
@@ -275,6 +274,8 @@ def past_their_domain(result: Result) -> list[str]:
             seen = getattr(result[c.name], name)
             if (below := np.flatnonzero(np.any(seen < -PAST * result.prepared.length, axis=1))).size:
                 found.append(f"{c.kind} '{c.name}', at t = {result.t[below[0]]:.6g} s: {words}")
+        if (body := getattr(c.joint, "reduced", None)) is not None:
+            found += [f"reduced body '{c.k.name}', {words}" for words in body.doubts(result, c)]
     return found
 
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from mbdae.deferred import later
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.laws.bodies import ORDERS
+from mbdae.inputs.reduced import ReducedBody
+from mbdae.laws.bodies import ORDERS, InertiaPoint, InterfaceOfBody, ModalElasticity, modes_of_body
 from mbdae.notation import counted
 from mbdae.scene import reading
-from mbdae.scene.components import Beam, BeamLoad, Connection
+from mbdae.scene.components import Beam, BeamLoad, Body, Classical, Connection
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import SceneItems, statement
 from mbdae.scene.shapes import Section
@@ -156,6 +157,66 @@ class BeamStatements(SceneItems):
         load = BeamLoad(name, beam, law)
         self.line_loads.append(load)
         return load
+
+    @reads(name=reading.name, body=reading.instance(ReducedBody, "reduced body", "give mb.ReducedBody.craig_bampton(...)"),
+           at=reading.point, damping=reading.quantity("1", "not negative"), velocity=reading.vector("m/s"),
+           angular_velocity=reading.vector("rad/s"))
+    @statement
+    def reduced_body(self, name: str, body: Any, at: Any = (0, 0, 0), damping: float = 0.0, velocity: Any = None,
+                     angular_velocity: Any = None) -> Body:
+        """A flexible body of another program's matrices (mb.ReducedBody), the origin of its nodes at `at` (m); its interfaces are
+        bodies "<name>.<interface>", which joints and forces take; its own motion is that of its floating frame.
+
+        damping: ratio to critical damping of every mode of the free body. velocity (m/s, of the centre) and angular_velocity
+        (rad/s) of its start as a rigid body, inertial frame. Displacements are small in the floating frame."""
+        v, w = (np.zeros(3) if given is None else np.array(given) for given in (velocity, angular_velocity))
+        if not isinstance(body, ReducedBody):
+            return self._add_body(Body(name, 1.0, np.eye(3), at, np.eye(3), v, w))
+        origin = at + body.center
+
+        def part(of: str, mass: float, place: Array, speed: Array, **more: Any) -> Body:
+            return self._add_body(Body(f"{name}.{of}" if of else name, mass, np.zeros((3, 3)), place, np.eye(3), speed, w,
+                                       given_velocity=bool(np.any(v) or np.any(w)), **more))
+
+        places = [at + x for x in body.interfaces.values()]
+        frame = part("", body.mass, origin, v, outline=np.array([*places[:1], origin, *places[1:]]))
+        modes, count = f"{name}.modes", len(body.modal_mass)
+        place = {"k": frame, "l": frame, "at": origin, "axis": (0.0, 0.0, 1.0), "axis_x": (1.0, 0.0, 0.0)}
+        ratio = 2 * damping * np.sqrt(body.modal_mass * body.modal_stiffness)
+        laws = [ModalElasticity(modes, (modes, f"mode{n + 1}"), stiffness=float(body.modal_stiffness[n]),
+                                damping=float(ratio[n]) if damping else None, **place) for n in range(count)]
+        joint = modes_of_body(count)(modes, kept=True, **place)
+        joint.reduced = body
+        still = dict.fromkeys(joint.coordinates, 0.0)  # it starts as drawn, without vibration
+        self._enter(Connection(modes, "reduced body", frame, frame, [joint, *laws], True, still, dict(still), model=Classical()))
+        for interface, shape in body.interface_shapes.items():
+            x = at + body.interfaces[interface]
+            node = part(interface, 0.0, x, v + np.cross(w, x - origin), shapes=())
+            numbers = _by_axes(shape=shape[:3], turn=shape[3:])
+            law = InterfaceOfBody(f"{name}.interface {interface}", modes, numbers, count=count, **{**place, "l": node, "at": x})
+            self._enter(Connection(law.name, "interface", frame, node, [law]))
+        for i, point in enumerate(body.points):
+            node = part(f"inertia {i + 1}", body.mass / len(body.points), origin + point[:, 0], np.cross(w, point[:, 0]),
+                        is_point=True, gravity=np.zeros(3), shapes=())
+            node.inertia = None
+            numbers = _by_axes(shape=point[:, 1:]) | {f"{what}_{a}": float(x) for what, vector in (
+                ("center", origin), ("place", point[:, 0])) for a, x in zip("xyz", vector, strict=True)}
+            rows = InertiaPoint(f"{name}.rows {i + 1}", modes, numbers, count=count,
+                                **{**place, "l": node, "at": node.drawn.position})
+            self._enter(Connection(rows.name, "inertia", frame, node, [rows]))
+        if self.space == "auto":
+            self.space = "spatial"
+        return frame
+
+    def _enter(self, item: Connection) -> None:
+        self._claim(item.name)
+        self.connections.append(item)
+
+
+def _by_axes(**vectors: Array) -> dict[str, float]:
+    """Parameters "<name>_<axis>_<mode>" of vectors (3, n)."""
+    return {f"{name}_{a}_{n + 1}": float(x) for name, vector in vectors.items() for a, row in zip("xyz", vector, strict=True)
+            for n, x in enumerate(row)}
 
 
 def check_attachments(scene: SceneItems, item: Connection) -> None:

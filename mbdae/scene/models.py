@@ -122,7 +122,8 @@ def is_held(joint: Connection) -> bool:
 
 def not_joined(scene: SceneItems) -> tuple[str, ...]:
     """Names of bodies that no chain of joints connects with the ground: free bodies, or ones whose joint was forgotten."""
-    pairs = [{side.name for side in (c.k, c.l, *c.others.values())} for c in scene.joints]
+    holding = [c for c in scene.connections if c.is_joint or c.kind in ("interface", "inertia")]
+    pairs = [{side.name for side in (c.k, c.l, *c.others.values())} for c in holding]
     joined, size = {scene.ground.name}, 0
     while size < len(joined):
         size = len(joined)

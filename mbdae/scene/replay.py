@@ -17,6 +17,7 @@ import numpy as np
 
 from mbdae.deferred import Later
 from mbdae.errors import MbdaeError, OptionError, SceneError
+from mbdae.inputs.reduced import ReducedBody
 from mbdae.laws import exported
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, signature_of, stored_name, without_module
@@ -36,7 +37,7 @@ else:
 
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {
-    "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
+    "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place, ReducedBody),
     "over": (list,), "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,), "shape_k": (Shape,), "shape_l": (Shape,),
     "shape": (Shape, list), "color": (str, list), "normal": (Normal, list), "free": (list, str),
@@ -52,7 +53,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
 def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
     models, shapes = (Kinematic, Classical, Recursive, Clearance, Stop), (Plane, Sphere, Point, Cylinder, Box)
-    return {stored_name(cls): cls for cls in (*exported().values(), Section, *models, *shapes)}
+    return {stored_name(cls): cls for cls in (*exported().values(), Section, ReducedBody, *models, *shapes)}
 
 
 class Known:
@@ -109,7 +110,7 @@ class Known:
 _KINDS_IN_WORDS: dict[type, str] = {
     str: "text", list: "a list", dict: "a dictionary", type: "a class", FunctionType: "a function", AsGiven: "a kept object",
     Part: "a friction law or another part of a law", JointModel: "a joint model", Section: "a cross-section",
-    Normal: "a normal law", Law: "a joint, force or coupling",
+    Normal: "a normal law", ReducedBody: "a reduced body", Law: "a joint, force or coupling",
 }
 
 
@@ -126,9 +127,6 @@ def _expected(name: str) -> str:
 def _word(name: str) -> str:
     """The name of a class for a remedy; "the class" where the stored text is no name."""
     return name if name.isidentifier() and len(name) <= 60 else "the class"
-
-
-# ---- arguments -----------------------------------------------------------------------------------------------------------
 
 
 def decoded(value: Any, scene: Any, known: Known) -> Any:
@@ -190,7 +188,7 @@ def _options(value: Any, scene: Any, known: Known) -> dict[str, Any]:
 
 
 def _object(value: Any, scene: Any, known: Known) -> Any:
-    cls = known.find(value["object"], Part, Section, JointModel, Stop, Shape)
+    cls = known.find(value["object"], Part, Section, JointModel, Stop, Shape, ReducedBody)
     given = _options(value["fields"], scene, known)
     if not issubclass(cls, Part):
         return _made(cls, given)

@@ -47,6 +47,7 @@ ELSEWHERE = {
                      "Result.mean", "Result.rms", "Result.error"),
                     "tests/results"),
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "curve": "tests/inputs",
+    **dict.fromkeys(("ReducedBody", "ReducedBody.doubts", "ReducedBody.displacement"), "tests/inputs"),
     "read_table": "tests/inputs", "read_urdf": "tests/robots", "read_mjcf": "tests/robots",
     "Scene.write_mjcf": "tests/robots",
     "SceneData.__getitem__": "statements of a scene", "load": "files",

@@ -32,6 +32,8 @@ from hostile import HOSTILE, ONES
 Said = Callable[..., tuple[list[str], Any]]  #: the arguments by name -> (what was wrong, what was stated as plain data)
 DRY, SECTION = mb.Coulomb(0.3, 1e-3), mb.Section(1, 1, 1, 1, 1, 1, 1, 1)
 PAIR: dict[str, Any] = {"k": "ground", "l": "rod"}
+REDUCED = mb.ReducedBody(1.0, np.zeros(3), np.eye(3), np.eye(3), {"a": np.zeros(3)}, np.zeros((3, 6, 0)), np.zeros(0),
+                         np.zeros(0), {"a": np.zeros((6, 0))}, np.zeros(0), 0.0, np.eye(3)[:, :, None])
 HINGE = PAIR | {"at": (0, 0, 0)}
 MOVED: dict[str, Any] = {"angle": 0.1, "angle0": 0.1, "rate0": 0.1, "spring": 1.0, "damper": 1.0}
 SLID: dict[str, Any] = {"position": 0.1, "position0": 0.1, "rate0": 0.1, "spring": 1.0, "damper": 1.0}
@@ -60,6 +62,8 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
                  "normal": mb.Hertz(1e8)}, {"friction": None}),
     "beam": ({"name": "x", "points": [(0, 1), (1, 1)], "section": SECTION},
              {"elements": 2, "order": 2, "curve": None, "axis2": (0, 0, 1), "velocity": (0, 0, 1), "angular_velocity": (0, 1)}),
+    "reduced_body": ({"name": "x", "body": REDUCED},
+                     {"at": (0, 1), "damping": 0.1, "velocity": (0, 0, 1), "angular_velocity": (0, 1)}),
     "line_load": ({"name": "x", "beam": "beam", "per_length": (0, 1.0)}, {"frame": "section"}),
     "revolute": ({"name": "x", **HINGE}, {"axis": (0, 0, 1), "model": mb.Recursive(), "torque": 1.0, "friction": None,
                                           "radius": None, "normal_force": None, "axis_l": (0, 0, 1), **MOVED, **LIMITED}),

@@ -1,0 +1,211 @@
+"""Flexible bodies from the mass and stiffness matrices of a finite-element program, reduced to their interfaces and some modes.
+
+Craig and Bampton: an interface is a set of nodes that moves as a rigid body, by six freedoms. The body moves by the static
+deformations of unit displacements of its interfaces and by the modes of vibration with all interfaces held. Of these motions six
+are rigid; the others are turned into the modes of the free reduced body, which are orthogonal to all rigid motions: in the frame
+that they leave, centre of mass and angular momentum of small deformations stay 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbdae.deferred import later, sp
+from mbdae.errors import NamesAttributes, OptionError
+from mbdae.notation import counted
+from mbdae.values import Array, array, option, shown, whole
+
+if TYPE_CHECKING:
+    from mbdae.inputs.reduction import FiniteElements, rigid_motions
+else:
+    FiniteElements, rigid_motions = later("mbdae.inputs.reduction", "FiniteElements", "rigid_motions")
+
+#: largest displacement by a mode, over the size of a body, that is not told: where a cantilever's end deflects by 14 % of its
+#: length, its mode displaces by 5.4 % and the deflection is 1.4 % off; at a tenth of that load by 0.54 % and 0.013 %
+SMALL = 0.04
+#: angular velocity of a body, over its lowest angular frequency with an interface held, that is not told: by the square of this,
+#: 1 %, centrifugal forces stiffen a rotating blade, which its matrices do not say
+SLOW = 0.1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReducedBody(NamesAttributes):
+    """A flexible body by its modes, made by `craig_bampton`; lengths m, masses kg, in the axes of the finite-element model.
+
+    Modes are scaled so that the largest displacement of a node is 1 (rotations count times the size of the body): their
+    coordinates are in m."""
+
+    mass: float  #: kg
+    center: Array  #: (3,) centre of mass, m
+    inertia: Array  #: (3, 3) about the centre of mass, kg m^2
+    nodes: Array  #: (k, 3) m
+    interfaces: dict[str, Array]  #: name -> place (3,) of the interface: mean of its nodes, m
+    shapes: Array  #: (k, 6 or 3, n) displacements (and rotations) of the nodes by the n modes of the free body
+    modal_mass: Array  #: (n,) kg
+    modal_stiffness: Array  #: (n,) N/m
+    interface_shapes: dict[str, Array]  #: name -> (6, n) displacement and rotation of the interface by the modes
+    held_frequencies: Array  #: (m,) of the modes with held interfaces that were kept, Hz
+    #: largest share of the elastic energy by the inertia forces of a uniform acceleration, with the interfaces held, that the
+    #: modes kept cannot show: of the six accelerations along and about axes the one with the largest share, 0 to 1
+    left_out: float
+    points: Array  #: (p, 3, 1 + n) places, from the centre of mass, of p points of mass `mass / p`, and their change by the modes
+
+    def __post_init__(self) -> None:
+        n, k = np.size(self.modal_mass), len(self.nodes)
+        wanted = {"mass": (), "left_out": (), "center": (3,), "inertia": (3, 3), "nodes": (k, 3), "modal_mass": (n,),
+                  "shapes": (k, 3 if len(self.shapes) and np.shape(self.shapes)[1] == 3 else 6, n), "modal_stiffness": (n,),
+                  "held_frequencies": (np.size(self.held_frequencies),), "points": (len(self.points), 3, 1 + n)}
+        found = {name: np.asarray(getattr(self, name), dtype=float) for name in wanted}
+        places = {name: np.asarray(x, dtype=float) for name, x in dict(self.interfaces).items()}
+        at = {name: np.asarray(x, dtype=float).reshape(6, n) for name, x in dict(self.interface_shapes).items()}
+        if wrong := [n for n, shape in wanted.items() if found[n].shape != shape or not np.all(np.isfinite(found[n]))]:
+            raise OptionError(f"ReducedBody: {wrong[0]} has the shape {found[wrong[0]].shape}, not {wanted[wrong[0]]}, or is not "
+                              f"finite: make it by mb.ReducedBody.craig_bampton")
+        for name, value in found.items():
+            object.__setattr__(self, name, value if value.ndim else float(value))
+        object.__setattr__(self, "interfaces", places)
+        object.__setattr__(self, "interface_shapes", at)
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the box about its nodes, m."""
+        return float(np.linalg.norm(np.ptp(self.nodes, axis=0)))
+
+    @property
+    def frequencies(self) -> Array:
+        """(n,) frequencies of the free body that is reduced, Hz, without the six rigid motions."""
+        return np.asarray(np.sqrt(self.modal_stiffness / self.modal_mass) / (2 * np.pi))
+
+    @cached_property
+    def lowest_held(self) -> float:
+        """Lowest frequency with one of its interfaces held and the others free, of all of them the least, Hz."""
+        from scipy.linalg import eigh, null_space
+
+        n, found = len(self.modal_mass), [np.inf]
+        M, K = np.zeros((6 + n, 6 + n)), np.diag(np.r_[np.zeros(6), self.modal_stiffness])
+        M[:3, :3], M[3:6, 3:6], M[6:, 6:] = self.mass * np.eye(3), self.inertia, np.diag(self.modal_mass)
+        for name, place in self.interfaces.items() if n else ():
+            free = null_space(np.hstack([rigid_motions(place[None], self.center, 6), self.interface_shapes[name]]))
+            if free.shape[1]:
+                found.append(np.sqrt(max(eigh(free.T @ K @ free, free.T @ M @ free, eigvals_only=True)[0], 0)) / (2 * np.pi))
+        return float(min(found))
+
+    def doubts(self, result: Any, item: Any) -> list[str]:
+        """What a run may have left out, a sentence each; item: that of its modes in the scene."""
+        found, t = [], result.t
+        modes = np.array([getattr(result[item.name], mode) for mode in item.scalars])
+        speed = np.linalg.norm(result[item.k.name].angular_velocity, axis=1)
+        sizes, bound = np.max(np.abs(modes), axis=0, initial=0), SMALL * self.size
+        if (beyond := np.flatnonzero(sizes > bound)).size:
+            found.append(f"at t = {t[beyond[0]]:.6g} s: a mode displaces by up to {np.max(sizes):.3g} m, more than {bound:.3g} "
+                         f"m: the body moves as with small deformations, whose error is then about 1 % or more and grows with "
+                         f"the square; use s.beam, or several bodies")
+        bound = SLOW * 2 * np.pi * self.lowest_held
+        if (beyond := np.flatnonzero(speed > bound)).size:
+            found.append(f"at t = {t[beyond[0]]:.6g} s: it turns at up to {np.max(speed):.3g} rad/s, more than {bound:.3g} "
+                         f"rad/s, a tenth of its lowest angular frequency with an interface held: stiffening by centrifugal "
+                         f"forces, of 1 % or more of its stiffness, is left out; use s.beam")
+        return found
+
+    @property
+    def summary(self) -> str:
+        """Its modes in a sentence."""
+        f = self.frequencies
+        if not len(f):
+            return "no modes: it is rigid"
+        return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
+                f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
+                f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
+
+    def displacement(self, coordinates: Any) -> Array:
+        """(..., k, 6 or 3) displacements of all nodes in the body's frame, m and rad, from coordinates (..., n), m."""
+        return np.asarray(np.einsum("kfn,...n->...kf", self.shapes, _modes_given(coordinates, self.shapes.shape[2])))
+
+    @classmethod
+    def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None) -> ReducedBody:
+        """Reduce a free body with mass matrix M and stiffness K (both (f k, f k), kg and N/m, full or SciPy sparse) of k nodes,
+        f = 6 freedoms each (ux uy uz rx ry rz, node by node) or 3 (ux uy uz).
+
+        nodes (k, 3), m; interfaces: {name: numbers of its nodes, from 0}, each of which moves as a rigid body; modes: number of
+        modes with held interfaces that are kept, None: as many as make `left_out` 1e-3 or less. OptionError where the matrices
+        are not those of such a body, with the reason."""
+        body = FiniteElements(M, K, nodes, interfaces)
+        count = None if modes is None else option("modes", modes, whole, "give the number of modes to be kept, or None",
+                                                  least=0, most=body.inner.shape[1])
+        found = body.reduced(count)
+        return cls(**found, points=inertia_points(body.M, **found))
+
+
+def _modes_given(coordinates: Any, n: int) -> Array:
+    found = option("coordinates", coordinates, array, f"give {n} coordinates, m")
+    if found.ndim == 0 or found.shape[-1] != n:
+        raise OptionError(f"coordinates = {shown(coordinates)}: give {n} in the last dimension, one for each mode, m")
+    return found
+
+
+def inertia_points(M: Any, nodes: Array, shapes: Array, inertia: Array, modal_mass: Array, mass: float, center: Array,
+                   **_: Any) -> Array:
+    """Points by which the body moves in space, see `ReducedBody.points`: as few as have the inertia of all its nodes.
+
+    Kinetic energy about the centre of mass is a sum of (omega x s + s')^2 over points s, linear in the modes, in which products
+    of components of s count alone. These are those of the nodes' masses (sums of rows of M; rotary inertia as masses beside the
+    node), corrected so that inertia tensor, modal masses and orthogonality to rigid motions are exactly those of M."""
+    k, f, n = shapes.shape
+    along = np.tile(np.eye(f)[:, :3], (k, 1))
+    lumped = np.einsum("kaa->k", (M @ along).reshape(k, f, 3)[:, :3]) / 3
+    rows = np.concatenate([(nodes - center)[:, :, None], shapes[:, :3]], axis=2) * np.sqrt(np.maximum(lumped, 0))[:, None, None]
+    if f == 6:
+        at = (6 * np.arange(k)[:, None] + np.arange(3, 6))[:, :, None] + np.zeros((1, 1, 3), dtype=int)
+        own = np.asarray(sp.csr_matrix(M)[at.ravel(), at.swapaxes(1, 2).ravel()]).reshape(k, 3, 3)
+        second, axes = np.linalg.eigh(np.einsum("kaa->k", own)[:, None, None] / 2 * np.eye(3) - own)
+        arms = np.sqrt(np.maximum(second, 0))[:, None] * axes  # masses on these; they turn with the node
+        turned = np.cross(shapes[:, None, 3:], arms.transpose(0, 2, 1)[..., None], axis=2)
+        beside = np.concatenate([arms.transpose(0, 2, 1)[..., None], turned], axis=3)
+        rows = np.concatenate([rows, beside.reshape(-1, 3, 1 + n)])
+    found = _fewest(_corrected(_fewest(rows), inertia, modal_mass))
+    return np.asarray(found * np.sqrt(len(found) / mass))
+
+
+def _fewest(points: Array) -> Array:
+    """As few points (p, 3, 1 + n) as have the same sums of products of their components."""
+    size = np.sqrt(np.sum(points**2, axis=(0, 1)))
+    size = np.where(size > 0, size, 1.0)
+    factor = np.linalg.qr((points / size).reshape(len(points), -1), mode="r")
+    _, sigma, V = np.linalg.svd(factor, full_matrices=False)
+    kept = sigma > 1e-9 * sigma[0]
+    return np.asarray((sigma[:, None] * V)[kept].reshape(-1, 3, points.shape[2]) * size)
+
+
+def _root(matrix: Array, power: float) -> Array:
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.maximum(values, 1e-300) ** power) @ vectors.T)
+
+
+def _corrected(points: Array, inertia: Array, modal_mass: Array) -> Array:
+    """The points with small changes of their places and of their displacements by the modes, for exact sums."""
+    n = len(modal_mass)
+    wanted = np.trace(inertia) / 2 * np.eye(3) - inertia
+    size = np.trace(wanted)
+    second, axes = np.linalg.eigh(np.einsum("pa,pb->ab", points[:, :, 0], points[:, :, 0]))
+    for s, axis in zip(second, axes.T, strict=True):  # a direction in which no node lies beside the others
+        if s <= 1e-9 * size and (more := axis @ wanted @ axis) > 0:
+            points = np.concatenate([points, np.r_[np.sqrt(more), np.zeros(n)] * axis[None, :, None]])
+    x, moved = points[:, :, 0], points[:, :, 1:]
+    there, goal = np.einsum("pa,pb->ab", x, x) / size + 1e-14 * np.eye(3), _root(wanted / size + 1e-14 * np.eye(3), 0.5)
+    x = x @ (goal @ _root(goal @ there @ goal, -0.5) @ goal)
+    if n:
+        turning = np.linalg.pinv(np.trace(x.T @ x) * np.eye(3) - x.T @ x, rcond=1e-12) @ np.sum(
+            np.cross(x[:, :, None], moved, axis=1), axis=0)
+        moved = moved - np.cross(turning[None], x[:, :, None], axis=1)
+        unit = moved / np.sqrt(modal_mass)
+        products = np.einsum("pca,pcb->ab", unit, unit)
+        if np.min(np.linalg.eigvalsh(products)) < 0.1:
+            raise OptionError("M has modes whose inertia is not in the masses and rotary inertias of its nodes: keep fewer "
+                              "modes, or give a finer mesh")
+        moved = unit @ _root(products, -0.5) * np.sqrt(modal_mass)
+    return np.concatenate([x[:, :, None], moved], axis=2)

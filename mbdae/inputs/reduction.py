@@ -1,0 +1,299 @@
+"""The reduction of mass and stiffness matrices by Craig and Bampton, and checks that they are those of a free body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdae.deferred import eigsh, issparse, sp, splu
+from mbdae.errors import OptionError
+from mbdae.values import Array, BadValueError, array, option, sequence, shown, whole
+
+AXES = ("ux", "uy", "uz", "rx", "ry", "rz")  #: freedoms of a node, in their order
+#: relative size up to which entries and forces that ought to vanish count as rounding: matrices of FE programs are written with
+#: 6 to 16 digits
+ROUNDED = 1e-6
+#: m/s; waves in solids travel at up to 1.8e4 m/s (diamond), so that no body has a lowest frequency times its size above that
+FASTEST = 1e5
+#: pivot of the stiffness of held interfaces, over the diagonal entry, below which it counts as 0: a mechanism
+NO_STIFFNESS = 1e-11
+DENSE = 400  #: number of inner freedoms up to which all modes are computed by a dense method
+
+
+def cross_matrix(a: Array) -> Array:
+    """Matrix (3, 3) of a x b, for b (3,)."""
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def rigid_motions(nodes: Array, about: Array, freedoms: int) -> Array:
+    """(freedoms k, 6) displacements of the nodes (k, 3) by unit translations and rotations about a point (3,)."""
+    out = np.zeros((len(nodes), freedoms, 6))
+    out[:, :3, :3] = np.eye(3)
+    out[:, :3, 3:] = [-cross_matrix(x - about) for x in nodes]
+    out[:, 3:, 3:] = np.eye(3)[: freedoms - 3]
+    return out.reshape(-1, 6)
+
+
+class FiniteElements:
+    """The matrices as given, checked; inner: (all, inner) the freedoms of nodes of no interface; held: (all, 6 interfaces) the
+    rigid motions of the interfaces."""
+
+    def __init__(self, M: Any, K: Any, nodes: Any, interfaces: Any) -> None:
+        self.nodes = option("nodes", nodes, array, "give the places of the nodes (k, 3), m")
+        if self.nodes.ndim != 2 or self.nodes.shape[1] != 3 or len(self.nodes) < 2:
+            raise OptionError(f"nodes have shape {self.nodes.shape}: give two nodes or more, (k, 3), m")
+        self.M, self.K = _matrix("M", M), _matrix("K", K)
+        n, k = self.K.shape[0], len(self.nodes)
+        if self.M.shape != self.K.shape or n not in (3 * k, 6 * k):
+            raise OptionError(f"M is {_by(self.M)}, K is {_by(self.K)}, for {k} nodes: give both with 6 freedoms a node "
+                              f"({6 * k}) or 3 ({3 * k})")
+        self.freedoms = n // k
+        self.size = float(np.linalg.norm(np.ptp(self.nodes, axis=0)))
+        self.names, self.members = self._interfaces(interfaces)
+        self.places = [self.nodes[m].mean(axis=0) for m in self.members]
+        self._check_rigid()
+        self.held, self.inner = self._split()
+
+    def _interfaces(self, given: Any) -> tuple[list[str], list[Any]]:
+        if not isinstance(given, Mapping) or not given or not all(isinstance(name, str) and name for name in given):
+            raise OptionError(f"interfaces = {shown(given)}: give a dict with one interface or more, "
+                              f"{{'root': [numbers of its nodes, from 0]}}")
+        members: list[Any] = []
+        seen: dict[int, str] = {}
+        for name, numbers in given.items():
+            of = f"interfaces[{name!r}]"
+            try:
+                found = sequence(numbers, whole, least=0, most=len(self.nodes) - 1)
+            except BadValueError as reason:
+                raise OptionError(f"{of} = {reason}; give numbers of nodes, 0 to {len(self.nodes) - 1}") from None
+            if not found:
+                raise OptionError(f"{of} has no nodes: give the numbers of its nodes, from 0")
+            for node in found:
+                if node in seen:
+                    raise OptionError(f"{of} has the node {node}, which interface '{seen[node]}' has too: a node moves with one "
+                                      f"interface")
+                seen[node] = name
+            if self.freedoms == 3:
+                spread = np.linalg.svd(self.nodes[found] - self.nodes[found].mean(axis=0), compute_uv=False)
+                if len(found) < 3 or spread[1] <= ROUNDED * self.size:
+                    raise OptionError(f"{of} has {len(found)} nodes with three freedoms each on one line, which do not say how "
+                                      f"it turns: give three nodes or more that are not on a line")
+            members.append(np.array(found))
+        return list(given), members
+
+    def _check_rigid(self) -> None:
+        """Refuse matrices that are not those of a free body whose nodes are where they are said to be."""
+        center = self.nodes.mean(axis=0)
+        R = rigid_motions(self.nodes, center, self.freedoms)
+        for name, matrix in (("M", self.M), ("K", self.K)):
+            if (negative := np.flatnonzero(matrix.diagonal() < 0)).size:
+                raise OptionError(f"{name} is indefinite: its diagonal entry of {self._freedom(negative[0])} is "
+                                  f"{matrix.diagonal()[negative[0]]:g}")
+        order = " ".join(AXES[:self.freedoms])
+        masses = R[:, :3].T @ (self.M @ R[:, :3])
+        mass = np.trace(masses) / 3
+        if not mass > 0 or np.max(np.abs(masses - mass * np.eye(3))) > ROUNDED * mass:
+            found = ", ".join(f"{m:g}" for m in masses.diagonal())
+            raise OptionError(f"M gives the translations along x, y, z the masses {found} kg, or couples them: its rows are not "
+                              f"in the order {order}, node by node, or freedoms were left out")
+        forces, sizes = abs(self.K @ R), abs(self.K) @ abs(R)
+        wrong = forces > ROUNDED * np.max(sizes, axis=0)
+        if wrong[:, :3].any():
+            where = self._freedom(int(np.argmax(wrong[:, :3].any(axis=1))))
+            raise OptionError(f"K resists rigid translations, first at {where}: give K without supports, with rows in the order "
+                              f"{order}, node by node")
+        if wrong.any():
+            raise OptionError(f"K resists rigid rotations, first at {self._freedom(int(np.argmax(wrong.any(axis=1))))}, but no "
+                              f"translations: nodes are in another order or unit than the rows of K, or the freedoms of a node "
+                              f"are not {order}")
+        self.mass, self.center = float(mass), (R[:, 3:].T @ (self.M @ R[:, :3]) / mass)
+        twist = (self.center - self.center.T) / 2  # of -m [c x]: the centre from the mean of the nodes
+        self.center = center + np.array([twist[2, 1], twist[0, 2], twist[1, 0]])
+        self.rigid = rigid_motions(self.nodes, self.center, self.freedoms)
+        self.inertia = self.rigid[:, 3:].T @ (self.M @ self.rigid[:, 3:])
+
+    def _freedom(self, row: int) -> str:
+        return f"{AXES[int(row) % self.freedoms]} of node {int(row) // self.freedoms}"
+
+    def _split(self) -> tuple[Any, Any]:
+        f, n = self.freedoms, self.K.shape[0]
+        blocks = [rigid_motions(self.nodes[m], place, f) for m, place in zip(self.members, self.places, strict=True)]
+        rows = [(m[:, None] * f + np.arange(f)).ravel() for m in self.members]
+        held = sp.lil_matrix((n, 6 * len(blocks)))
+        for i, (at, block) in enumerate(zip(rows, blocks, strict=True)):
+            held[at, 6 * i : 6 * i + 6] = block
+        self.kept = np.setdiff1d(np.arange(n), np.concatenate(rows))
+        inner = sp.csc_matrix((np.ones(len(self.kept)), (self.kept, np.arange(len(self.kept)))), shape=(n, len(self.kept)))
+        return sp.csc_matrix(held), inner
+
+    def reduced(self, modes: int | None) -> dict[str, Any]:
+        """The fields of `ReducedBody` with a number of modes with held interfaces."""
+        held, inner = self.held, self.inner
+        _positive("M", self.M, self._freedom)
+        basis, frequencies, left_out = held.toarray(), np.zeros(0), 0.0
+        if inner.shape[1]:
+            K, M = (sp.csc_matrix(inner.T @ A @ inner) for A in (self.K, self.M))
+            factors = self._stiffness(K)
+            static = -factors.solve((inner.T @ (self.K @ held)).toarray())
+            values, vectors, left_out = self._held_modes(K, M, factors, static, modes)
+            frequencies = np.sqrt(values) / (2 * np.pi)
+            basis[self.kept] += static
+            basis = np.hstack([basis, inner @ vectors])
+        M, K = (basis.T @ (A @ basis) for A in (self.M, self.K))
+        values, turned = self._free_modes(M, K)
+        shapes = (basis @ turned).reshape(len(self.nodes), self.freedoms, -1)
+        largest = np.max(np.linalg.norm(shapes[:, :3], axis=1), axis=0, initial=0)
+        if self.freedoms == 6:
+            largest = np.maximum(largest, self.size * np.max(np.linalg.norm(shapes[:, 3:], axis=1), axis=0, initial=0))
+        # the sign of a mode is that in which the largest of its components is positive
+        flat = turned / largest
+        signs = np.sign(flat[[int(np.argmax(np.abs(c) > 0.999 * np.max(np.abs(c)))) for c in flat.T], np.arange(len(values))])
+        shapes, turned, mass = shapes * signs / largest, turned * signs / largest, 1 / largest**2
+        at = {name: turned[6 * i : 6 * i + 6] for i, name in enumerate(self.names)}
+        return {"mass": self.mass, "center": self.center, "inertia": self.inertia, "nodes": self.nodes,
+                "interfaces": dict(zip(self.names, self.places, strict=True)), "shapes": shapes, "modal_mass": mass,
+                "modal_stiffness": values * mass, "interface_shapes": at, "held_frequencies": frequencies, "left_out": left_out}
+
+    def _stiffness(self, K: Any) -> Any:
+        """LU factors of the stiffness with held interfaces, which is positive definite."""
+        size = K.diagonal()
+        if (free := np.flatnonzero(size <= NO_STIFFNESS * np.max(size, initial=1e-300))).size:
+            raise OptionError(f"K is that of a mechanism: {self._freedom(self.kept[free[0]])} has no stiffness; leave such "
+                              f"freedoms out (three a node), or give them some")
+        root = sp.diags(1 / np.sqrt(size))
+        try:
+            factors = _factors(sp.csc_matrix(root @ K @ root))
+        except RuntimeError:  # "Factor is exactly singular"
+            factors = None
+        pivots = np.zeros(1) if factors is None else _pivots(factors)
+        if np.min(pivots) < -NO_STIFFNESS:
+            raise OptionError("K is indefinite: with the interfaces held it has a negative stiffness")
+        if factors is None or np.min(pivots) <= NO_STIFFNESS:
+            where = "" if factors is None else f", near {self._freedom(self.kept[factors.perm_c.argsort()[np.argmin(pivots)]])}"
+            raise OptionError(f"K is that of a mechanism{where}: a part moves without force while all interfaces are held; "
+                              f"connect it, or give it an interface")
+        return _Scaled(factors, 1 / np.sqrt(size))
+
+    def _held_modes(self, K: Any, M: Any, factors: Any, static: Array, modes: int | None) -> tuple[Array, Array, float]:
+        """Squared angular frequencies (m,) and modes (inner, m) with held interfaces, lowest first, and the share left out."""
+        n, count = K.shape[0], 6 if modes is None else modes
+        loads = M @ self.rigid[self.kept]
+        whole_ = np.einsum("ia,ia->a", loads, factors.solve(loads))
+        seen = whole_ > 0  # a rotation about the line of a beam may have no inertia
+        while True:
+            values, vectors = self._modes(K, M, factors, min(count, n))
+            shown_ = np.sum((vectors.T @ loads) ** 2 / values[:, None], axis=0)
+            left_out = float(np.max(1 - shown_[seen] / whole_[seen], initial=0))
+            if modes is not None or left_out <= LEAVES or len(values) >= n or len(values) < count:
+                return values, vectors, left_out
+            count *= 2
+
+    def _modes(self, K: Any, M: Any, factors: Any, count: int) -> tuple[Array, Array]:
+        from scipy.linalg import eigh
+        from scipy.sparse.linalg import LinearOperator
+
+        n = K.shape[0]
+        if count == 0:
+            return np.zeros(0), np.zeros((n, 0))
+        if n <= DENSE or count >= n - 1:
+            # 1 / omega^2 of K^-1 M: M may be singular, as lumped ones are
+            inverse, vectors = eigh(M.toarray(), K.toarray())
+            order = np.argsort(-inverse)[:count]
+            order = order[inverse[order] > 1e-14 * np.max(inverse)]
+            return 1 / inverse[order], vectors[:, order] / np.sqrt(inverse[order])
+        start = np.random.default_rng(0).standard_normal(n)
+        solve = LinearOperator((n, n), matvec=factors.solve)
+        values, vectors = eigsh(K, count, M, sigma=0.0, OPinv=solve, v0=start)
+        return values, vectors
+
+    def _free_modes(self, M: Array, K: Array) -> tuple[Array, Array]:
+        """Squared angular frequencies (n,) and modes (reduced, n), of modal mass 1, of the reduced free body without its six
+        rigid motions, to which the modes are orthogonal exactly."""
+        from scipy.linalg import eigh, null_space
+
+        rigid = np.zeros((len(M), 6))
+        rigid[: 6 * len(self.places)] = np.vstack([rigid_motions(place[None], self.center, 6) for place in self.places])
+        size = np.sqrt(np.maximum(M.diagonal(), 0))
+        if not np.min(size) > 0:
+            raise OptionError("M gives a motion of an interface no inertia: give consistent masses, or its nodes rotary inertia")
+        M, K = (A / np.outer(size, size) for A in (M, K))
+        given = M @ (rigid * size[:, None])
+        elastic = null_space((given / np.linalg.norm(given, axis=0)).T)
+        if not elastic.shape[1]:
+            return np.zeros(0), np.zeros((len(M), 0))
+        values, vectors = eigh(elastic.T @ K @ elastic, elastic.T @ M @ elastic)
+        speed = np.sqrt(abs(values[0])) / (2 * np.pi) * self.size
+        if free := int(np.sum(values <= 1e-13 * values[-1])):
+            raise OptionError(f"K lets the body deform without force (a mechanism): {free} motions that are not rigid have no "
+                              f"stiffness")
+        if speed > FASTEST:
+            raise OptionError(f"the lowest frequency of the free body is {speed / self.size:.3g} Hz, at a size of {self.size:g} "
+                              f"m, more than waves in solids allow: are M in kg, K in N/m, nodes in m?")
+        return values, elastic @ vectors / size[:, None]
+
+
+LEAVES = 1e-3  #: largest `left_out` of modes=None
+
+
+@dataclass(frozen=True)
+class _Scaled:
+    """Factors of D A D, that solve with A."""
+
+    factors: Any
+    D: Array
+
+    def solve(self, b: Array) -> Array:
+        D = self.D if b.ndim == 1 else self.D[:, None]
+        return np.asarray(D * self.factors.solve(np.ascontiguousarray(D * b)))
+
+
+def _by(matrix: Any) -> str:
+    return f"{matrix.shape[0]} by {matrix.shape[1]}"
+
+
+def _matrix(name: str, given: Any) -> Any:
+    """The matrix as CSC, symmetric and finite."""
+    if not issparse(given):
+        given = option(name, given, array, "give a square matrix, full or SciPy sparse")
+        if given.ndim != 2:
+            raise OptionError(f"{name} has {given.ndim} dimensions: give a square matrix, full or SciPy sparse")
+    found = sp.csc_matrix(given, dtype=float)
+    if found.shape[0] != found.shape[1] or not found.shape[0]:
+        raise OptionError(f"{name} is {_by(found)}: give a square matrix, full or SciPy sparse")
+    if not np.all(np.isfinite(found.data)):
+        raise OptionError(f"{name} has entries that are not finite")
+    off, size = abs(found - found.T), float(abs(found).max())
+    if size == 0 or off.max() > ROUNDED * size:
+        raise OptionError(f"{name} is {'zero' if size == 0 else 'not symmetric'}: give the whole symmetric matrix, not a half")
+    return sp.csc_matrix((found + found.T) / 2)
+
+
+def _factors(matrix: Any) -> Any:
+    """LU factors with a symmetric order and pivots on the diagonal, whose signs are those of the eigenvalues."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def _pivots(factors: Any) -> Array:
+    """The pivots; 0 where one had to be taken off the diagonal, as in an indefinite matrix alone."""
+    return np.asarray(factors.U.diagonal()) if np.array_equal(factors.perm_r, factors.perm_c) else -np.ones(1)
+
+
+def _positive(name: str, matrix: Any, freedom: Any) -> None:
+    """Refuse a matrix with a negative eigenvalue; freedoms may have none of it."""
+    size = matrix.diagonal()
+    scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
+    if np.any(size == 0) and abs(matrix).sum(axis=0).A1[size == 0].max(initial=0) > 0:
+        raise OptionError(f"{name} is indefinite: {freedom(np.flatnonzero(size == 0)[0])} has no mass but couples")
+    D = sp.diags(scale)
+    scaled = sp.csc_matrix(D @ matrix @ D + ROUNDED * sp.identity(len(size)))
+    if len(size) <= DENSE:
+        least = np.linalg.eigvalsh(scaled.toarray())[0]
+    else:  # Lanczos takes a twentieth of the time of factors; a rough value has the right sign
+        start = np.random.default_rng(0).standard_normal(len(size))
+        least = eigsh(scaled, 1, which="SA", tol=1e-2, v0=start, maxiter=100 * len(size),
+                      return_eigenvectors=False)[0]
+    if least < 0:
+        raise OptionError(f"{name} is indefinite: some motion has a negative kinetic energy")

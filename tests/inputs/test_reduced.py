@@ -1,0 +1,136 @@
+"""Reduced bodies: modes against closed forms and the whole matrices, motion against rigid bodies and beams, errors."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.linalg import eigh
+
+import mbdae as mb
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from beam_matrices import DENSITY, LENGTH, PER_LENGTH, SECOND, beam_matrices
+
+ENDS = {"root": [0], "tip": [10]}
+TIP = (0.958541919, -0.285008145)  #: m, of the soft pendulum after 0.2 s, by a run to an accuracy of 1e-7
+
+
+def reduced(modes: int | None, E: float = 2.1e11, interfaces: Any = ENDS) -> mb.ReducedBody:
+    return mb.ReducedBody.craig_bampton(*beam_matrices(10, E), interfaces, modes)
+
+
+def test_rigid_motions_are_exact_and_free_frequencies_those_of_the_whole_matrices() -> None:
+    M, K, _ = beam_matrices(10)
+    whole = np.sqrt(eigh(K.toarray(), M.toarray(), eigvals_only=True)[6:14]) / (2 * np.pi)
+    body = reduced(None)
+    np.testing.assert_allclose(body.frequencies[:8], whole, rtol=1e-4)
+    assert 0 < body.left_out <= 1e-3
+    # rotary inertia lowers the first free frequency of Bernoulli's beam by 4e-4 in each of the first two modes
+    np.testing.assert_allclose(2 * np.pi * body.frequencies[0], 22.3733 * np.sqrt(2.1e11 * SECOND / PER_LENGTH), rtol=1e-3)
+    assert (body.mass, body.center[0]) == pytest.approx((PER_LENGTH, LENGTH / 2), rel=1e-12)
+    across = PER_LENGTH / 12 + DENSITY * SECOND * LENGTH
+    np.testing.assert_allclose(body.inertia, np.diag([2 * DENSITY * SECOND, across, across]), rtol=1e-9, atol=1e-12)
+
+
+def test_points_have_the_inertia_of_the_body_and_of_its_modes() -> None:
+    body = reduced(4)
+    place, moved, mass = body.points[:, :, 0], body.points[:, :, 1:], body.mass / len(body.points)
+    np.testing.assert_allclose(mass * (np.trace(place.T @ place) * np.eye(3) - place.T @ place), body.inertia, atol=1e-12)
+    size = np.sqrt(body.modal_mass)
+    found = mass * np.einsum("pca,pcb->ab", moved, moved) / size / size[:, None]
+    np.testing.assert_allclose(found, np.eye(len(size)), atol=1e-12)
+    assert np.max(np.abs(np.cross(place[:, :, None], moved, axis=1).sum(axis=0))) < 1e-12
+
+
+def test_a_block_of_three_freedoms_a_node_has_its_interfaces_at_faces() -> None:
+    """A rod of cubes, springs along edges and diagonals: its faces are held plane, which stiffens it a little."""
+    grid = np.array([[x, y, z] for x in range(4) for y in range(2) for z in range(2)], dtype=float)
+    K = np.zeros((48, 48))
+    for i, j in zip(*np.tril_indices(16, -1), strict=True):
+        n = (grid[i] - grid[j]) / np.linalg.norm(grid[i] - grid[j])
+        near = 1e6 if np.linalg.norm(grid[i] - grid[j]) < 1.8 else 0.0
+        for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            K[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] += sign * near * np.outer(n, n)
+    body = mb.ReducedBody.craig_bampton(sp.identity(48), K, grid, {"left": [0, 1, 2, 3], "right": [12, 13, 14, 15]}, 6)
+    held = np.linalg.solve(K[12:, 12:], np.repeat([0, 1.0], [24, 12]) * np.tile([1.0, 0, 0], 12))
+    stretch = float(np.sum((body.interface_shapes["right"] - body.interface_shapes["left"])[0] ** 2 / body.modal_stiffness))
+    assert 0.8 * held[24::3].mean() / 4 < stretch < held[24::3].mean() / 4
+
+
+M, K, NODES = beam_matrices(4)
+APART = sp.block_diag([beam_matrices(2)[0]] * 2), sp.block_diag([beam_matrices(2)[1]] * 2), np.vstack(
+    [beam_matrices(2)[2], beam_matrices(2)[2] + [2, 0, 0]])
+ORDER = np.arange(30).reshape(5, 6).T.ravel()
+NEGATIVE = sp.csc_matrix(M + sp.csc_matrix(([-5e-3, -5e-3], ([9, 15], [15, 9])), shape=(30, 30)))
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ((M, -K, NODES, {"a": [0]}), "K is indefinite"), ((NEGATIVE, K, NODES, {"a": [0]}), "M is indefinite"),
+    ((M[ORDER][:, ORDER], K[ORDER][:, ORDER], NODES, {"a": [0]}), "not in the order ux uy uz rx ry rz, node by node"),
+    ((M, K, 1e3 * NODES, {"a": [0]}), "nodes are in another order or unit"),
+    ((M * 1e-14, K, NODES, {"a": [0]}), "M in kg, K in N/m"),
+    ((M, K + sp.diags([1e9] * 3 + [0.0] * 27), NODES, {"a": [0]}), "ux of node 0: give K without supports"),
+    ((*APART, {"a": [0]}), "mechanism"), ((*APART, {"a": [0], "b": [3]}), "motions that are not rigid have no stiffness"),
+    ((M, K, NODES, {"a": []}), "interfaces['a'] has no nodes"), ((M, K, NODES, {"a": [5]}), "0 to 4"),
+    ((M, K, NODES, {"a": [0], "b": [0]}), "which interface 'a' has too"), ((M, K, NODES, None), "interfaces = None"),
+    ((M, sp.triu(K), NODES, {"a": [0]}), "K is not symmetric"), ((M, K, NODES, {"a": [0]}, 99), "modes = 99"),
+    ((M, K, NODES[:4], {"a": [0]}), "for 4 nodes"), ((M, K, "nodes", {"a": [0]}), "nodes = 'nodes'"),
+], ids=lambda part: part if isinstance(part, str) else "")
+def test_what_is_no_free_body_is_refused_with_the_reason(given: Any, words: str) -> None:
+    with pytest.raises(mb.OptionError) as refused:
+        mb.ReducedBody.craig_bampton(*given)
+    assert words in str(refused.value)
+
+
+def test_a_cantilever_bends_as_bernoulli_says() -> None:
+    s = mb.Scene("cantilever")
+    s.reduced_body("beam", reduced(0), at=(0.3, 0.2, 0.1))
+    s.weld("wall", s.ground, "beam.root", at=(0.3, 0.2, 0.1))
+    s.force("F", "beam.tip", (0, 1e-3 * 2.1e11 * SECOND, 0))  # so small that the square of the deflection does not count
+    deflection = s.equilibrium()["beam.tip"].position[0, 1] - 0.2
+    assert deflection == pytest.approx(1e-3 / 3, rel=1e-6)
+    s = mb.Scene("cantilever")
+    s.reduced_body("beam", reduced(8))
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    M, K, _ = beam_matrices(10)
+    whole = np.sqrt(eigh(K.toarray()[6:, 6:], M.toarray()[6:, 6:], eigvals_only=True))
+    found = np.unique(np.round(np.abs(s.linearize().eigenvalues.imag), 3))
+    np.testing.assert_allclose(found[:2], whole[[0, 2]], rtol=2e-4)
+
+
+def thrown(s: mb.Scene, add: Any) -> Any:
+    add(velocity=(1, 2, 3), angular_velocity=(5.0, 3.0, 20.0))
+    return s.simulate(0.1, accuracy=1e-5)
+
+
+def test_a_stiff_one_flies_as_the_rigid_body_and_keeps_momentum_and_energy() -> None:
+    s, rigid = mb.Scene("flexible", gravity=(0, 0, -9.81)), mb.Scene("rigid", gravity=(0, 0, -9.81))
+    body = mb.ReducedBody.craig_bampton(*beam_matrices(2, 2.1e13), {"root": [0]}, 2)
+    r = thrown(s, lambda **k: s.reduced_body("rod", body, damping=1.0, **k))
+    q = thrown(rigid, lambda **k: rigid.rigid_body("rod", body.mass, body.inertia, at=body.center, **k))
+    np.testing.assert_allclose(r["rod"].position, q["rod"].position, atol=1e-6)
+    np.testing.assert_allclose(r["rod"].angular_velocity, q["rod"].angular_velocity, rtol=1e-4, atol=1e-3)
+    # about the centre of mass all angular momentum is that of the points
+    names = [f"rod.inertia {i + 1}" for i in range(len(body.points))]
+    mass = body.mass / len(names)
+    about = sum(mass * np.cross(r[n].position - body.center, r[n].velocity) for n in names)
+    assert np.max(np.abs(about - about[0])) < 1e-5 * np.linalg.norm(about[0])
+    assert np.max(np.abs(r.energy.total - r.energy.total[0])) < 1e-3 * r.energy.kinetic[0]
+
+
+@pytest.mark.parametrize("solver", [None, "ida", "dop853", "generalizedalpha"])
+def test_a_soft_pendulum_keeps_its_energy_with_every_solver_and_is_told(solver: str | None) -> None:
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.reduced_body("rod", reduced(0, E=2.1e9))
+    s.revolute("hinge", s.ground, "rod.root", at=(0, 0, 0))
+    with pytest.warns(mb.AccuracyWarning, match=r"stiffening by centrifugal forces"):
+        r = s.simulate(0.2, accuracy=1e-4, solver=solver) if solver else s.simulate(0.2, accuracy=1e-4)
+    np.testing.assert_allclose(r["rod.tip"].position[-1, :2], TIP, atol=3e-4)
+    assert np.max(np.abs(r.energy.total - r.energy.total[0])) < 3e-3 * np.max(r.energy.kinetic)
+
