@@ -76,7 +76,7 @@ def test_a_rigid_scene_imports_nothing_for_beams_contacts_and_other_solvers(then
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.npz")], capture_output=True, text=True, check=True)
     modules = done.stdout.split()
     needless = {"laws.beam", "laws.line_mesh", "laws.contact", "laws.friction", "laws.journal", "laws.surfaces",
-                "symbolic.line", "kernels.beam", "kernels.line", "kernels.line_nodes",
+                "symbolic.line", "kernels.line", "kernels.line_nodes",
                 "kernels.line_program", "system.model.beams", "system.start_of_beams",
                 "results.beams", "integrators.contact_steps", "integrators.sundials", "native.sundials",
                 "native.sundials_library", "integrators.alpha_step", "integrators.generalized_alpha", "integrators.one_step"}

@@ -24,7 +24,7 @@ from scipy.sparse.linalg import splu, spsolve
 
 from mbdae.analysis.frame import IDENTITY, attitude, body_of, frame_at, stresses_of
 from mbdae.analysis.modes import growth, softest_beam
-from mbdae.analysis.pencil import Pencil, complete_system
+from mbdae.analysis.pencil import ROUNDED, Pencil, complete_system
 from mbdae.analysis.reduced import errors_of, free_basis, reduced
 from mbdae.analysis.spectrum import Spectrum, spectrum
 from mbdae.analysis.state import pencil_with_errors, structure
@@ -105,14 +105,16 @@ class DenseStiffness:
     """The stiffness of small scenes, by singular values and eigenvalues."""
 
     def __init__(self, T: Tangent) -> None:
+        size = np.abs(T.N) / T.units[:, None]
         self.T, self.full = T, T.condensed.toarray()
-        self.reduced = T.N.T @ self.full @ T.N
+        self.N = np.where(size <= ROUNDED * np.max(size, axis=0, initial=0.0), 0.0, T.N)  # nothing moves by rounding
+        self.reduced = self.N.T @ self.full @ self.N
 
     @cached_property
     def scales(self) -> Array:
         """(freedoms,) roots of the sizes of the stiffnesses, so that one spring does not hide another; where one has none, the
         root of what rounding of the largest leaves."""
-        size = np.abs(self.T.N).T @ np.abs(self.full) @ np.abs(self.T.N)
+        size = np.abs(self.N).T @ np.abs(self.full) @ np.abs(self.N)
         largest = float(np.max(size, initial=0.0))
         return np.sqrt(np.maximum(np.diagonal(size), ROUND_OFF**2 * largest)) if largest else np.ones(len(size))
 

@@ -157,7 +157,7 @@ def _by_stages(E: Array, A: Array) -> tuple[Complex, Complex, Array]:
 
 def _solved(E: Array, A: Array, shift: float | None) -> tuple[Complex, Complex, Array]:
     """Roots, vectors and errors (n,) from one standard problem: that of E^-1 A, or the inverse one about a shift."""
-    S = -_solve(E, A) if shift is None else -_solve(A + shift * E, E)
+    S = -solved(E, A) if shift is None else -solved(A + shift * E, E)
     balanced, (scale, order) = scipy.linalg.matrix_balance(S, separate=True)
     found, left, right = scipy.linalg.eig(balanced, left=True, right=True)
     V = np.empty_like(right)
@@ -174,7 +174,7 @@ def _solved(E: Array, A: Array, shift: float | None) -> tuple[Complex, Complex, 
     return values.astype(complex), V.astype(complex), error
 
 
-def _solve(Z: Any, right: Any) -> Any:
+def solved(Z: Any, right: Any) -> Any:
     """Z^-1 right with rows and columns scaled to largest entries of 1; a singular Z is changed by rounding."""
     rows, columns = scales(Z)
     scaled = Z * rows[..., :, None] * columns[..., None, :]
@@ -224,8 +224,8 @@ def _improved(E: Array, A: Array, values: Complex, V: Complex, W: Complex,
         begin = lam.copy()
         for _ in range(3):
             Z = (lam * (1 + 2 * EPS))[:, None, None] * E + A
-            v = _normed(_solve(Z, (v @ E.T)[..., None])[..., 0])
-            w = _normed(_solve(Z.conj().transpose(0, 2, 1), (w @ E)[..., None])[..., 0])
+            v = _normed(solved(Z, (v @ E.T)[..., None])[..., 0])
+            w = _normed(solved(Z.conj().transpose(0, 2, 1), (w @ E)[..., None])[..., 0])
             below = np.einsum("kn,kn->k", w.conj(), v @ E.T)
             step = -np.einsum("kn,kn->k", w.conj(), v @ A.T + lam[:, None] * (v @ E.T))
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -250,7 +250,7 @@ def _normed(x: Complex) -> Complex:
 
 def _left(E: Array, V: Complex) -> Complex:
     """Left vectors W with W^H E V = 1."""
-    return np.asarray(_solve((E @ V).astype(complex), np.eye(len(E), dtype=complex)).conj().T)
+    return np.asarray(solved((E @ V).astype(complex), np.eye(len(E), dtype=complex)).conj().T)
 
 
 # -- errors

@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from mbdae.analysis.reduced import Reduced
-from mbdae.analysis.roots import EPS, Roots, parts, roots, scales, sign
+from mbdae.analysis.roots import EPS, Roots, parts, roots, scales, sign, solved
 from mbdae.errors import OptionError
 from mbdae.system.base import Array
 
@@ -215,8 +215,11 @@ def _null(E: Array, A: Array, dA: Array) -> tuple[Array, Any]:
     where the other directions are not clearly apart from these."""
     rows, columns = scales(np.abs(E) + np.abs(A))
     scaled, off = A * rows[:, None] * columns, dA * rows[:, None] * columns
+    least = float(np.linalg.norm(off)) + len(A) * EPS * float(np.linalg.norm(scaled))
+    x = solved(scaled, np.random.default_rng(13).normal(size=(len(A), 1)))
+    if np.max(np.abs(x)) * least <= NEXT / len(A):  # far from singular: no decomposition is needed
+        return np.zeros((len(A), 0)), 0.0
     _, sizes, directions = np.linalg.svd(scaled)
-    least = float(np.linalg.norm(off)) + len(A) * EPS * float(sizes[0])
     V = directions[sizes <= least].T
     if not V.shape[1] or np.any((sizes > least) & (sizes * NEXT <= least)):
         return V[:, :0], 0.0

@@ -171,7 +171,7 @@ def structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: Whole
     def shifted(p: Any) -> bool:
         p = whole(p) * np.sqrt(weights)
         if still:
-            return laws().none_resists(p)
+            return laws().none_resists(np.where(np.abs(p) <= STILL * np.max(np.abs(p)), 0.0, p))
         turned = basis(system, m, frame, q, u).C.T @ u
         moves = np.hstack([free_shifts(m.model, frame, q, turned), *spins(m.model, frame, turned)]) * np.sqrt(weights)[:, None]
         off = p - moves @ np.linalg.lstsq(moves, p, rcond=None)[0]

@@ -212,7 +212,7 @@ class Lists:
         """M dx = db - dM x."""
         part, by, f = self.tangent, self.width, step.fields
         for right in f["outputs"] + f["count"] * np.arange(f["times"]):
-            cell, row, column = _entries(step)
+            cell, row, column = entries(step)
             part.multiply(right + row + by, cell + by, right + column, -1.0)
             self._solved(part, i, step, right + by)
 
@@ -252,7 +252,7 @@ class Lists:
         elif kind != POSITIVE:  # b' = M^-T x', and M' = -b' x^T
             for right in fields["outputs"] + fields["count"] * np.arange(fields["times"]):
                 self._solved(part, i, step, right + by, transposed=True)
-                cell, row, column = _entries(step)
+                cell, row, column = entries(step)
                 part.multiply(cell + by, right + row + by, right + column, -1.0)
 
     def _back_call(self, part: Operations, step: Step, some: slice, first: int) -> None:
@@ -327,7 +327,7 @@ class Lists:
         return out
 
 
-def _entries(step: Step) -> tuple[Index, Index, Index]:
+def entries(step: Step) -> tuple[Index, Index, Index]:
     """Slots of the entries of the matrix of CHOLESKY, SOLVE or LU, with their rows and columns; of a band, which holds one half
     of a symmetric matrix, those beside the diagonal twice."""
     f, n = step.fields, step.fields["count"]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, naming_arguments
-from mbdae.export import languages, text
+from mbdae.export import fmi, languages, text
 from mbdae.export.program import RATES, Entry, Program, force_of, node_units, rate_of
 from mbdae.export.scene import scene_program
 from mbdae.files import write_file
@@ -210,7 +210,7 @@ __all__ = ["Entry", "Export", "export"]
 
 #: format -> function that writes it, and suffix of its files
 FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (languages.source, ".c"), "casadi": (text.casadi_text, ".py"),
-           "latex": (text.latex_text, ".tex")}
+           "latex": (text.latex_text, ".tex"), "jax": (text.jax_text, ".py"), "fmi": (fmi.description, ".fmu")}
 
 
 @dataclass(frozen=True, repr=False)
@@ -265,7 +265,7 @@ class Export:
             raise OptionError(f"path = '{named}': a file of format '{self.format}' ends in {suffix}; name it so")
         if self.format == "c":
             write_file(named.with_suffix(".h"), self.header)
-        return write_file(named, self.text)
+        return write_file(named, self.text if self.format != "fmi" else fmi.unit_file(self.program))
 
     def __getitem__(self, name: str) -> Any:
         """One function by its name; OptionError where there is none, or where CasADi is not installed."""
@@ -275,11 +275,11 @@ class Export:
                 raise OptionError(f"name = {shown(name)}: the export of {self.program.title} lacks this function: {why_missing}")
             raise OptionError(f"name = {shown(name)}: the export of {self.program.title} has no such function; it has "
                               f"{', '.join(self.program.functions)}")
-        if self.format == "c":
+        if self.format in ("c", "fmi"):
             return f"{languages.identifier(self.program.title)}_{name}"
         if self.format == "latex":
             return text.latex_equations(self.program, self.program.functions[name])
-        return self._module[name] if self.format == "casadi" else (self._module[f"{name}_steps"], self._module[name])
+        return (self._module[f"{name}_steps"], self._module[name]) if self.format == "sympy" else self._module[name]
 
     @cached_property
     def _module(self) -> dict[str, Any]:
@@ -288,7 +288,7 @@ class Export:
         try:
             exec(compile(self.text, f"<{self.program.title}>", "exec"), space)
         except ModuleNotFoundError as missing_package:
-            raise OptionError(f"format = 'casadi': {missing_package}; pip install 'mbdae[casadi]'") from None
+            raise OptionError(f"format = '{self.format}': {missing_package}; pip install 'mbdae[{self.format}]'") from None
         return space
 
 
@@ -314,7 +314,12 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
         if frames is not None or options:
             name = "frames" if frames is not None else next(iter(options))
             raise OptionError(f"{name} is an option for classes of laws, such as mb.Revolute; a scene takes form= instead")
-        program = scene_program(what, form_of(form) if form is not None else None)
+        own = form_of(form) if form is not None else None
+        if format == "fmi":
+            program = fmi.unit_program(what, own)
+        else:
+            program, _ = scene_program(what, own)
+            program.drop_parameters()
     elif form is not None:
         raise OptionError(f"form = {shown(form)}: only a scene has a form; leave it out for a law")
     else:

@@ -12,7 +12,7 @@ import symengine as se
 
 import mbdae.native
 from mbdae.export.program import Entry, Function, Program, weights
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, SET, Step
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, SET, SOLVE, Step
 from mbdae.symbolic.program import Language, called, steps
 from mbdae.symbolic.vectors import Expr
 
@@ -93,8 +93,19 @@ CASADI = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), 
     "Max": _folded("fmax"), "Min": _folded("fmin"), "erfc": lambda a: f"(1 - erf({a}))", "And": _folded("logic_and"),
     "Or": _folded("logic_or"), "Piecewise": _chosen("if_else({1}, {0}, {2})", 'float("nan")')})
 SYMPY = Language(_sympy_number, _power("1", "({0} ** {1})", False), _EQUAL | _calls(
-    "Abs ceiling erfc gamma loggamma Max Min And Or Not Equality=Eq Unequality=Ne") | {
+    "Abs ceiling erfc gamma=gamma_function loggamma Max Min And Or Not Equality=Eq Unequality=Ne") | {
     "Piecewise": _pairs, "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False"})
+
+JAX = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), _EQUAL | _calls(
+    "Abs=abs ceiling=ceil erfc gamma=gamma_function loggamma Not=logical_not") | {
+    "Max": _folded("maximum"), "Min": _folded("minimum"), "And": _folded("logical_and"), "Or": _folded("logical_or"),
+    "Equality": _infix("=="), "Unequality": _infix("!="), "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False",
+    "UnevaluatedExpr": lambda a: a, "Piecewise": _chosen("where({1}, {0}, {2})", "nan")})
+
+
+def size_of(f: Function) -> int:
+    """Size of the work array of a function."""
+    return 1 + max([int(f.at.max(initial=0)), max(f.reads, default=0), *(step.slots[1] for step in f.steps)])
 
 
 def described(entries: Sequence[Entry]) -> list[str]:
@@ -135,6 +146,7 @@ def header(program: Program) -> str:
     for f in program.functions.values():
         places = [f"   entries at the places {name}_rows, {name}_columns, all of the one matrix, then all of the other"]
         told = places if f.name == "jacobian" and program.pattern is not None else _listed(f.outputs)
+        told = [f"   {f.shape[0]} x {f.shape[1]}"] if f.shape else told
         lines += ["", f"/* {f.meaning}; out[{len(f.outputs)}]:", *told, "*/", f"{_signature(name, f)};"]
     return "\n".join([*lines, ""])
 
@@ -160,11 +172,13 @@ def _signature(name: str, f: Function) -> str:
 
 def source(program: Program) -> str:
     """The C file; it includes only math.h and string.h."""
-    return _File(program).text()
+    return File(program).text()
 
 
-class _File:
+class File:
     """Collects the parts of a C file as they are needed."""
+
+    language = C
 
     def __init__(self, program: Program) -> None:
         self.program, self.name = program, identifier(program.title)
@@ -173,6 +187,7 @@ class _File:
         self.parts: list[str] = []
 
     def text(self) -> str:
+        """The whole file."""
         bodies = [self._function(f) for f in self.program.functions.values()]  # which appends to `parts`
         body = "\n".join([*self.parts, *bodies])
         place = Path(mbdae.native.__file__)
@@ -194,9 +209,8 @@ class _File:
 
     def _function(self, f: Function) -> str:
         """C text of one exported function."""
-        p, lines = self.program, list[str]()
-        for vector in f.arguments:
-            pairs = p.slots[vector][[int(s) in f.reads for s in p.slots[vector][:, 1]]].reshape(-1, 2)
+        lines = list[str]()
+        for vector, pairs in self.program.read_by(f):
             if not len(pairs):
                 lines.append(f"(void){vector};")
             elif vector == "t":
@@ -206,7 +220,7 @@ class _File:
         for step in f.steps:
             lines += self._step(step)
         lines += self._each("out[{}] = W[{}];", (np.arange(len(f.at)), 0), (f.at, 0))
-        size = 1 + max([int(f.at.max(initial=0)), *(step.slots[1] for step in f.steps), *(max(f.reads, default=0),)])
+        size = size_of(f)
         static = "static " if size > ON_STACK else ""
         widest = max((s.fields["inputs"] for s in f.steps if s.fields["kind"] == CALL), default=0)
         begin = [f"{static}double W[{size}]{f', X[{widest}]' if widest else ''};", "memset(W, 0, sizeof W);"]
@@ -227,6 +241,9 @@ class _File:
         if kind == CHOLESKY:
             return [f"if (band_factors({count}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
                     f"band_solve({count}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]
+        if kind == SOLVE:
+            return [f"band_solve({count}, {f['inputs']}, W + {f['first']}, W + {f['outputs'] + k * count});"
+                    for k in range(f["times"])]
         if kind == LU:
             return [f"if (full_solve({count}, {f['times']}, W + {f['first']}, W + {f['outputs']}) >= 0) return 1;"]
         if kind == POSITIVE:
@@ -274,21 +291,27 @@ class _File:
         if key not in self.kernels:
             self.kernels[key] = name = f"kernel{len(self.kernels)}"
             names = {s: f"x[{i}]" for i, s in enumerate(kernel.symbols)}
-            shared, outputs = steps([se.sympify(kernel.expressions[o]) for o in used], names, C)
-            lines = [f"  const double {a} = {text};" for a, text in shared]
-            lines += [f"  out[{o}] = {text};" for o, text in zip(used, outputs, strict=True)]
-            body = "\n".join(lines)
-            self.parts.append(f"static void {name}(const double *x, double *out) {{\n{body}\n}}\n")
+            self.parts.append(self._written(name, used, *steps([se.sympify(kernel.expressions[o]) for o in used], names,
+                                                               self.language)))
         return self.kernels[key]
+
+    def _written(self, name: str, used: tuple[int, ...], shared: list[tuple[str, str]], outputs: list[str]) -> str:
+        lines = [f"  const double {a} = {text};" for a, text in shared]
+        lines += [f"  out[{o}] = {text};" for o, text in zip(used, outputs, strict=True)]
+        body = "\n".join(lines)
+        return f"static void {name}(const double *x, double *out) {{\n{body}\n}}\n"
 
     def _table(self, values: Any) -> str:
         """Name of a constant table; equal tables are written once."""
         values = np.ascontiguousarray(values)
-        key = values.dtype.kind.encode() + values.tobytes()
+        key = f"{values.dtype.kind}{values.shape}".encode() + values.tobytes()
         if key not in self.tables:
             self.tables[key] = name = f"T{len(self.tables)}"
-            self.parts.append(f"static const {'double' if values.dtype.kind == 'f' else 'int'} {name}[] = {_listing(values)};")
+            self.parts.append(self._constant(name, values))
         return self.tables[key]
+
+    def _constant(self, name: str, values: Any) -> str:
+        return f"static const {'double' if values.dtype.kind == 'f' else 'int'} {name}[] = {_listing(values)};"
 
 
 def _entry(value: Any) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.inputs.sensed import path_of
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, READ, SET, Operations, Scene, Step, core
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, READ, SET, SOLVE, Operations, Scene, Step, core
 from mbdae.reports.scene_equations import parameter_unit, unit_of_row
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.rebuild import symbols_of
@@ -40,7 +40,8 @@ class Function:
     """An exported function as operations on one work array, whose places are called slots.
 
     outputs: entries; at: their slots; arguments: names of the input vectors; steps: operations, those that call a kernel with a
-    field `used` (numbers of the kernel's values that matter); reads: slots whose initial numbers outputs depend on."""
+    field `used` (numbers of the kernel's values that matter); reads: slots whose initial numbers outputs depend on; shape: of a
+    matrix, whose entries are stored row by row, else ()."""
 
     name: str
     meaning: str
@@ -49,6 +50,7 @@ class Function:
     at: Index
     steps: tuple[Step, ...]
     reads: frozenset[int]
+    shape: tuple[int, ...] = ()
 
 
 @dataclass
@@ -57,7 +59,8 @@ class Program:
 
     title: what is exported; inputs: entries of the vectors by name ("t", "y", "yp", "p", "signals", of a law "x" and "p"); slots:
     pairs (entry, slot) by vector, where inputs are written; numbers: initial values of the work array, followed by zeros;
-    pattern: rows and columns of the entries of the Jacobian; missing: {function that cannot be given: reason}."""
+    pattern: rows and columns of the entries of the Jacobian; missing: {function that cannot be given: reason};
+    nominal: typical magnitudes of y; span: a typical time of the scene, s."""
 
     title: str
     operations: Operations
@@ -67,12 +70,14 @@ class Program:
     pattern: tuple[Index, Index] | None = None
     functions: dict[str, Function] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
+    nominal: Array = field(default_factory=lambda: np.zeros(0))
+    span: float = 1.0
 
     def __post_init__(self) -> None:
         self.slots = {name: np.array(pairs, dtype=np.int64).reshape(-1, 2) for name, pairs in self.slots.items()}
 
     def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
-            part: Operations) -> None:
+            part: Operations, shape: tuple[int, ...] = ()) -> None:
         """Add a function. at: slots of its outputs; part: operations that compute them, of which those without influence on the
         outputs are left out. Signals, where there are any, are an argument of every function."""
         arguments = [*arguments, *(["signals"] if "signals" in self.inputs else [])]
@@ -85,7 +90,7 @@ class Program:
             if len(run):
                 begin.load(int(run[0]), W[run])
         self.functions[name] = Function(name, meaning, tuple(arguments), tuple(outputs), at, (*begin.steps, *steps),
-                                        frozenset(np.flatnonzero(live).tolist()))
+                                        frozenset(np.flatnonzero(live).tolist()), shape)
 
     def given(self, vectors: Mapping[str, Any]) -> Array:
         """The array with the values of the inputs in their slots."""
@@ -94,6 +99,12 @@ class Program:
             entries, slots = self.slots[name].T
             W[slots] = np.asarray(values, dtype=float)[entries]
         return W
+
+    def read_by(self, f: Function) -> Iterator[tuple[str, Index]]:
+        """Every argument of a function, with the pairs (entry, slot) that the function reads."""
+        for vector in f.arguments:
+            pairs = self.slots[vector]
+            yield vector, pairs[[int(slot) in f.reads for slot in pairs[:, 1]]].reshape(-1, 2)
 
     def drop_parameters(self) -> None:
         """Remove from the input vector "p" the parameters that no function reads."""
@@ -121,8 +132,8 @@ def reach(step: Step, name: str) -> Index:
 
 def shifted(step: Step, by: int) -> Step:
     """The operation on slots that are `by` places higher."""
-    slots = {CHOLESKY: ("first", "outputs"), LU: ("first", "outputs"), LOOKUP: ("first", "inputs", "outputs")}.get(
-        step.fields["kind"], ("first",))
+    kind = step.fields["kind"]
+    slots = ("first", "outputs", *["inputs"] * (kind == LOOKUP)) if kind in (CHOLESKY, SOLVE, LU, LOOKUP) else ("first",)
     fields = {name: value + by if name in slots else value for name, value in step.fields.items()}
     tables = {name: table + by * (name != "weight") for name, table in step.tables.items()}
     return Step(fields, tables, (step.slots[0] + by, step.slots[1] + by))
@@ -213,7 +224,7 @@ def _of_check(step: Step, live: NDArray[np.bool_]) -> Step:
     return step
 
 
-_USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve,
+_USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve, SOLVE: _of_solve,
          LOOKUP: _of_lookup}
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +23,17 @@ from mbdae.export.program import (
 )
 from mbdae.formulations import Form, Index1, default_form, system_for
 from mbdae.kernels.plan import plan
-from mbdae.native.program import Operations
+from mbdae.native.program import Operations, Step
 from mbdae.results.sensors import reaction_outputs
 from mbdae.scene.components import Kinematic
+from mbdae.scene.sensed import rates_of
+from mbdae.symbolic.outputs import coordinate
 from mbdae.symbolic.tree_motion import Open
 from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
-from mbdae.system.model.numbering import Numbering
+from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.prepare import Prepared, prepare
 
 Index = NDArray[np.intp]
@@ -37,8 +41,9 @@ STATE = ("t", "y", "p")
 ALL = ("t", "y", "yp", "p")
 
 
-def scene_program(scene: Any, form: Form | None) -> Program:
-    """residual, jacobian and joint_forces of a scene; rates too where the formulation has y' = f(t, y)."""
+def scene_program(scene: Any, form: Form | None) -> tuple[Program, Made]:
+    """residual, jacobian, mass matrix and the like, sensors and joint_forces of a scene, rates too where the form has
+    y' = f(t, y); with the operations from which they are made. Parameters that no function reads are still there."""
     prepared = prepare(scene)
     # trees that are evaluated joint by joint have no function to export: their joints are exported as kinematic ones
     if prepared.all_bodies.moved.ordered:
@@ -46,8 +51,9 @@ def scene_program(scene: Any, form: Form | None) -> Program:
     system = system_for(prepared, form if form is not None else default_form(prepared))
     full = getattr(system, "full", system.assembly)  # the formulation with multipliers, where they are eliminated
     assembly = Assembly(full.model, full.numbering.rows, full.spec, False, prepared.all_bodies.moved.opened(prepared.model))
-    made = _Made(assembly, system.n, assembly.moved.written(assembly.model))
+    made = Made(assembly, system.n, assembly.moved.written(assembly.model))
     program = made.program(f"{scene.name}, form {system.label}", system)
+    program.nominal, program.span = system.scale, prepared.time
     if full is system.assembly:
         e, rows = made.e, list(map(Entry, system.equations, row_units(made.assembly)))
         program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(made.n), made.part(e.residual_part))
@@ -56,12 +62,15 @@ def scene_program(scene: Any, form: Form | None) -> Program:
             made._rates(program, e.rates, made.part(e.rates_part))
     else:
         made.eliminated(program)
-    _joint_forces(made, program, prepared, full is not system.assembly)
-    program.drop_parameters()
-    return program
+    _mechanics(made, program)
+    if prepared.model.scene.connections or prepared.model.scene.bodies:
+        every = _of_all(made, program, prepared, full is not system.assembly)
+        _sensors(every, program, prepared)
+        _joint_forces(every, program, prepared)
+    return program, made
 
 
-class _Made:
+class Made:
     """The operations of a scene with slots for its inputs. n: number of unknowns of the exported equations; fixed: see
     `MovedBodies.written`."""
 
@@ -119,7 +128,7 @@ class _Made:
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # then the operations of the Jacobian contain the residual's
         part = self.part(*(() if loaded else (e.residual_part,)), e.jacobian_part)
-        unknown, place, x = self._matrix(part, 1)
+        unknown, place, x = self.matrix(part, 1)
         part.add(x + place[unknown], e.rows + unknown, -1.0)
         part.lu(len(unknown), x - len(unknown) ** 2, x)
         plain = np.r_[np.arange(nb.nq), np.arange(nb.nq + nb.nu, first)]
@@ -127,7 +136,7 @@ class _Made:
         part.set(np.where(unknown < first, n, 0) + unknown, x + place[unknown])
         return part
 
-    def _matrix(self, part: Operations, times: int) -> tuple[Index, Index, int]:
+    def matrix(self, part: Operations, times: int) -> tuple[Index, Index, int]:
         """Add the operations that fill the matrix of the linear equations for u' and lambda. Returns the numbers of u and lambda
         in y, the inverse table (-1 for other unknowns), and the slot after the matrix, where `times` right-hand sides have
         room."""
@@ -151,7 +160,7 @@ class _Made:
         rows = [Entry(f"rate of {of.name}", e.unit) for of, e in zip(program.inputs["y"], program.inputs["yp"], strict=True)]
         program.add("residual", "F(t, y, y') = y' - f(t, y)", ALL, rows, out + states, part)
         part = self.operations.part(rates, e.jacobian_part)
-        unknown, place, x = self._matrix(part, n)
+        unknown, place, x = self.matrix(part, n)
         size, J = len(unknown), self.operations.slots(2 * n * n)  # Jacobian of y' - f(t, y), column by column
         part.load(J, np.r_[np.zeros(n * n), np.eye(n).ravel()])
         inside, plain = (np.flatnonzero(found & (j < n)) for found in (place[i] >= 0, (place[i] < 0) & (i < n)))
@@ -164,60 +173,145 @@ class _Made:
         self._jacobian(program, np.tile(states, n), np.repeat(states, n), J + np.arange(2 * n * n), part)
 
 
-# -- joint forces
+# -- mass matrix, bias, constraint matrix, gamma
 
 
-def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated: bool) -> None:
-    """Add force and torque on l of every joint and force element. Where not all multipliers are unknowns (recursive joints, nodes
-    that share displacements) they follow from the accelerations of all bodies."""
-    moved = made.assembly.moved
-    items = [c.name for c in prepared.model.scene.connections]
-    if not items:
-        return
-    base, arguments, nb = 0, STATE if eliminated else ALL, made.numbering
-    try:
-        if moved.trees or moved.sharing.nodes:
-            part, nb, base = _of_all_bodies(made, program, prepared)
-            arguments = STATE
-        else:
-            part = made.solved() if eliminated else made.part()
-    except OptionError as error:
-        program.missing["joint_forces"] = str(error)
-        return
-    out = part.zeros(6 * len(items))
-    _emit_reactions(part, nb, base, out, items)
-    names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
-             for i in range(3)]
-    program.add("joint_forces", "force and torque (about the joint) on body l, inertial components", arguments, names,
-                out + np.arange(6 * len(items)), part)
-
-
-def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[Operations, Numbering, int]:
-    """Operations that compute accelerations of all bodies and multipliers of all rows, those of recursive joints included; with
-    the numbering of these unknowns and its first slot in the work array."""
-    model = prepared.model
-    if rubbing := made.reactive():
-        raise OptionError("the forces of recursive joints, and of joints that hold beams at their nodes, follow from the "
-                          f"accelerations of all bodies, in which the friction of {', '.join(map(repr, rubbing))} by the joint's "
-                          "own force is nonlinear: no formula gives them. This is no mistake: residual and jacobian are "
-                          "exported without them")
-    spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
-    assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], False, open=Open.LAWS))
+def loose(made: Made, model: Model, rows: list[Row], moved: MovedBodies) -> Made:
+    """Operations of the equations with multipliers and constraints on the level of accelerations, without Baumgarte's terms."""
+    assembly = Assembly(model, rows, replace(Index1(0.0, "eliminated").spec(), eliminated=False), False, moved)
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}
-    other = _Made(assembly, assembly.numbering.start["lambda"], fixed)
-    solved = other.solved()
+    return Made(assembly, assembly.numbering.start["lambda"], fixed)
+
+
+def beside(made: Made, program: Program, other: Made) -> tuple[Operations, int]:
+    """Give the operations of `other` slots of their own, with the same time, parameters and signals. Returns operations that hand
+    the time on, and the first of these slots."""
     base, part = made.operations.constant(filled(other.operations, other.numbers)), made.part()
     part.set([base + other.e.at, base + other.e.at + 1], [made.e.at, made.e.at + 1])
-    to, from_ = np.array(_motion(made, part, other.numbering), dtype=np.intp).reshape(-1, 2).T
-    part.set(base + to, from_)
-    part.steps += [shifted(step, base) for step in solved.steps]
     for vector, found in (("p", other.pairs), ("signals", other.signal_pairs)):
         pairs = np.array(found, dtype=np.int64).reshape(-1, 2) + np.array([0, base])
-        program.slots[vector] = np.concatenate([program.slots[vector], pairs])
-    return part, other.numbering, base
+        program.slots[vector] = np.concatenate([program.slots.get(vector, np.zeros((0, 2), dtype=np.int64)), pairs])
+    return part, base
 
 
-def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, int]]:
+def _mechanics(made: Made, program: Program) -> None:
+    """Add M, h, G and gamma of M u' + h + G^T lambda = 0, G u' + gamma = 0, u' and lambda being numbered as in the equations."""
+    main, other = made.assembly, loose(made, made.assembly.model, made.assembly.numbering.rows, made.assembly.moved)
+    part, base = beside(made, program, other)
+    nb, e = other.numbering, other.e
+    same = np.arange(nb.start["lambda"])
+    assert (nb.nq, nb.nu, len(nb.states)) == (main.numbering.nq, main.numbering.nu, len(main.numbering.states))
+    part.set(base + same, same)
+    loaded = bool(other.assembly.motion())
+    steps = other.part(*(() if loaded else (e.residual_part,)), e.jacobian_part).steps
+    part.steps += [shifted(step, base) for step in steps]
+    u, first = nb.nq + np.arange(nb.nu), nb.start["lambda"]
+    names = [name.removeprefix("momentum of ") for name in other.assembly.equations[nb.nq : nb.nq + nb.nu]]
+    units = row_units(other.assembly)
+    forces = [Entry(f"momentum of {name}", units[i]) for name, i in zip(names, u.tolist(), strict=True)]
+    rows = [Entry(name, units[first + i]) for i, name in enumerate(other.assembly.equations[first:])]
+
+    def matrix(name: str, meaning: str, first_row: int, labels: Sequence[str]) -> None:
+        cells = np.flatnonzero((other.rows >= first_row) & (other.rows < first_row + len(labels))
+                               & (other.columns >= nb.nq) & (other.columns < nb.nq + nb.nu))
+        own = part.part(part)
+        K = own.zeros(len(labels) * nb.nu)
+        own.set(K + (other.rows[cells] - first_row) * nb.nu + other.columns[cells] - nb.nq, base + e.fy + e.nnz + cells)
+        entries = [Entry(f"{row} by {column}", "") for row in labels for column in names]
+        program.add(name, meaning, STATE, entries, K + np.arange(len(entries)), own, (len(labels), nb.nu))
+
+    matrix("mass_matrix", "M of M u' + h + G^T lambda = 0, row by row", nb.nq, names)
+    if rubbing := made.reactive():
+        program.missing["bias"] = (f"the friction of {', '.join(map(repr, rubbing))} follows from the multipliers, in which the "
+                                   "equations of motion are not linear: residual has it")
+    else:
+        program.add("bias", "h of M u' + h + G^T lambda = 0: gravity, springs, loads and velocity terms", STATE, forces,
+                    base + e.rows + u, part)
+    if nb.m:
+        matrix("constraint_matrix", "G of G u' + gamma = 0, row by row", first, [row.name for row in nb.rows])
+        program.add("gamma", "gamma of G u' + gamma = 0", STATE, rows, base + e.rows + first + np.arange(nb.m), part)
+
+
+# -- sensors and joint forces
+
+
+class _Every(NamedTuple):
+    """All bodies. part: operations that put their motion into slots, numbered by `numbering` from `base` on; solved: those that
+    compute accelerations and multipliers, a text where there are none; arguments: what these depend on."""
+
+    part: Operations
+    numbering: Numbering
+    base: int
+    solved: tuple[Step, ...] | str
+    arguments: tuple[str, ...]
+
+
+def _of_all(made: Made, program: Program, prepared: Prepared, eliminated: bool) -> _Every:
+    """All bodies in the equations exported; where not all multipliers are unknowns (recursive joints, nodes that share
+    displacements) in equations of their own."""
+    moved, model = made.assembly.moved, prepared.model
+    if not (moved.trees or moved.sharing.nodes):
+        solved = made.solved() if eliminated else made.part()
+        return _Every(made.part(), made.numbering, 0, tuple(solved.steps), ALL if made.numbering.m and not eliminated else STATE)
+    other = loose(made, model, prepared.mechanics.rows, MovedBodies(model, [], False, open=Open.LAWS))
+    steps: list[Step] | str
+    if rubbing := made.reactive():
+        steps = ("the forces of recursive joints, and of joints that hold beams at their nodes, follow from the accelerations of "
+                 f"all bodies, in which the friction of {', '.join(map(repr, rubbing))} by the joint's own force is nonlinear: "
+                 "no formula gives them. This is no mistake: residual and jacobian are exported without them")
+    else:
+        steps = other.solved().steps
+    part, base = beside(made, program, other)
+    to, from_ = np.array(_motion(made, part, other.numbering), dtype=np.intp).reshape(-1, 2).T
+    part.set(base + to, from_)
+    solved_steps = steps if isinstance(steps, str) else tuple(shifted(step, base) for step in steps)
+    return _Every(part, other.numbering, base, solved_steps, STATE)
+
+
+def _sensors(every: _Every, program: Program, prepared: Prepared) -> None:
+    """Add coordinates of joints with their rates, and motions of bodies, as their sensors show them."""
+    part, nb, base, model = every.part.part(every.part), every.numbering, every.base, prepared.model
+    names, at = list[Entry](), list[int]()
+    for item in model.scene.connections:
+        for g, group in enumerate(model.groups):
+            p, active = plan(group.derived, coordinate), [i for i, one in enumerate(group.instances) if one.item == item.name]
+            if not (p.targets and active):
+                continue
+            values = p.kernel.emit(part, nb.gather(g, p.all_inputs, active[:1]) + base).ravel()
+            rates = {of: name for name, of in rates_of(item).items()}
+            for (head, name), slot in zip(p.targets, values.tolist(), strict=True):
+                if name in rates:
+                    own, unit = (name, item.unit(name)) if head == "c" else (rates[name], rate_of(item.unit(name)))
+                    names.append(Entry(f"{item.name}.{own}", unit))
+                    at.append(slot)
+    for body in model.scene.bodies:
+        if (node := model.node(body)) is None:
+            continue
+        for quantity, head, unit in ("position", "q", "m"), ("velocity", "u", "m/s"):
+            for i in range(node.kind.translations):
+                names.append(Entry(f"{body.name}.{quantity}[{i}]", unit))
+                at.append(base + nb.node_place(head, node, i))
+    if names:
+        program.add("sensors", "coordinates of joints, motions of bodies (centre of mass, inertial axes)", STATE, names, at, part)
+
+
+def _joint_forces(every: _Every, program: Program, prepared: Prepared) -> None:
+    """Add force and torque on l of every joint and force element."""
+    items = [c.name for c in prepared.model.scene.connections]
+    if isinstance(every.solved, str):
+        program.missing["joint_forces"] = every.solved
+    elif items:
+        part = every.part.part(every.part)
+        part.steps += every.solved
+        out = part.zeros(6 * len(items))
+        _emit_reactions(part, every.numbering, every.base, out, items)
+        names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
+                 for i in range(3)]
+        program.add("joint_forces", "force and torque (about the joint) on body l, inertial components", every.arguments, names,
+                    out + np.arange(6 * len(items)), part)
+
+
+def _motion(made: Made, part: Operations, every: Numbering) -> list[tuple[int, int]]:
     """Pairs of slots (to, from): positions, velocities and states in the numbering of all nodes (`every`), and what they are
     copied from, unknowns of the exported equations or values that follow from joint coordinates."""
     nb, moved, model = made.numbering, made.assembly.moved, made.assembly.model

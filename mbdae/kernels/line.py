@@ -15,14 +15,17 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.disk.entries import code_key, keep, part_key, recall
-from mbdae.errors import LawError, internal
+from mbdae.errors import LawError, OptionError, internal
 from mbdae.kernels import Kernel, numpy_function
-from mbdae.kernels.line_nodes import Array, ElementKernel, Nodes
+from mbdae.kernels.line_nodes import Array, ElementKernel, Nodes, to_sections
 from mbdae.kernels.line_program import LineProgram
-from mbdae.laws.beam import ShapeTable
+from mbdae.laws.beam import Beam, LineLoad, ShapeTable, mass_points, strain_points
+from mbdae.laws.line_mesh import LineMesh
 from mbdae.native.program import Operations, block
 from mbdae.process import made_once
-from mbdae.symbolic.line import Field, LineDerived
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Structure
+from mbdae.symbolic.line import Field, LineDerived, derive_line
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 
@@ -264,3 +267,75 @@ def _with_identity(table: Array, points: int, fields: int, extra: int, copies: i
     for g in range(points):
         out[copies * rows + own[g], g, copies * fields + np.arange(extra)] = 1.0
     return out.reshape(len(out), -1)
+
+
+# -- Kernels of a meshed beam: internal forces, distributed loads, constant masses
+
+
+def derived_beam(numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineDerived:
+    """The derived beam law for the parameters of a section; without damping terms where the damping is 0."""
+    return derive_line(Beam, Structure(frozenset() if numbers.get("damping") else frozenset({"damping"})), kind, mixed)
+
+
+def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineKernel:
+    """Kernel of the internal forces and, where `mixed`, of the rows of the stress unknowns.
+
+    numbers: parameters of `Beam` (see `Section.numbers`), without the reference strains. These are the strains of the beam as
+    drawn, computed here from its interpolated curve, so that the beam as drawn is free of stress.
+    """
+    zero_compliance = [name for name, value in numbers.items() if name.startswith("compliance_") and value == 0]
+    if zero_compliance and not mixed:
+        raise internal(f"{zero_compliance[0]} = 0, an infinite stiffness of the section, came to a beam whose stresses are no "
+                       "unknowns: no stress follows from a strain that stays 0", OptionError)
+    d, at = derived_beam(numbers, kind, mixed), strain_points(mesh.order)
+    return LineKernel(d, at, {**numbers, **_measures(mesh, at), **_reference_strains(mesh, kind)}, turns(mesh, kind))
+
+
+def load_kernel(mesh: LineMesh, law: LineLoad, kind: NodeKind, given: tuple[str, ...] = ()) -> LineKernel:
+    """Kernel of a distributed load on a beam. given: names of its components that depend on time and so are inputs of the kernel.
+    Loads of constant value and direction (dead loads) need no kernel: their nodal forces are `mesh.lumped` times the value."""
+    at = mass_points(mesh.order)
+    constants = {name: getattr(law, name) for name in law.params if name not in given}
+    d = derive_line(LineLoad, law.structure(frozenset(given)), kind)
+    return LineKernel(d, at, {**constants, **_measures(mesh, at)}, turns(mesh, kind), given)
+
+
+def turns(mesh: LineMesh, kind: NodeKind) -> Array:
+    """Constant rotations from the axes of nodes to those of the sections there, of m elements of order p: quaternions
+    (m, p + 1, 4), or angles (m, p + 1), rad, in the plane. They are not 0 at corners, where two sections share a node."""
+    return mesh.offsets if kind is NodeKind.PLANAR else mesh.turns
+
+
+def reference_positions(mesh: LineMesh, kind: NodeKind) -> Array:
+    """Positions q (n, nq) of the n nodes of a beam as drawn."""
+    if kind is NodeKind.PLANAR:
+        return np.column_stack([mesh.positions[:, :2], mesh.headings])
+    return np.hstack([mesh.positions, mesh.quaternions])
+
+
+def _measures(mesh: LineMesh, at: ShapeTable) -> dict[str, Array]:
+    ds = mesh.measure(at)
+    return {"ds": ds, "weight": ds * at.weights}
+
+
+def _reference_strains(mesh: LineMesh, kind: NodeKind) -> dict[str, Array]:
+    """Strains (m, points) of the curve as drawn, by their parameter names: the values of the law's rows (strain less reference
+    strain less compliance times stress) where stresses and reference strains are set to 0."""
+    d, at = derived_beam({}, kind), strain_points(mesh.order)
+    constants = dict.fromkeys(d.parameters, 0.0) | {"ds": mesh.measure(at), "weight": 1.0}
+    kernel = LineKernel(d, at, constants, turns(mesh, kind))
+    q = reference_positions(mesh, kind)[mesh.elements].reshape(len(mesh.elements), -1)
+    strains = kernel.values(np.hstack([q, np.zeros((len(q), len(kernel.names)))]))[:, -len(kernel.names) :]
+    strains = strains.reshape(len(q), len(at.xi), -1)
+    return {f"reference_{name}": strains[:, :, i] for i, name in enumerate(d.stresses)}
+
+
+def mass_blocks(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind) -> Array:
+    """(m, (p + 1) nu, (p + 1) nu) consistent mass of every element in the velocities of its nodes, constant."""
+    density = np.zeros((kind.sizes[1], kind.sizes[1]))
+    for place, e in derived_beam(numbers, kind).mass.items():
+        density[place] = float(e.subs({se.Symbol(name): value for name, value in numbers.items()}))
+    U = to_sections(mesh, kind)
+    M = np.einsum("mab,maik,ij,mbjl->makbl", mesh.shared(mass_points(mesh.order)), U, density, U, optimize=True)
+    size = M.shape[1] * M.shape[2]
+    return np.asarray(M.reshape(len(M), size, size))

@@ -1,7 +1,7 @@
 """Kernels of elements with several nodes: values and derivatives of all elements at once.
 
 The nodes of a line element: conversion of their unknowns to the interpolated fields, and of forces on the fields to forces on
-the nodes.
+the nodes; gyroscopic moments at the nodes.
 
 Positions and quaternions of the sections are interpolated component by component. A quaternion P changes by P' = 1/2 Q(P) Omega,
 and a generalised force g on it is the moment 1/2 Q(P)^T g. Q is linear in P, so that both, and their derivatives, are products
@@ -18,10 +18,11 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.native.program import Operations
+from mbdae.laws.line_mesh import LineMesh
+from mbdae.native.program import Operations, block
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
-from mbdae.symbolic.vectors import Vec, rate_from_body_spin
+from mbdae.symbolic.vectors import Vec, rate_from_body_spin, rotation_columns
 
 Array = NDArray[Any]
 
@@ -201,3 +202,93 @@ class Nodes:
         A = np.ascontiguousarray(A.transpose(2, 1, 3, 0))  # the axis of elements last, as in K, which makes the products fast
         turned = sum(blocks[:, :, 3 + a, None] * A[a] for a in range(4))
         return np.concatenate([blocks[:, :, :3], turned], axis=2).reshape(rows, -1, N)
+
+
+def to_sections(mesh: LineMesh, kind: NodeKind) -> Array:
+    """Matrices (m, p + 1, nu, nu) that map velocities of nodes to those of sections: the angular velocity is the same, but its
+    components are in the axes of the section instead of those of the node."""
+    U = np.tile(np.eye(kind.sizes[1]), (*mesh.elements.shape, 1, 1))
+    if kind is NodeKind.SPATIAL:
+        columns = rotation_columns(list(se.symbols("P1:5")))
+        R = _numeric(list(se.symbols("P1:5")), [c for column in columns for c in column], mesh.turns)
+        # R holds rotation matrices column by column, so that these blocks are their transposes
+        U[..., 3:, 3:] = R.reshape(*mesh.elements.shape, 3, 3)
+    return U
+
+
+def _numeric(symbols: list[Any], expressions: list[Any], x: Array) -> Array:
+    f = se.Lambdify(symbols, expressions, backend="lambda")
+    return np.asarray(f(np.ascontiguousarray(x, dtype=float)))
+
+
+@lru_cache(maxsize=1)
+def _cross() -> Array:
+    """Permutation symbol E (3, 3, 3), (a x b)_i = E_ijk a_j b_k, derived from the vector product `Vec.cross` of the laws."""
+    a, b = Vec(*se.symbols("a1:4")), Vec(*se.symbols("b1:4"))
+    return np.array([[[float(se.diff(se.diff(e, j), k)) for k in b] for j in a] for e in a.cross(b)])
+
+
+class GyroscopicKernel(ElementKernel):
+    """Gyroscopic moments Omega_i x (M Omega)_i at the nodes i of every element. M is the rotary part of its consistent mass
+    matrix, which also couples different nodes. With moments of this form energy and angular momentum are conserved.
+
+    Inputs: angular velocities of the nodes; outputs: moments on them, both in the axes of the node.
+    """
+
+    def __init__(self, blocks: Array, count: int) -> None:
+        """`blocks` of `mass_blocks` for spatial nodes, `count` nodes per element."""
+        size = blocks.shape[1] // count
+        self.count, self.elements = count, len(blocks)
+        self.J = blocks.reshape(-1, count, size, count, size)[:, :, 3:, :, 3:]
+        self.inputs: list[Target] = [("u", a, 3 + i) for a in range(count) for i in range(3)]
+        self.targets = self.inputs
+
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
+        W, L, width = *self._spins(part, gather), 3 * self.count
+        found = part.zeros(gather.size)
+        at, weights = np.array(np.nonzero(_cross())), np.tile(_cross()[np.nonzero(_cross())], self.count)
+        i, j, k = (at[:, None, :] + 3 * np.arange(self.count)[:, None]).reshape(3, -1)
+        part.multiply(found + i, W + j, L + k, weights, len(gather), width, width, width)
+        return block(found, len(gather), width)
+
+    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
+        W, L, width, E = *self._spins(part, gather), 3 * self.count, _cross()
+        terms = [(int(i), int(j), int(k), float(E[i, j, k])) for i, j, k in zip(*np.nonzero(E), strict=True)]
+        J, places = part.constant(self.J), list(zip(*(p.tolist() for p in self._places), strict=True))
+        found = part.zeros(len(gather) * len(places))
+        products, sums = [], []
+        for n, (output, column) in enumerate(places):
+            (a, i), (b, l) = divmod(output, 3), divmod(column, 3)
+            products += [(n, 3 * a + j, (3 * a + k) * width + column, e) for row, j, k, e in terms if row == i]
+            sums += [(n, 3 * a + k, e) for row, j, k, e in terms if row == i and j == l and a == b]
+        to, spin, mass, weight = zip(*products, strict=True)
+        part.multiply(found + np.array(to), W + np.array(spin), J + np.array(mass), np.array(weight), len(gather), len(places),
+                      width, width * width)
+        to, momentum, weight = zip(*sums, strict=True)
+        part.add(found + np.array(to), L + np.array(momentum), np.array(weight), len(gather), len(places), width)
+        return block(found, len(gather), len(places))
+
+    def _spins(self, part: Operations, gather: NDArray[np.intp]) -> tuple[int, int]:
+        """First slots of the angular velocities Omega and of the angular momenta M Omega, (elements, 3 count) each."""
+        width = 3 * self.count
+        W, L = part.slots(gather.size), part.zeros(gather.size)
+        part.set(W + np.arange(gather.size), gather)
+        rows, columns = np.divmod(np.arange(width * width), width)
+        part.add(L + rows, W + columns, self.J.reshape(self.elements, -1), len(gather), width, width)
+        return W, L
+
+    def _momenta(self, x: Array) -> tuple[Array, Array, Array]:
+        W = x.reshape(len(x), self.count, 3)
+        J = np.tile(self.J, (len(x) // len(self.J), 1, 1, 1, 1))
+        return W, J, np.einsum("maibj,mbj->mai", J, W)
+
+    def values(self, x: Array) -> Array:
+        W, _, L = self._momenta(x)
+        return np.asarray(np.einsum("ijk,maj,mak->mai", _cross(), W, L).reshape(len(x), -1))
+
+    def full_jacobian(self, x: Array) -> Array:
+        W, J, L = self._momenta(x)
+        K: Array = np.einsum("ijk,maj,makbl->maibl", _cross(), W, J)
+        for a in range(self.count):
+            K[:, a, :, a] += np.einsum("ijk,mk->mij", _cross(), L[:, a])
+        return K.reshape(len(x), 3 * self.count, 3 * self.count)

@@ -9,7 +9,7 @@ import numpy as np
 import symengine as se
 from numpy.polynomial.legendre import legvander
 
-from mbdae.kernels.beam import derived_beam, reference_positions, turns
+from mbdae.kernels.line import derived_beam, reference_positions, turns
 from mbdae.kernels.line_nodes import Nodes
 from mbdae.laws.beam import ShapeTable, table
 from mbdae.laws.line_mesh import LineMesh

@@ -237,6 +237,10 @@ class _Writer:
 
     def _joint(self, c: Any, made: Any, drawn: Pose, sense: float, body: Any) -> None:
         law, kinds = c.laws[0], self.mujoco.mjtJoint
+        if any(getattr(law, key) is not None for key in ("at_l", "axis_l", "axis_x_l")):
+            self.wrong.append(f"joint '{c.name}': its frame on l is stated apart from that on k, where MJCF has one: draw the "
+                              f"bodies in the joint")
+            return
         if isinstance(law, Weld) and len(c.laws) == 1:
             return
         kind = next((k for of, k in ((Revolute, kinds.mjJNT_HINGE), (Prismatic, kinds.mjJNT_SLIDE), (Spherical, kinds.mjJNT_BALL),

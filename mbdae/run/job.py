@@ -29,6 +29,7 @@ from mbdae.errors import (
     ENDS,
     FINAL,
     AccuracyWarning,
+    ChatteringError,
     MbdaeError,
     OptionError,
     SolverError,
@@ -311,6 +312,8 @@ def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:
     """The run, or that which `attempt` returns if its estimate is smaller; with the cost of both."""
     try:
         again = attempt()
+    except ChatteringError as error:  # there is the run
+        return run.after(1, cpu_of(error))
     except FINAL:
         raise
     except OptionError:  # round-off does not allow the smaller tolerance

@@ -154,8 +154,8 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
 
     Where `job` is a scene, names are those of `mb.extremes` ("crank.mass"), accuracy and outputs those of `simulate`, and
     `resume` is a folder; the result is a SceneSweep with the unknowns at the outputs. Points run in native batches where
-    possible; else its `why` has the reason. of: sensors or expressions that are read of every run, at the outputs, with their
-    peaks and the errors of these; points then run one by one.
+    possible; else its `why` has the reason. of: sensors or expressions that every run is asked for as by `simulate(of=...)`,
+    read at the outputs, with their peaks and the errors of these; points then run one by one.
     """
     workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
                        least=1, most=MOST_WORKERS)

@@ -304,7 +304,8 @@ def _each(job: SceneJob, values: Array) -> dict[str, Any]:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)
-                r = job.at(point).simulate(job.t_end, job.accuracy, outputs=job.outputs, **job.options)  # type: ignore[attr-defined]
+                r = job.at(point).simulate(job.t_end, job.accuracy, outputs=job.outputs,  # type: ignore[attr-defined]
+                                           of=list(job.of) or None, **job.options)
                 for k, name in enumerate(job.of):
                     read[name][i], peak = r.value(name), r.peak(name)
                     peaks[i, k] = peak.value, peak.t, np.nan if peak.error is None else peak.error

@@ -10,7 +10,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.derivatives.chart import Equations
-from mbdae.derivatives.lists import Lists, _entries, written_out
+from mbdae.derivatives.lists import Lists, entries, written_out
 from mbdae.native.program import ADD, CALL, LOAD, MULTIPLY, POSITIVE, SET, SOLVE
 
 
@@ -101,7 +101,7 @@ def by_complex_step(lists: Lists, t: float, y: np.ndarray, yp: np.ndarray, chang
             n, right = f["count"], f["outputs"]
             if f["kind"] != SOLVE:
                 M = np.zeros((n, n), complex)
-                cell, row, column = _entries(one)
+                cell, row, column = entries(one)
                 M[row, column] = W[cell]
             W[right : right + n] = np.linalg.solve(M, W[right : right + n])
     return np.asarray(W[lists.listed.first : lists.listed.first + lists.listed.width].imag / step)

@@ -11,14 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
+from exports.kernels import Kernels, differences, off, values
 
 import mbdae as mb
 from mbdae.export.program import run
-from mbdae.formulations import default_form, system_for
 from mbdae.native.program import CHOLESKY, POSITIVE
-from mbdae.results.sensors import reaction_outputs
-from mbdae.system.prepare import prepare
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 EXACT = 1e-12
@@ -143,95 +140,6 @@ SYMBOLS = ("pendulum", "four-bar", "four-bar, eliminated", "beam", "clearance", 
 CHANGED = ("pendulum", "driven", "four-bar", "four-bar, eliminated", "beam", "beam, GGL", "in space, eliminated")
 
 
-class Kernels:
-    """The equations of a scene as they are integrated, at a state."""
-
-    def __init__(self, scene, form):
-        self.prepared = prepare(scene)
-        self.system = system_for(self.prepared, form or default_form(self.prepared))
-        self.items = [c.name for c in self.prepared.model.scene.connections]
-
-    def __call__(self, t, y, yp):
-        system, n = self.system, self.system.n
-        found = {"residual": np.empty(n), "rates": np.empty(n)}
-        system.residual(t, y, yp, found["residual"])
-        if system.rhs is not None:
-            system.rhs(t, y, found["rates"])
-        found["jacobian"] = [self.dense(part) for part in system.jacobian_parts(t, y, yp)]
-        found["joint_forces"] = self.forces(np.array([t]), y, yp)
-        return found
-
-    def dense(self, part):
-        p = self.system.pattern
-        return part if part.ndim == 2 else sp.csc_matrix((part, p.indices, p.indptr), shape=p.shape).toarray()
-
-    def forces(self, t, y, yp):
-        """Force and torque of every item on l: by the multipliers of the form, or by those that the state has."""
-        m, nb, (q, u, s) = self.prepared.mechanics, self.system.numbering, self.prepared.states(t, y[None])
-        if nb.m and len(nb.rows) == len(m.rows):
-            at = slice(nb.start["lambda"], nb.start["lambda"] + nb.m)
-            multipliers = ((yp if nb.derivatives else y)[at] * nb.scaling())[None]
-        elif hasattr(self.system, "full") and not self.system.assembly.moved.sharing.nodes:
-            multipliers = (self.system.multipliers * self.system.full.numbering.scaling())[None]
-        else:
-            multipliers = m.accelerations(t, q, u, s)[1]
-        total = np.zeros((len(self.items), 6))
-        for g, p, values in m.evaluate(reaction_outputs, t, q, u, s, multipliers):
-            for i, instance in enumerate(self.prepared.model.groups[g].instances):
-                if instance.item in self.items:
-                    total[self.items.index(instance.item), [target[1] for target in p.targets]] += values[0, i]
-        return total.ravel()
-
-    def states(self, count=3):
-        """States near the start that satisfy nothing."""
-        rng, n = np.random.default_rng(5), self.system.n
-        for k in range(count):
-            yield 0.3 + 0.1 * k, self.system.y0 + 0.1 * rng.normal(size=n), self.system.yp0 + rng.normal(size=n)
-
-    def scales(self, wanted, y, yp):
-        """What errors are relative to: of a residual the terms of each row, of a Jacobian the entries of each row, of what a
-        matrix was solved for the largest number."""
-        rows = sum(abs(J) @ abs(x) for J, x in zip(wanted["jacobian"], (y, yp), strict=True)) + abs(wanted["residual"])
-        found = {name: np.max(np.abs(wanted[name]), initial=0.0) for name in ("rates", "joint_forces")}
-        if self.prepared.model.lines:  # large forces of strains leave small ones in the joints
-            t, (q, u, s) = np.zeros(1), self.prepared.states(np.zeros(1), y[None])
-            found["joint_forces"] = max(found["joint_forces"], np.max(np.abs(self.prepared.mechanics.load(t, q, u, s))))
-        solved = hasattr(self.system, "full")
-        found["residual"] = found["rates"] if solved else rows
-        found["jacobian"] = [np.max(np.abs(J), axis=None if solved else 1, keepdims=True) for J in wanted["jacobian"]]
-        return found
-
-
-def off(found, wanted, scale):
-    """Largest difference in the scale of each number; where that is 0, the number has to be 0."""
-    return np.max(np.abs(found - wanted) / np.where(scale > 0, scale, 1e-300))
-
-
-def dense(export, values):
-    rows, columns = export.pattern
-    parts = np.zeros((2, len(export.inputs["y"]), len(export.inputs["y"])))
-    parts[0][rows, columns], parts[1][rows, columns] = values[: len(rows)], values[len(rows) :]
-    return parts
-
-
-def values(entries):
-    return [e.value for e in entries]
-
-
-def differences(export, call, kernels, p):
-    """The largest relative difference of every function that is exported; call(name, **vectors): its outputs."""
-    worst = dict.fromkeys(export.outputs, 0.0)
-    for t, y, yp in kernels.states():
-        wanted = kernels(t, y, yp)
-        scales = kernels.scales(wanted, y, yp)
-        for name in export.outputs:
-            found = call(name, t=t, y=y, yp=yp, p=p)
-            parts = found, wanted[name], scales[name]
-            parts = (dense(export, found), *parts[1:]) if name == "jacobian" else [[part] for part in parts]
-            worst[name] = max(worst[name], *(off(*part) for part in zip(*parts, strict=True)))
-    return worst
-
-
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in SCENES])
 def test_c_is_the_kernel(name, compiled):
     make, form = SCENES[name]
@@ -285,6 +193,30 @@ def test_casadi_is_the_kernel(name):
     assert all(error < EXACT for error in worst.values()), worst
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SYMBOLS)
+def test_jax_is_the_kernel(name):
+    """Compiled by XLA in double precision; and derivatives by JAX are those of the exported Jacobian."""
+    jax = pytest.importorskip("jax")
+    jax.config.update("jax_enable_x64", True)
+    make, form = SCENES[name]
+    export, kernels = mb.export(make(), "jax", form), Kernels(make(), form)
+    made = {}
+
+    def call(name, **vectors):
+        made.setdefault(name, jax.jit(export[name]))
+        found = made[name](*(np.asarray(vectors[v], dtype=float) for v in export.arguments[name]))
+        rows, columns = export.pattern
+        return np.concatenate([np.asarray(part)[rows, columns] for part in found]) if name == "jacobian" else np.ravel(found)
+
+    worst = differences(export, call, kernels, values(export.inputs["p"]))
+    assert all(error < EXACT for error in worst.values()), worst
+    t, y, yp = next(kernels.states())
+    fy, _ = export["jacobian"](t, y, yp, np.array(values(export.inputs["p"])))
+    slopes = jax.jit(jax.jacfwd(export["residual"], 1))(t, y, yp, np.array(values(export.inputs["p"])))
+    assert np.max(np.abs(slopes - fy)) < EXACT * np.max(np.abs(fy))
+
+
 @pytest.mark.parametrize("name", SYMBOLS[:4])
 def test_sympy_is_the_kernel(name):
     sympy = pytest.importorskip("sympy")
@@ -301,6 +233,36 @@ def test_sympy_is_the_kernel(name):
 
     worst = differences(export, call, Kernels(make(), form), values(export.inputs["p"]))
     assert all(error < EXACT for error in worst.values()), worst
+
+
+def test_mass_matrix_and_bias_are_those_of_the_textbook():
+    """Of two links by their absolute angles: m l^2 (4/3, 1/2 cos; 1/2 cos, 1/3), gravity, and the terms of the squared rates."""
+    s = mb.Scene("double pendulum", gravity=(0, -9.81, 0))
+    a, b = s.link("a", (0, 0), (1, 0), mass=1.0), s.link("b", (1, 0), (2, 0), mass=1.0)
+    s.revolute("A", s.ground, a, at=(0, 0), model=mb.Recursive())
+    s.revolute("B", a, b, at=(1, 0), model=mb.Recursive())
+    export, (q1, q2, w1, w2) = mb.export(s), (0.4, 0.7, 1.1, -0.6)
+    assert export.program.functions["mass_matrix"].shape == (2, 2)
+    found = {}
+    for name in ("mass_matrix", "bias"):
+        f = export.program.functions[name]
+        W = export.program.given({"t": [0.0], "y": [q1, q2, w1, w2], "p": values(export.inputs["p"])})
+        run(f.steps, W)
+        found[name] = W[f.at]
+    c, sine, turn, g = np.cos(q2), np.sin(q2), np.array([[1, 0], [1, 1]]), 9.81
+    M = turn.T @ np.array([[4 / 3, c / 2], [c / 2, 1 / 3]]) @ turn
+    h = turn.T @ np.array([-sine / 2 * (w1 + w2) ** 2 + 1.5 * g * np.cos(q1), sine / 2 * w1**2 + g / 2 * np.cos(q1 + q2)])
+    assert np.max(np.abs(found["mass_matrix"].reshape(2, 2) - M)) < EXACT
+    assert np.max(np.abs(found["bias"] - h)) < EXACT * np.max(np.abs(h))
+
+
+def test_friction_by_reactions_has_no_bias():
+    s = mb.Scene("rubbing")
+    a = s.link("a", (0, 0), (1, 0), mass=1.0)
+    s.revolute("A", s.ground, a, at=(0, 0), friction=mb.Coulomb(0.3, 1e-3), radius=0.02, rate0=3.0)
+    export = mb.export(s, "c")
+    assert {"mass_matrix", "constraint_matrix"} <= set(export.outputs)
+    assert "the friction of 'A' follows from the multipliers" in export.missing["bias"]
 
 
 def test_names_units_and_values():

@@ -1,4 +1,4 @@
-"""Scenes with tables leave as C, with their points; other formats say that a table is no formula."""
+"""Scenes with tables leave as C and JAX, with their points; other formats say that a table is no formula."""
 
 from __future__ import annotations
 
@@ -32,3 +32,13 @@ def test_c_looks_up_as_the_native_core_does(compiled):
 def test_sympy_says_that_a_table_is_no_formula():
     with pytest.raises(mb.OptionError, match=r"the scene has a table .*export format='c'"):
         mb.export(scene(), format="sympy")["residual"]
+
+
+def test_jax_looks_up_too():
+    jax = pytest.importorskip("jax")
+    jax.config.update("jax_enable_x64", True)
+    system, export, out = scene().system(), mb.export(scene(), format="jax"), np.empty(scene().system().n)
+    y, p, function = system.y0 + 0.1, np.array([e.value for e in export.inputs["p"]]), jax.jit(export["residual"])
+    for t in (0.0, 0.3, 0.5, 1.7, 9.25):
+        system.residual(t, y, system.yp0, out)
+        np.testing.assert_allclose(function(t, y, system.yp0, p), out, rtol=1e-12, atol=1e-12)

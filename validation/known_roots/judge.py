@@ -67,7 +67,7 @@ def judged(seed: int) -> Verdict:
     bounds = np.array([e for z, e in zip(l.eigenvalues, l.errors, strict=True) for _ in range(2 if z.imag > 0 else 1)])
     with mp.workdps(DIGITS):
         apart = np.array([[float(abs(mp.mpc(z) - w)) for w in exact] for z in found]).reshape(len(found), -1)
-    cost = np.log10(np.maximum(apart / np.maximum(bounds, 1e-300)[:, None], 1.0) + 0 * apart) + 1e-3 * np.log10(1e-30 + apart)
+    cost = np.log10(np.maximum(apart / np.maximum(bounds, 1e-250)[:, None], 1.0) + 0 * apart) + 1e-3 * np.log10(1e-30 + apart)
     mine, theirs = linear_sum_assignment(cost)
     missed = abs(len(exact) - len(found))
     outside, tight = missed, []

@@ -11,9 +11,8 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, SceneError
-from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
-from mbdae.kernels.line import LineKernel, merged
-from mbdae.kernels.line_nodes import ElementKernel
+from mbdae.kernels.line import LineKernel, load_kernel, mass_blocks, merged, strain_kernel
+from mbdae.kernels.line_nodes import ElementKernel, GyroscopicKernel
 from mbdae.laws.line_mesh import LineMesh
 from mbdae.scene.beams import mesh_of, nearest_place
 from mbdae.scene.components import Beam, BeamLoad, Body, Station

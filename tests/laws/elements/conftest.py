@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdae.kernels.beam import GyroscopicKernel, mass_blocks, reference_positions, strain_kernel
+from mbdae.kernels.line import mass_blocks, reference_positions, strain_kernel
+from mbdae.kernels.line_nodes import GyroscopicKernel
 from mbdae.laws.line_mesh import LineMesh
 from mbdae.symbolic.frames import NodeKind
 from mbdae.threads import one_thread

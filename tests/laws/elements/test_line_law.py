@@ -10,8 +10,8 @@ import symengine as se
 
 from mbdae.errors import LawError, OptionError
 from mbdae.kernels import Kernel
-from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
-from mbdae.kernels.line import LineKernel, merged
+from mbdae.kernels.line import LineKernel, load_kernel, mass_blocks, merged, strain_kernel
+from mbdae.kernels.line_nodes import GyroscopicKernel
 from mbdae.laws.beam import Beam, LineLoad, strain_points
 from mbdae.laws.line_mesh import polyline
 from mbdae.symbolic.frames import NodeKind

@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mbdae.errors import OptionError
-from mbdae.kernels.beam import GyroscopicKernel, mass_blocks
-from mbdae.kernels.line_nodes import Nodes
+from mbdae.kernels.line import mass_blocks
+from mbdae.kernels.line_nodes import GyroscopicKernel, Nodes
 from mbdae.laws.beam import gauss, mass_points, node_positions, quaternions, strain_points, table
 from mbdae.laws.line_mesh import arc, curved, polyline
 from mbdae.symbolic.frames import NodeKind
