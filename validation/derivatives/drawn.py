@@ -184,14 +184,14 @@ class Judged:
             if made is None:
                 break
             off = float(np.abs(change - made[0]).max())
-            if off + made[1] <= error and (len(names) > 1 or made[1] <= error / 50):  # 50: what errors may be too large
+            if off + made[1] <= error and (len(names) > 1 or made[1] <= error / 10):
                 break
         if len(names) > 1 and (made is None or off + made[1] > error):
             for name in names:
                 self.some([name])
         elif made is not None:
-            if len(names) == 1 and self.sizes[names[0]] and made[1] <= error / 50:
-                self.found["wide"].append(error / max(off, made[1]))
+            if len(names) == 1 and made[1] <= error:
+                self.found["wide"].append(error / (off or made[1]))
             for name in names:
                 self._one(name, abs(by[name]), off, made[1], error)
 
@@ -244,4 +244,4 @@ def counted(parts: list[dict[str, list[str]]]) -> list[Found]:
             Found(len(both["uncovered"]), max(0.01 * right, 1), "derivatives", "errors that do not cover",
                   note=", ".join(both["uncovered"])),
             Found(float(np.median(both["wide"])) if both["wide"] else 0.0, 50, "errors", "median of errors over what is off",
-                  note=f"of {len(both['wide'])} compared with a reference that is fifty times as exact")]
+                  note=f"of {len(both['wide'])} compared with a reference that is more exact than the error")]
