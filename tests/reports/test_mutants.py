@@ -9,7 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from mutants import MUTANTS, judged
+from mutants import MUTANTS, ROOT, judged
 from values import all_values, differing
 
 PLAIN: dict = {}
@@ -23,6 +23,7 @@ def test_equations_of_laws_are_those_stored():
 def test_there_are_sixty_mutants():
     assert len(MUTANTS) >= 60
     assert len({(file, old, new) for file, old, new, _ in MUTANTS}) == len(MUTANTS)
+    assert [file for file, old, _, _ in MUTANTS if (ROOT / file).read_text(encoding="utf-8").count(old) != 1] == []
 
 
 @pytest.mark.slow
