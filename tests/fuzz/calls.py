@@ -278,7 +278,7 @@ CALLS: dict[str, Call] = {
     "Stepper.__getitem__": Call(lambda: stepper().__getitem__, lambda: {"path": "hinge.angle"}),
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
     "audit": Call(lambda: mb.audit, lambda: {
-        "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None}),
+        "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None, "meanings": None}),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
         "reference": None, **RUNS}, "mbdae.compare.identity"),
