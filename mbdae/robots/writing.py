@@ -24,8 +24,7 @@ from mbdae.scene.shapes import Box, Cylinder, Sphere, joint_axes
 from mbdae.symbolic.motion import Step, symbolic_motion
 
 STATES = 5  #: random states at which inverse dynamics of the file are compared with those of the scene
-#: largest difference of its forces, over the largest of them: round-off of two roots of quaternions and of principal axes
-EQUAL = 1e-9
+EQUAL = 1e-9  #: largest difference of its forces, over the largest of them: round-off of quaternions and of principal axes
 
 
 def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
@@ -33,8 +32,7 @@ def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
     mujoco = library("mujoco", "writing MJCF")
     if scene.problems:
         raise SceneError(list(scene.problems))
-    writer = _Writer(mujoco, scene)
-    writer.write()
+    (writer := _Writer(mujoco, scene)).write()
     if writer.wrong:
         raise SceneError(writer.wrong)
     try:
@@ -266,7 +264,7 @@ class _Writer:
 
     def _loaded(self, j: Any, c: Any, force: Any) -> None:
         load = self._number(force.load, c, "load") if isinstance(force, JointLoad) else 0.0
-        if load and (stiffness := float(np.ravel(j.stiffness)[0])):
+        if stiffness := float(np.ravel(j.stiffness)[0]):
             j.springref += load / stiffness
         elif load:
             self.wrong.append(f"joint '{c.name}': MJCF says no load on it (but actuators, which are no part of the mechanics)")
@@ -285,12 +283,11 @@ class _Writer:
             put(j, "stiffness", self._number(force.stiffness, c, "spring"))
             j.springref = self._number(force.rest, c, "rest")
         elif isinstance(force, JointStop):
-            low, high = force.lower, force.upper
             j.limited = self.mujoco.mjtLimited.mjLIMITED_TRUE
-            j.range = [-1e10 if low is None else float(low), 1e10 if high is None else float(high)]
+            j.range = [far if end is None else float(end) for end, far in ((force.lower, -1e10), (force.upper, 1e10))]
             self.told.append(f"joint '{c.name}': its limits are those of the scene, but yield as MuJoCo's do (solreflimit)")
-        elif (isinstance(force, JointFriction) and len(c.coordinates) == 1 and type(force.friction) is Coulomb
-              and force.normal_force is not None):
+        elif isinstance(force, JointFriction) and type(force.friction) is Coulomb and (
+                len(c.coordinates) == 1 and force.normal_force is not None):
             lever = 1.0 if j.type == self.mujoco.mjtJoint.mjJNT_SLIDE else float(force.radius)
             j.frictionloss = self._number(force.normal_force, c, "normal force") * lever * float(force.friction.mu)
             self.told.append(f"joint '{c.name}': its friction jumps at rest in MuJoCo, where the scene smooths it")

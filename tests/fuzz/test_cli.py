@@ -43,7 +43,8 @@ NO_FILES = ["", " ", "absent.py", "folder", "a\0b", "x" * 300, "~", "*", "nul\n"
 #: words that mean something here: what each kind of option must refuse
 HOSTILE = {"accuracy": NO_NUMBERS, "t_end": NO_NUMBERS, "max_wall": NO_NUMBERS, "hours": NO_NUMBERS, "budget": NO_NUMBERS,
            "accuracies": NO_LISTS,
-           "out": NO_FOLDERS, "resume": NO_KEPT, "meanings": NO_FILES, "root": ["", " ", "absent", "file", "folder", "x" * 300], "file": NO_FILES,
+           "out": NO_FOLDERS, "resume": NO_KEPT, "meanings": NO_FILES,
+           "root": ["", " ", "absent", "file", "folder", "x" * 300], "file": NO_FILES,
            "solver": NO_WORDS, "form": NO_WORDS,
            "seed": [word for word in NO_NUMBERS if word != "0"], "jobs": NO_NUMBERS, "parts": ["", "absent", "7", "x" * 300],
            "what": [*NO_FILES, "Revolute()", "hinge"], "claims": ["", "absent", "..", "/", "x" * 300]}

@@ -146,7 +146,7 @@ def test_couplings_act_on_its_coordinates() -> None:
     ({"damper": {"reach": -1.0}}, "damper['reach'] = -1 N s/m is negative"),
     ({"model": mb.Clearance(0.0201, 0.02, mb.Hertz(1e9))}, "exists for joints with a pin in a race, not for a Crane"),
     ({"model": mb.Classical(scaling=2.0)}, "a Crane has no scaling and penalty"),
-    ({"lead": 3.0}, "it has no argument 'lead': did you mean 'load'? it takes at, axis"),
+    ({"lead": 3.0}, "it has no argument 'lead': did you mean 'load'? it takes at, at_l, axis"),
     ({"angle": mb.t}, "it has no argument 'angle'; to prescribe its coordinate give prescribed={'angle': ...}, "),
     ({"reach_rate": 2.0}, "no argument 'reach_rate'; to start with a rate of its coordinate give start_rate={'reach': ...}"),
     ({"friction": {"angle": mb.Coulomb(0.1, 1e-3)}}, "friction in a bearing needs the radius of its pin"),

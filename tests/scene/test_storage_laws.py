@@ -19,6 +19,17 @@ from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 
 
+def rod() -> mb.ReducedBody:
+    """A rod of three nodes, three freedoms each, held in shape by springs to a fourth and a fifth beside it."""
+    nodes = np.array([[0, 0, 0], [1 / 3, 0, 0], [1, 0, 0], [0.5, 0.3, 0], [0.5, 0, 0.3]], dtype=float)
+    K = np.zeros((15, 15))
+    for i, j in zip(*np.tril_indices(5, -1), strict=True):
+        n = (nodes[i] - nodes[j]) / np.linalg.norm(nodes[i] - nodes[j])
+        for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            K[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] += sign * 1e6 * np.outer(n, n)
+    return mb.ReducedBody.craig_bampton(np.eye(15), K, nodes, {"left": [0, 3, 4]}, 2)
+
+
 class Cubic(mb.Force):
     """At the top of a module."""
 
@@ -237,6 +248,7 @@ def everything() -> mb.Scene:
         order=3,
                   axis2=(0, 0, 1), velocity=(0, 0, 0.1))
     beam.load((0, mb.t, 1), frame="section", name="load")
+    s.reduced_body("flexible", rod(), at=(0, 1 / 3, 0), damping=0.01)
     s.state("e1", rate=1 / 3 - s.sensor("r1.angle") * s.sensor("e2"), start=0.1, size=2)
     s.signal("e2", sp.Max(s.sensor("a.position[1]"), mb.t / 7))
     s.contact("touch", "a", "p", mb.Plane(at=(0, 0, -1 / 3)), mb.Sphere(radius=1 / 7), mb.Hertz(1e8, 0.1))
