@@ -52,8 +52,9 @@ PLACES = 50  #: number of times at which the largest coordinate is sought
 class Disturbances:
     """Small disturbances of a run of a system, as they grow along its steps."""
 
-    def __init__(self, system: System, run: Solution) -> None:
-        self._system, self._run = system, run
+    def __init__(self, system: System, run: Solution, longest: float = math.inf) -> None:
+        """longest: of the pieces of the run along which they are carried, s."""
+        self._system, self._run, self._longest = system, run, longest
         self._matrix: IterationMatrix | None = None
         kinds = np.array(system.kinds)
         self._fast = kinds == "v"
@@ -111,8 +112,9 @@ class Disturbances:
         so many steps `together`, or parts of a step."""
         run, here = self._run, np.array(self._system.kinds) == "q"
         moved = np.max(np.abs(np.diff(run.y[:, here] / self._system.scale[here], axis=0)), axis=1, initial=0.0)
-        moved /= TURNED * min(together, WIDER)
-        count = np.clip(np.ceil(moved), 1, PARTS).astype(int)
+        moved, long = moved / (TURNED * min(together, WIDER)), np.diff(run.t) / self._longest
+        count = np.maximum(np.clip(np.ceil(moved), 1, PARTS), np.ceil(long)).astype(int)
+        moved = np.maximum(moved, long)
         filled = np.floor(np.cumsum(np.clip(moved, 1 / together, 1.0)) + 1e-9)
         last = np.append(filled[1:] != filled[:-1], True) if len(filled) else np.zeros(0, dtype=bool)
         last |= count > 1

@@ -25,7 +25,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
-from mbdae.run.growth_roots import MOST, GrowthFound, Look, Spectra, positions, roots_at
+from mbdae.run.growth_roots import HARMLESS, MOST, GrowthFound, Look, Spectra, positions, roots_at
 from mbdae.system.base import System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
@@ -38,6 +38,10 @@ VISIBLE = 0.03
 #: a disturbance that is not seen is behind where the logarithm of its growth from one state to the next is below KEEPS times that
 #: of its root less SPARE: methods of low order damp what oscillates and grows slowly, at steps that follow the oscillation
 KEEPS, SPARE = 0.8, 0.5
+#: length of a piece, times the magnitude of a root, in which Radau IIA(3) grows as the equations do; power of the time with which
+#: disturbances grow that no root makes grow: positions by velocities, and by forces that turn with the body, with 2 at most.
+#: What grows at a rate and by less than this while the time doubles, e^1.7, is kept by every method, whatever its steps are
+CARRIES, POWER = 3.0, 2.5
 SHARE = 1e-3  #: a position takes part in a disturbance where it is disturbed by more than this fraction of the one disturbed most
 LOST = 80.0  #: growth (natural logarithm) after which a disturbance of any size is seen
 #: fractions of the time between two looks at which roots are compared with those at the looks, and largest ratio of two of them
@@ -106,6 +110,8 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     found, late = spectra.found(VISIBLE), [0.0] * len(looks)
     if any(one.unseen for one in found):
         found = _persistent(run, looks, found, ends)
+    if any(one.unseen for one in found) and not _carried(system, run, found):
+        found = [_seen(one) for one in found]
     if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
     elif varying and system.n <= SMALL and _varies(system, run):
@@ -119,9 +125,27 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
 def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
     an impact."""
-    return [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
-            if one.unseen > 0 and not _steady(run, look, (a, b), (one.rate,)) else one
+    return [_seen(one) if one.unseen > 0 and not _steady(run, look, (a, b), (one.rate,)) else one
             for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]
+
+
+def _seen(one: GrowthFound) -> GrowthFound:
+    """What is found without what is not seen."""
+    return one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
+
+
+def _carried(system: System, run: Solution, found: list[GrowthFound]) -> bool:
+    """Whether disturbances grow, and not as a power of the time alone, where they are carried along the run in pieces short
+    beside the roots, or that is not known. Frozen roots tell of growth where a body turns faster and faster, and nothing grows
+    but the turn."""
+    if system.n > SMALL:
+        return True
+    course = Disturbances(system, run, CARRIES / max(one.unseen for one in found)).course(enough=HARMLESS)
+    if course is None:
+        return True
+    t, size = course
+    doubled = size - np.interp((run.t[0] + t) / 2, t, size)
+    return rise(course)[0] > HARMLESS and float(np.max(doubled)) > POWER * log(2)
 
 
 def _while_unseen(parts: Sequence[Growth]) -> list[Growth]:
