@@ -23,7 +23,7 @@ import numpy as np
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.run.amplification import SMALL, Disturbances, rise
+from mbdae.run.amplification import LEAST, SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth_roots import HARMLESS, MOST, GrowthFound, Look, Spectra, positions, roots_at
 from mbdae.system.base import System
@@ -140,7 +140,7 @@ def _carried(system: System, run: Solution, found: list[GrowthFound]) -> bool:
     but the turn."""
     if system.n > SMALL:
         return True
-    course = Disturbances(system, run, CARRIES / max(one.unseen for one in found)).course(enough=HARMLESS)
+    course = Disturbances(system, run, CARRIES / max(one.unseen for one in found)).course(enough=LEAST)
     if course is None:
         return True
     t, size = course
