@@ -92,6 +92,9 @@ class Formula:
             if item.kind == "text":
                 word = item.text.strip(" ,.:").lower()
                 condition = word in CONDITIONAL
+                before = not condition and word and not (here or found)
+                if before and n + 1 < len(items) - 1 and items[n + 1].kind in ("letter", "frac", "fence"):
+                    raise UnreadError(f"the word '{word}' stands before a formula: an operator is \\operatorname")
         last = len(found)
         for i, (piece, told) in enumerate(found):
             stop = i == last - 1 and piece[-1].text == "." and piece[-1].kind == "letter"
@@ -201,6 +204,9 @@ class Formula:
         if name is not None:
             return symbol(name)
         if item.primes and (inner := self._peeled(before, replace(item, primes=0), sup)) is not None:
+            if ("s",) not in self.letters.names:
+                raise UnreadError(f"the prime of ${item.key()}$ is a derivative by s, which has no line in the table: print the "
+                                  "derivative as a fraction")
             for _ in range(item.primes):
                 inner = Node("call", "slope", (inner,))
             return self.kept(inner, key)

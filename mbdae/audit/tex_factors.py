@@ -179,6 +179,10 @@ class Factors:
         inside = item.parts[0]
         listed = all(i.kind in ("letter", "comma") for i in inside) and inside
         name = next((n.value for n in found.walk() if n.kind == "symbol"), "")
+        stated = {key[-1] for key, value in self.letters.names.items() if value == name and key[-1].startswith("(")}
+        if stated and f"({canonical(inside)})" not in stated:
+            raise UnreadError(f"a letter that the table prints with {' or '.join(sorted(stated))} stands with "
+                              f"`({canonical(inside)})`: what it is there needs a line of its own")
         if listed and (any(i.kind == "comma" for i in inside) or canonical(inside) == "t" or name in self.letters.functions):
             self.at += 1
 

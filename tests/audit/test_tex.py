@@ -153,3 +153,14 @@ def test_planted_errors_of_a_paper_are_not_cleared() -> None:
     assert {kind for kind, *_ in rows} == {"sign", "factor", "missing term", "sin for cos", "index", "power"}
     assert [row.equation for _, _, row in rows if row.verdict != "MISPRINT"] == []
     assert all(row.verdict == "RIGHT" for row in check.audited("pendulum.tex").equations)
+
+
+def test_what_a_letter_is_at_a_place_is_not_guessed():
+    """M' by x, M at the end and words before a formula were judged, some right ones as misprints."""
+    table = ("x [m]: positive number\nl [m] $L$: positive number\nP [N]: positive number\n"
+             "let M [N m] $M(x)$ = P*(l - x)\n")
+    right = (r"M(x) = P(L - x)", r"\frac{dM}{dx} = -P")
+    unread = (r"M' = 0", r"M'(x) = -P", r"M(L) = 0", r"M(0) = PL", r"\text{not }P = M")
+    paper = "\n".join(rf"\begin{{equation}}{tex}\end{{equation}}" for tex in (*right, *unread)) + "\n"
+    found = mb.audit(paper, meanings=table)
+    assert [found[str(n)].verdict for n in range(1, 8)] == ["RIGHT"] * 2 + ["CANNOT JUDGE"] * 5
