@@ -89,7 +89,8 @@ class Objective:
         """Values (k,) of the quantity at times (k,)."""
         values = np.asarray(run(times).value(self.quantity))
         if values.ndim > 1:
-            raise OptionError(f"{shown(self.quantity)} has components: name one, as in {shown(self.quantity)}[0], or norm(...)")
+            name = self.quantity if isinstance(self.quantity, str) else "f"
+            raise OptionError(f"{shown(self.quantity)} has components: name one, as in '{name}[0]', or 'norm({name})'")
         return values
 
 

@@ -98,7 +98,7 @@ def _columns(r: Result, of: Sequence[Quantity]) -> Array:
     columns = [r.value(q) for q in of]
     for q, values in zip(of, columns, strict=True):
         if values.ndim > 1:
-            raise OptionError(f"{shown(q)} has components: name one, as in {shown(q)}[0]")
+            raise OptionError(f"{shown(q)} has components: name one, as in '{q}[0]'")
     return np.stack(columns, axis=1)
 
 

@@ -221,6 +221,16 @@ def test_refused_by_name_and_reason(scene: Callable[[], mb.Scene], options: dict
         r.gradient(mb.at_end("A.angle"), to=name)
 
 
+def test_what_a_beam_reads_for_stresses_alone_is_refused() -> None:
+    """The modulus of a section stands beside its stiffnesses: the derivative of the motion by it was 0, without a word."""
+    s = mb.Scene("cantilever", gravity=(0, -9.81, 0))
+    section = mb.Section.tube(outer=0.03, inner=0.02, E=7e9, nu=0.3, rho=2000)
+    beam = s.beam("b", (0, 0), (1, 0), section=section, elements=1)
+    s.weld("w", s.ground, beam.at(0.0), at=(0, 0))
+    with pytest.raises(mb.DerivativeError, match="for stresses alone"):
+        s.simulate(0.002, 1e-3).gradient(mb.at_end("b.at(1.0).position[1]"), to="b.section.E")
+
+
 def test_continued_runs_and_early_refusals() -> None:
     s = pendulum()
     first = s.simulate(0.2)
