@@ -275,8 +275,8 @@ def refuse_number(name: str, scene: SceneData) -> None:
     if name in [f"{one.name}.every" for one in scene.controllers]:
         refused(name, "it moves the instants at which the controller is called, and steps do not move with these; compare runs")
     if name.split(".")[1:] == ["section", "E"]:
-        refused(name, "it is read for stresses alone: the stiffnesses EA, GA2, GA3, GJ, EI2 and EI3 of the section are numbers of "
-                      "their own, and their derivatives, each times its number over E, sum up to that by E")
+        refused(name, "it is read for stresses alone: the stiffnesses EA, GA2, GA3, GJ, EI2 and EI3 of the section are numbers "
+                      "of their own, and their derivatives, each times its number over E, sum up to that by E")
     if name in OF_CALLS and name not in scene.numbers:
         refused(name, "it is no number of the scene, but of the call of simulate; compare runs")
 
