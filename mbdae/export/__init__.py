@@ -220,7 +220,8 @@ class Export:
     inputs      {name of an input vector: entries with name, unit and value}: of a scene "t" (s), "y", "yp" (at the start) and "p"
                 (parameters, with the values of the scene), "signals" (those that are numbers, with these; empty where there are
                 none); of a law "x" (unknowns of its frames, multipliers, states) and "p"
-    outputs     {function: entries with name and unit}, in the order of its outputs; arguments: {function: names of its inputs}
+    outputs     {function: entries with name, unit and note}, in the order of its outputs; the note of a reaction says where it is
+                not unique; arguments: {function: names of its inputs}
     pattern     rows and columns (nnz,) of the entries of the Jacobian, column by column; None for a law
     missing     {function: reason}, for those that the scene does not have in this form
     text        the whole file; header: the declarations in C, with all names and units
@@ -328,7 +329,9 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
         raise OptionError("format = 'fmi': only a scene moves by itself, as a unit has to; export a law as 'c'")
     else:
         program = law_program(what.joint if isinstance(what, Connection) else what, frames, options)
-    functions = program.functions.items()
-    inputs = program.inputs if "x" in program.inputs else {**program.inputs, "signals": program.inputs.get("signals", ())}
-    return Export(format, program, inputs, {name: f.outputs for name, f in functions},
-                  {name: f.arguments for name, f in functions}, program.pattern, program.missing)
+    # a unit has further functions and a direction of change, which its own C code alone calls
+    functions = {name: f for name, f in program.functions.items() if format != "fmi" or name in fmi.FUNCTIONS}
+    inputs = {name: entries for name, entries in program.inputs.items() if name != "change"}
+    inputs |= {} if "x" in inputs else {"signals": inputs.get("signals", ())}
+    return Export(format, program, inputs, {name: f.outputs for name, f in functions.items()},
+                  {name: f.arguments for name, f in functions.items()}, program.pattern, program.missing)

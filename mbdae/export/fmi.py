@@ -209,7 +209,7 @@ def _variables(unit: Program) -> Iterator[dict[str, Any]]:
                "unit": e.unit, "derivative": reference}
     for e in sensed:  # of a joint whose coordinate is a state this is the output
         yield {} if e.name in names else {"name": unique(e.name), "causality": "output", "variability": "continuous",
-                                          "initial": "calculated", "unit": e.unit}
+                                          "initial": "calculated", "unit": e.unit, "description": e.note}
 
 
 def description(unit: Program) -> str:

@@ -109,8 +109,8 @@ def size_of(f: Function) -> int:
 
 
 def described(entries: Sequence[Entry]) -> list[str]:
-    """One line for each entry: number, name, unit, value."""
-    return [f"[{i}] {e.name}{f', {e.unit}' if e.unit else ''}{'' if np.isnan(e.value) else f' = {e.value!r}'}"
+    """One line for each entry: number, name, unit, value, note."""
+    return [f"[{i}] {e.name}{e.unit and f', {e.unit}'}{'' if np.isnan(e.value) else f' = {e.value!r}'}{e.note and f' ({e.note})'}"
             for i, e in enumerate(entries)]
 
 

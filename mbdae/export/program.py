@@ -28,11 +28,13 @@ Index = NDArray[np.int64]
 
 
 class Entry(NamedTuple):
-    """One entry of an input or output vector: its name, unit and value, NaN where it has none."""
+    """One entry of an input or output vector: its name, unit and value, NaN where it has none. note: what a reader has to know of
+    it, such as that a reaction is not unique; "" where that is nothing."""
 
     name: str
     unit: str
     value: float = float("nan")
+    note: str = ""
 
 
 @dataclass(frozen=True)

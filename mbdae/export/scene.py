@@ -24,7 +24,7 @@ from mbdae.export.program import (
 from mbdae.formulations import Form, Index1, default_form, system_for
 from mbdae.kernels.plan import plan
 from mbdae.native.program import Operations, Step
-from mbdae.results.sensors import reaction_outputs
+from mbdae.results.sensors import reaction_outputs, shared_reactions
 from mbdae.scene.components import Kinematic
 from mbdae.scene.sensed import rates_of
 from mbdae.symbolic.outputs import coordinate
@@ -37,6 +37,7 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.prepare import Prepared, prepare
 
 Index = NDArray[np.intp]
+SHARED = "not unique: redundant constraints can carry a part of it"
 STATE = ("t", "y", "p")
 ALL = ("t", "y", "yp", "p")
 
@@ -305,8 +306,9 @@ def _joint_forces(every: _Every, program: Program, prepared: Prepared) -> None:
         part.steps += every.solved
         out = part.zeros(6 * len(items))
         _emit_reactions(part, every.numbering, every.base, out, items)
-        names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
-                 for i in range(3)]
+        shared = shared_reactions(prepared)
+        names = [Entry(f"{item}.{'torque' if i > 2 else 'force'}[{i % 3}]", "N m" if i > 2 else "N",
+                       note=SHARED if (item, i) in shared else "") for item in items for i in range(6)]
         program.add("joint_forces", "force and torque (about the joint) on body l, inertial components", every.arguments, names,
                     out + np.arange(6 * len(items)), part)
 

@@ -305,7 +305,8 @@ def latex_text(program: Program) -> str:
             rows = [[f"${_letter(vector, i)}$", _words(e.name), unit_text(e.unit) or "-"] for i, e in enumerate(entries)]
             blocks.append(Table(["symbol", "name", "unit"], rows))
     for f in program.functions.values():
-        blocks.append(Section(_words(f"{f.name}: {f.meaning}"), [Equation(line) for line in _equations(program, f)]))
+        inside = [*(Paragraph(_words(f"{e.name}: {e.note}.")) for e in f.outputs if e.note), *map(Equation, _equations(program, f))]
+        blocks.append(Section(_words(f"{f.name}: {f.meaning}"), inside))
     return Document(_words(program.title), blocks).to_latex()
 
 

@@ -332,11 +332,13 @@ class Result(OfRun, RunStates, ListsAttributes):
         known = f"{a.estimated:.1e}" if a.estimated is not None else "unknown"
         asked = f"{a.asked:g}" if a.asked is not None else "none"
         shorter = f" ({s.shortened} shortened for inputs of time)" if s.shortened else ""
+        shared = self.prepared.rank.sharing
+        told = f", reactions not unique: {', '.join(shared)}" if shared else ""
         warned = (", not reliable" if self.reliable is False else "") + (
             f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
                 f"{self.info.form}, {counted(s.steps, 'step')}{shorter}{self._plane}, {self.info.cpu_s:.2f} s CPU, "
-                f"accuracy asked {asked}, estimated error {known}, {a.brief}{warned}>")
+                f"accuracy asked {asked}, estimated error {known}, {a.brief}{told}{warned}>")
 
 
 def _sensor(run: RunStates, item: Body | Connection) -> Any:

@@ -24,6 +24,7 @@ from mbdae.symbolic.outputs import Target, power, reaction
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.nodes import rotation_matrices
+from mbdae.system.prepare import Prepared
 
 
 class judged(property):  # noqa: N801, used as `property` is
@@ -46,6 +47,21 @@ class judged(property):  # noqa: N801, used as `property` is
 def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """Force and torque on l at the joint."""
     return [] if isinstance(d.law, Element) else reaction(d)
+
+
+def shared_reactions(prepared: Prepared) -> set[tuple[str, int]]:
+    """(joint, number of an output of `reaction_outputs`) of the components of forces and torques that are not unique, at the
+    start or in other positions that the joints allow."""
+    m, start, found = prepared.with_all_rows, prepared.start, set[tuple[str, int]]()
+    rows = [m.rows.index(row) for row in prepared.rank.not_unique]
+    multipliers = np.vstack([np.zeros(m.m), np.eye(m.m)[rows]])
+    for q in (start.q, *prepared.rank.elsewhere) if rows else ():
+        t, many, u, s = (np.repeat(part[None], len(multipliers), axis=0) for part in (np.array(start.t), q, start.u, start.s))
+        for g, p, values in m.evaluate(reaction_outputs, t, many, u, s, multipliers):
+            for instance, of in zip(m.model.groups[g].instances, values.swapaxes(0, 1), strict=True):
+                acts = np.any(np.abs(of[1:] - of[0]) > 1e-9, axis=0)
+                found |= {(instance.item, t[1]) for t, one in zip(p.targets, acts, strict=True) if one}
+    return found
 
 
 def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -281,8 +297,7 @@ class ConnectionSensor(ListsAttributes):
     def reaction_is_unique(self) -> bool:
         """False where redundant constraints could share the reaction: `force` and `torque` are then one of many possible
         values."""
-        prefix = self._item.name + "."
-        return not any(row.name.startswith(prefix) for row in self._result.prepared.rank.not_unique)
+        return self._item.name not in self._result.prepared.rank.sharing
 
     @cached_property
     def contacts(self) -> Contacts:

@@ -164,7 +164,7 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     if sorted(stored["kept"] + stored["dropped"]) != sorted(rows):
         raise BadValueError("the constraints that the file's run kept and dropped are not those of the scene in the file: it "
                             "was changed or damaged")
-    lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
+    lists: dict[str, Any] = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
     all_bodies = AllBodies(model, moved)

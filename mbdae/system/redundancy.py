@@ -70,11 +70,17 @@ class RankReport:
     dropped: list[Row] = field(default_factory=list)
     doubtful: list[tuple[Row, float]] = field(default_factory=list)
     singular_here: list[Row] = field(default_factory=list)
-    #: rows whose reactions are not unique, because redundant rows can carry a share of them
+    #: rows whose reactions are not unique, at the start or in other positions, because redundant rows can carry a share of them
     not_unique: list[Row] = field(default_factory=list)
+    elsewhere: list[Array] = field(default_factory=list, compare=False)  #: q (nq,) of other positions that the joints allow
     degrees_of_freedom: int = 0
     #: smallest singular value, at the start, of all rows scaled to unit length, without those that are 0 by redundancy
     smallest: float = 1.0
+
+    @property
+    def sharing(self) -> list[str]:
+        """Names of the joints whose reactions are not unique."""
+        return list(dict.fromkeys(row.name.rpartition(".")[0] for row in self.not_unique))
 
     @property
     def locking(self) -> list[str]:
@@ -123,9 +129,11 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
         singular = set(chosen[at_start:])
     kept, dropped = {rows[i] for i in chosen}, [row for i, row in enumerate(rows) if i not in set(chosen)]
     doubtful = _nearly_redundant(rows, chosen, singular, [*places, *nearby])
-    not_unique = [rows[i] for i in _dependent_on_others(here)] if dropped else []
+    turned = _steered(mechanics, starter, q, elsewhere)
+    shared = {i for B in (*places, *(_rows_at(mechanics, starter.t, p)[order] for p in turned)) for i in _dependent_on_others(B)}
+    not_unique = [rows[i] for i in sorted(shared)] if dropped else []
     return RankReport([row for row in mechanics.rows if row in kept], dropped, doubtful, [rows[i] for i in sorted(singular)],
-                      not_unique, mechanics.nu - rank, smallest(here, rank))
+                      not_unique, [*elsewhere, *turned], mechanics.nu - rank, smallest(here, rank))
 
 
 def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row]) -> RankReport:
@@ -146,10 +154,13 @@ def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: C
         chosen, singular = chosen_beside(here, best, rank)
     others = [*places[1:], *(sparse_rows(mechanics, t, p, always) for p in nearby)]
     doubtful = nearly_redundant(here, chosen, singular, others, (CERTAIN, DOUBTFUL))
+    turned = _steered(mechanics, starter, q, elsewhere)
+    shared = {int(i) for place in (*places, *(sparse_rows(mechanics, t, p, always) for p in turned)) for i in place.dependent}
     kept = set(chosen.tolist())
     dropped = [row for i, row in enumerate(rows) if i not in kept]
     return RankReport([row for i, row in enumerate(rows) if i in kept], dropped, [(rows[i], part) for i, part in doubtful],
-                      [rows[i] for i in singular], [rows[i] for i in here.dependent] if dropped else [], mechanics.nu - rank,
+                      [rows[i] for i in singular],
+                      [rows[i] for i in sorted(shared)] if dropped else [], [*elsewhere, *turned], mechanics.nu - rank,
                       smallest(here.B, rank) if here.rank == rank else 0.0)
 
 
@@ -230,6 +241,13 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, without: 
         direction = freedoms @ rng.normal(size=freedoms.shape[1])
         found += _moved(closer, q, direction / np.max(np.abs(direction)) * closer.units(q))
     return found
+
+
+def _steered(mechanics: Mechanics, starter: Starter, q: Array, elsewhere: list[Array]) -> list[Array]:
+    """Positions that what rolls or cuts reaches by detours: those to which the rows of velocities alone forbid the direct way.
+    elsewhere: those reached directly; where there are none, no row is redundant."""
+    by_rates = {row.name for row in mechanics.rows if row.by_rates}
+    return _other_positions(mechanics, starter, q, by_rates) if elsewhere and by_rates else []
 
 
 def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:

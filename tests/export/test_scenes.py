@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exports.kernels import Kernels, differences, off, values
+from rolling.scenes import PROBLEMS
 
 import mbdae as mb
 from mbdae.export.program import run
@@ -419,3 +420,33 @@ def test_header_says_where_the_entries_of_the_jacobian_stand() -> None:
     header = mb.export(s, format="c").header
     assert "]:\n*/" not in header
     assert "entries at the places p_rows, p_columns" in header
+
+
+def door():
+    """A door on two hinges, whose reactions are not unique, with a latch bolt that slides in it, whose reactions are."""
+    s = mb.Scene("door", gravity=(0, 0, -9.81))
+    leaf = s.rigid_body("leaf", 20.0, (6.7, 1.1, 7.8), at=(0.4, 0, 1))
+    bolt = s.rigid_body("bolt", 0.2, (1e-3, 1e-3, 1e-3), at=(0.7, 0, 1))
+    s.revolute("lower", s.ground, leaf, at=(0, 0, 0.2), rate0=1.0)
+    s.revolute("upper", s.ground, leaf, at=(0, 0, 1.8))
+    s.prismatic("guide", leaf, bolt, at=(0.7, 0, 1), axis=(1, 0, 0), spring=50.0)
+    return s
+
+
+def test_reactions_that_are_not_unique_are_named():
+    """Two hinges share what they carry, but not the torque about their axis, nor what others carry; every format says so, and so
+    does a result."""
+    scene = door()
+    export = mb.export(scene, "c")
+    noted = {e.name for e in export.outputs["joint_forces"] if e.note}
+    parts = "force[0]", "force[1]", "force[2]", "torque[0]", "torque[1]"
+    assert noted == {f"{hinge}.{part}" for hinge in ("lower", "upper") for part in parts}
+    written = [export.header, *(mb.export(scene, form).text for form in ("fmi", "jax", "casadi", "sympy"))]
+    assert [text.count("not unique") for text in written] == [len(noted)] * 5
+    assert "reactions not unique: lower, upper" in repr(scene.simulate(0.05))
+
+
+def test_directions_that_come_later_are_named_too():
+    """A cart on a floor with a wheel that rolls: as the cart turns, the torque that both share points along x and y."""
+    noted = {e.name for e in mb.export(PROBLEMS["steered_wheel"](None)[0], "c").outputs["joint_forces"] if e.note}
+    assert noted == {"floor.force[2]", "floor.torque[0]", "floor.torque[1]", "steer.force[2]", "hub.force[2]", "tyre.force[2]"}

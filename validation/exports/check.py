@@ -103,6 +103,10 @@ def of_languages(name: str, eliminated: bool = False, languages: tuple[str, ...]
             errors = differences(export, call, kernels, values(export.inputs["p"]))
         worst = max(errors, key=lambda function: errors[function])
         found.append(Found(errors[worst], quantity=language, note=worst))
+    if eliminated:
+        own = Kernels(example(name).scene(), form)
+        found.append(Found(max(own.eliminated_off(t, y) for t, y, _ in own.states()), quantity="mbdae's own elimination",
+                           note="of the largest term summed"))
     return found
 
 

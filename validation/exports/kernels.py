@@ -12,6 +12,7 @@ import mbdae as mb
 from mbdae.formulations import default_form, system_for
 from mbdae.results.sensors import reaction_outputs
 from mbdae.symbolic.outputs import coordinate
+from mbdae.system.assembled.right_hand_side import Rates
 from mbdae.system.prepare import prepare
 
 
@@ -21,6 +22,8 @@ class Kernels:
     def __init__(self, scene: Any, form: Any) -> None:
         self.prepared = prepare(scene)
         self.system = system_for(self.prepared, form or default_form(self.prepared))
+        # accelerations and multipliers from the equations as a whole: see the README
+        self.whole = Rates(self.system.full, self.system.n, True) if hasattr(self.system, "full") else None
         self.items = [c.name for c in self.prepared.model.scene.connections]
         # without Baumgarte's terms; multipliers are derivatives, 0 as all of y' below
         self.bare = system_for(self.prepared, mb.Index1(0.0, "derivatives") if self.prepared.rows else mb.ODE())
@@ -28,10 +31,14 @@ class Kernels:
     def __call__(self, t: float, y: Any, yp: Any) -> dict[str, Any]:
         system, n = self.system, self.system.n
         found = {"residual": np.empty(n), "rates": np.empty(n)}
-        system.residual(t, y, yp, found["residual"])
-        if system.rhs is not None:
-            system.rhs(t, y, found["rates"])
-        found["jacobian"] = [self.dense(part) for part in system.jacobian_parts(t, y, yp)]
+        if self.whole is not None:
+            self.whole.solve(t, y, found["rates"])
+            found["residual"], found["jacobian"] = yp - found["rates"], [-self.whole.jacobian(t, y, found["rates"]), np.eye(n)]
+        else:
+            system.residual(t, y, yp, found["residual"])
+            if system.rhs is not None:
+                system.rhs(t, y, found["rates"])
+            found["jacobian"] = [self.dense(part) for part in system.jacobian_parts(t, y, yp)]
         found["joint_forces"] = self.forces(np.array([t]), y, yp)
         return found | self.mechanics(t, y) | {"sensors": self.sensors(np.array([t]), y)}
 
@@ -69,8 +76,8 @@ class Kernels:
         if nb.m and len(nb.rows) == len(m.rows):
             at = slice(nb.start["lambda"], nb.start["lambda"] + nb.m)
             multipliers = ((yp if nb.derivatives else y)[at] * nb.scaling())[None]
-        elif hasattr(self.system, "full") and len(self.system.full.numbering.rows) == len(m.rows):
-            multipliers = (self.system.multipliers * self.system.full.numbering.scaling())[None]
+        elif self.whole is not None and len(self.whole.full.numbering.rows) == len(m.rows):
+            multipliers = (self.whole.multipliers * self.whole.full.numbering.scaling())[None]
         else:
             multipliers = m.accelerations(t, q, u, s)[1]
         total = np.zeros((len(self.items), 6))
@@ -79,6 +86,21 @@ class Kernels:
                 if instance.item in self.items:
                     total[self.items.index(instance.item), [target[1] for target in p.targets]] += values[0, i]
         return total.ravel()
+
+    def eliminated_off(self, t: float, y: Any) -> float:
+        """Largest difference of the rates by which a scene is integrated, where the multipliers are eliminated, from `whole`,
+        over the largest term of u' = M^-1 f - M^-1 G^T lambda, which is summed there; 0 for other scenes."""
+        kernel = self.system._rates.kernel if self.whole is not None else None
+        if kernel is None or kernel.whole:
+            return 0.0
+        found, wanted, nb = np.empty(self.system.n), np.empty(self.system.n), self.whole.full.numbering
+        self.system.rhs(t, y, found)
+        self.whole.solve(t, y, wanted)
+        parts = self.mechanics(t, y)
+        M, G = parts["mass_matrix"].reshape(nb.nu, nb.nu), parts["constraint_matrix"].reshape(nb.m, nb.nu)
+        by_reactions = np.linalg.solve(M, G.T * self.whole.multipliers)
+        terms = abs(by_reactions).sum(axis=1) + abs(wanted[nb.nq : nb.nq + nb.nu])
+        return float(np.max(abs(found - wanted)) / max(np.max(terms), np.max(abs(wanted))))
 
     def states(self, count: int = 3) -> Iterator[tuple[float, Any, Any]]:
         """States near the start that satisfy nothing."""
@@ -95,7 +117,7 @@ class Kernels:
         if self.prepared.model.lines:  # large forces of strains leave small ones in the joints
             t, (q, u, s) = np.zeros(1), self.prepared.states(np.zeros(1), y[None])
             found["joint_forces"] = max(found["joint_forces"], np.max(np.abs(self.prepared.mechanics.load(t, q, u, s))))
-        solved = hasattr(self.system, "full")
+        solved = self.whole is not None
         found["residual"] = found["rates"] if solved else rows
         rows = np.max(np.abs(wanted["jacobian"]), axis=None if solved else (0, 2), keepdims=True)
         found["jacobian"] = [rows.reshape(-1, 1)] * 2  # of a row in both matrices: compilers round what cancels in one otherwise

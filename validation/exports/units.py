@@ -42,6 +42,8 @@ class Unit:
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
         self.units = {v.name: v.unit for v in self.description.modelVariables}
         self.outputs = [v.name for v in self.description.modelVariables if v.causality == "output"]
+        #: reactions that the unit says are not unique
+        self.shared = {v.name for v in self.description.modelVariables if "not unique" in (v.description or "")}
 
     def __enter__(self) -> Unit:
         return self
@@ -140,16 +142,37 @@ class Unit:
 def off(scene: Any, unit: Unit, times: Any, found: Any, accuracy: float) -> tuple[float, str]:
     """Largest difference from mbdae's own run at an accuracy, over the largest output of the same unit in the run; and which
     output has it. Whole turns of angles, which units do not count in space, are left out, and outputs that mbdae says it does not
-    know to a millionth itself: forces in beams that vibrate faster than its steps."""
+    know to a millionth itself: forces in beams that vibrate faster than its steps. Of reactions that the unit says are not
+    unique, the sums on every body are compared, which are."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         r = scene.simulate(float(times[-1]), accuracy=accuracy, outputs=np.array(times))
         read = {name: np.asarray(r.read(name)) for name in unit.outputs}
         sizes = sizes_of(unit, read)
         known = [name for name in unit.outputs if not float(np.max(r.error(name))) > KNOWN * sizes[unit.units[name]]]
-    error, name = worst(scene, unit, found, read, known)
+        error, name = worst(scene, unit, found, read, [name for name in known if name not in unit.shared])
+        if unit.shared:
+            own, sums = (sums_on_bodies(scene, r, values) for values in (dict(zip(unit.outputs, found.T, strict=True)), read))
+            load = max(sizes["N"], sizes["N m"] / r.prepared.length)
+            off_by = {f"sum of reactions on {body}": float(np.max(abs(own[body] - sums[body])) / load) for body in own}
+            error, name = max((error, name), *((value, of) for of, value in off_by.items()))
     left_out = len(unit.outputs) - len(known)
     return error, name + (f"; {left_out} of {len(unit.outputs)} outputs are not known to mbdae itself" if left_out else "")
+
+
+def sums_on_bodies(scene: Any, r: Any, values: dict[str, Any]) -> dict[str, Any]:
+    """Force (N), and torque about the origin over the scene's length (N), of all joints together, (times, 6) on every body."""
+    found: dict[str, Any] = {}
+    numbers = {one.item: one.numbers for _, _, one in reversed(list(r.prepared.model.instances()))}
+    for c in scene.connections:
+        force, torque = (np.stack([values[f"{c.name}.{what}[{i}]"] for i in range(3)], axis=1) for what in ("force", "torque"))
+        point = np.array([numbers[c.name].get(f"l_p{i}", 0.0) for i in (1, 2, 3)])
+        point = point[None] if c.l is scene.ground else r[c.l.name].position + r[c.l.name].rotation @ point
+        wrench = np.hstack([force, (torque + np.cross(point, force)) / r.prepared.length])
+        for body, sign in ((c.l, 1), (c.k, -1)):
+            if body is not scene.ground:
+                found[body.name] = found.get(body.name, 0.0) + sign * wrench
+    return found
 
 
 def sizes_of(unit: Unit, read: dict[str, Any]) -> dict[str, float]:
