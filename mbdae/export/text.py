@@ -25,7 +25,6 @@ from mbdae.symbolic.vectors import Expr
 
 # -- The operations of a function applied to symbols instead of numbers: a sequence of named expressions
 
-
 ZERO = se.Integer(0)
 #: the diagonal entry is the pivot if it has at least this part of the largest entry from it downwards in its column: fewer rows
 #: change places
@@ -305,8 +304,8 @@ def latex_text(program: Program) -> str:
             rows = [[f"${_letter(vector, i)}$", _words(e.name), unit_text(e.unit) or "-"] for i, e in enumerate(entries)]
             blocks.append(Table(["symbol", "name", "unit"], rows))
     for f in program.functions.values():
-        inside = [*(Paragraph(_words(f"{e.name}: {e.note}.")) for e in f.outputs if e.note), *map(Equation, _equations(program, f))]
-        blocks.append(Section(_words(f"{f.name}: {f.meaning}"), inside))
+        noted = [Paragraph(_words(f"{e.name}: {e.note}.")) for e in f.outputs if e.note]
+        blocks.append(Section(_words(f"{f.name}: {f.meaning}"), [*noted, *map(Equation, _equations(program, f))]))
     return Document(_words(program.title), blocks).to_latex()
 
 
