@@ -183,7 +183,7 @@ def _prints(tex: str) -> bool:
     """Whether the TeX of an author is such that a page shows it."""
     try:
         return bool(tex and display(tex))
-    except FormulaError:
+    except (FormulaError, RecursionError):
         return False
 
 

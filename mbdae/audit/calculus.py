@@ -14,6 +14,7 @@ from typing import Any
 
 from mbdae.audit.notation import Node, is_zero, made, negated, number, symbol
 
+TIME = "time"  #: wording of the time itself
 ZERO, ONE, TWO = number(0), number(1), number(2)
 MOVING = ("function of time", "vector function of time")
 FIXED = ("number", "positive number", "angle", "vector", "matrix", "symmetric matrix")
@@ -68,7 +69,7 @@ def _expanded(node: Node, scope: Any) -> Node:
     """A formula without derivatives of anything but functions of time, its definitions written out."""
     if node.kind == "symbol":
         meaning = scope.symbols.get(node.value)
-        if meaning is None or meaning.phrase.wording in (*MOVING, *FIXED):
+        if meaning is None or meaning.phrase.wording in (*MOVING, *FIXED, TIME):
             return node
         if getattr(meaning, "node", None) is None:
             raise NoRuleError
@@ -81,7 +82,7 @@ def _expanded(node: Node, scope: Any) -> Node:
     if node.kind == "call" and node.value == "diff":
         by = chain(node.parts[1])
         meaning = scope.symbols.get(by[0]) if by else None
-        if meaning is None or meaning.phrase.wording not in ("function of time", "number", "positive number", "angle"):
+        if meaning is None or meaning.phrase.wording not in ("function of time", "number", "positive number", "angle", TIME):
             raise NoRuleError
         return _derived(_expanded(node.parts[0], scope), lambda name, order: ONE if (name, order) == by else ZERO)
     if node.kind == "call" and node.value in ("sum", "delta", "slope"):
@@ -93,6 +94,8 @@ def _rate(name: str, order: int, scope: Any) -> Node:
     meaning = scope.symbols.get(name)
     if meaning is None or meaning.phrase.wording in FIXED:
         return ZERO
+    if meaning.phrase.wording == TIME:
+        return ZERO if order else ONE
     found = symbol(name)
     for _ in range(order + 1):
         found = _call("rate", found)

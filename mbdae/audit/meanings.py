@@ -15,13 +15,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from mbdae.audit import carried
 from mbdae.audit.edits import PLAIN, powers
 from mbdae.audit.evaluate import NO_VALUE, attempt
 from mbdae.audit.laws import Own
@@ -30,11 +28,12 @@ from mbdae.audit.notation import AuditError, Node, Relation, is_zero, made, nega
 from mbdae.audit.phrases import OWN, Definition, Env, Scope, understand
 from mbdae.audit.reading import Printed, TextFile
 from mbdae.audit.rules_motion import Assumption
-from mbdae.audit.tex import Case, Formula, Key, Letters
+from mbdae.audit.tex import Case, Formula, Key, Letters, keys_of, other_form, said_of
 from mbdae.audit.tex_items import FUNCTIONS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical
 from mbdae.documents.blocks import tokens
 from mbdae.documents.displays import Display
 
+RESERVED = {*FUNCTIONS.values(), "I", "pi", "rate", "diff", "delta", "integral", "sum", "slope", "sqrt", "norm"}
 _FROM = re.compile(r"from\s+(\S+)\s*:\s*(.*)$", re.S)
 _OF_EQUATION = re.compile(r"equation\s+(\S+?)\s*(?:\[([^\]]*)\])?\s*:\s+(.+)$", re.S)
 _TOLD = re.compile(r"\$([^$]{1,40})\$,?\s+(?:is|are|denotes?|represents?|means|be|being)\s+((?:[^,.;:$\\\n]|\n(?!\n)){3,60})")
@@ -58,7 +57,7 @@ density | kg/m^3 | positive number
 coefficient|ratio|exponent | 1 | positive number
 penetration|deflection|displacement|coordinate|position | m | function of time
 unit vector|axis | 1 | vector
-time | s | number""".splitlines()]
+time | s | positive number""".splitlines()]
 _LETTERS = [line.split(" | ") for line in r"""m(_|$) | kg | positive number
 g$ | m/s^2 | positive number
 [lrRabh](_|$)|\\ell | m | positive number
@@ -72,15 +71,7 @@ c(_|$) | N s/m | positive number
 \\tau|M(_|$) | N m | number
 [xyzuqws](_|$) | m | function of time
 v(_|$) | m/s | number
-t$ | s | number""".splitlines()]
-
-
-@lru_cache(maxsize=4096)
-def keys_of(letter: str) -> tuple[Key, str]:
-    """The keys of the pieces of a letter given as TeX, and its arguments where it is given with them, as g(v)."""
-    items = Items(tokens(letter)).all()
-    called = len(items) > 1 and items[-1].kind == "fence" and not items[-1].sup
-    return tuple(i.key() for i in (items[:-1] if called else items)), canonical(items[-1:]) if called else ""
+t$ | s | time""".splitlines()]
 
 
 class Paper(TextFile):
@@ -94,6 +85,8 @@ class Paper(TextFile):
         self.said: dict[str, tuple[int, str | None, str]] = {}
         self.definitions: dict[str, list[tuple[str, str, str, int]]] = {}
         self.written: dict[str, str] = {}
+        self.known = {n for d in shown for n in (d.number, d.label)}
+        self.stated: dict[Any, tuple[int, str]] = {}  #: line and name of the names and letters declared since the last `from`
 
     def read_paper(self) -> Any:
         """The text of all displays, in their order."""
@@ -105,8 +98,7 @@ class Paper(TextFile):
                 parts.setdefault(here, [])
             if joined:
                 parts[here].append((at, joined))
-        known = {n for d in self.shown for n in (d.number, d.label)}
-        for place in [p for p in parts if p not in known | {""}]:
+        for place in [p for p in parts if p not in self.known | {""}]:
             self._spoilt(parts[place][0][0] if parts[place] else 0, f"from {place}:", f"{self.paper} has no equation {place}")
         self._declare(parts[""])
         for display in self.shown:
@@ -116,6 +108,7 @@ class Paper(TextFile):
         return self.found
 
     def _declare(self, items: Sequence[tuple[int, str]]) -> None:
+        self.stated = {}
         for at, joined in items:
             try:
                 doubtful = joined.startswith("?")
@@ -124,20 +117,31 @@ class Paper(TextFile):
                 if name:  # what was printed of another letter with this name is no longer how it is printed
                     self.written = {f: tex for f, tex in self.written.items() if not re.search(rf"\b{name[1]}\b", f)}
                     (self.doubtful.add if doubtful else self.doubtful.discard)(name[1])
-                if match := _OF_EQUATION.match(line):
-                    self.said[match[1]] = (at, match[2], " ".join(match[3].split()))
-                elif match := _DEFINED.match(line):
+                of, match = _OF_EQUATION.match(line), _DEFINED.match(line)
+                if (of or match) and (place := of[1] if of else match[4]) not in self.known:  # type: ignore[index]
+                    raise AuditError(f"{self.paper} has no equation {place}")
+                if of:
+                    self.said[of[1]] = (at, of[2], " ".join(of[3].split()))
+                elif match:
                     self._symbol(at, match[1], match[2], match[3], "number")
                     self.definitions.setdefault(match[4], []).append((match[1], match[2], match[3] or "", at))
                 else:
                     self._item(at, line)
-            except AuditError as error:
-                self._spoilt(at, joined, str(error))
+            except (AuditError, RecursionError) as error:
+                self._spoilt(at, joined, said_of(error))
+
+    def _symbol(self, at: int, name: str, units: str, letter: str | None, meaning: str, defined: bool = False) -> None:
+        keys = () if letter == "0" else (name, keys_of(letter or "", name))
+        for line, other in (self.stated[key] for key in keys if key in self.stated):
+            raise AuditError(f"line {line} declares {other}, the same name or letter: anew it is declared after `from EQUATION:`")
+        if name in RESERVED:
+            raise AuditError(f"{name} is a name of the notation: give the letter another name, and its TeX as ${letter or name}$")
+        super()._symbol(at, name, units, letter, meaning, defined)
+        self.stated |= dict.fromkeys(keys, (at, name))
 
     def _spoilt(self, at: int, line: str, why: str) -> None:
-        why = re.sub(r"^line \d+: ", "", why)
-        self._add(Printed(f"{self.name}.{at}", (), self._scope(), self.section, trouble=f"{self.name}:{at}: {why}",
-                          raw=" ".join(line.split())))
+        why = f"{self.name}:{at}: " + re.sub(r"^line \d+: ", "", why)
+        self._add(Printed(f"{self.name}.{at}", (), self._scope(), self.section, trouble=why, raw=" ".join(line.split())))
 
     def _scope(self) -> Scope:
         return replace(super()._scope(), written=dict(self.written))
@@ -153,11 +157,13 @@ class Paper(TextFile):
         base = Printed(number, (), self._scope(), self.section or display.section, self.states, self.only, None, self.found.inner,
                        self.doubt, before=dict(self.before), tex=display.latex, place=place, label=display.label)
         try:
+            if display.trouble:
+                raise UnreadError(display.trouble)
             cases = Formula(self._letters(), display.line).cases(Items(tokens(display.latex)).all())
             for i, case in enumerate(cases, 1):
                 self._case(base, number if len(cases) == 1 else f"{number}.{i}", case, display)
-        except (AuditError, *NO_VALUE) as error:
-            self._add(replace(base, trouble=f"{place}: {error}", raw=display.latex))
+        except (AuditError, RecursionError, *NO_VALUE) as error:
+            self._add(replace(base, trouble=f"{place}: {said_of(error)}", raw=display.latex))
 
     def _case(self, base: Printed, number: str, case: Case, display: Display) -> None:
         statements, quantity, scope = case.statements, None, self._scope()
@@ -218,18 +224,20 @@ class Paper(TextFile):
         names, functions = dict[Key, str](), set[str]()
         for name, meaning in scope.symbols.items():
             if meaning.letter != "0":
-                key, called = keys_of(meaning.letter or carried.name(name))
+                key, called = keys_of(meaning.letter, name)
                 if called:
                     names[*key, called] = name
                     functions |= {name} if names.setdefault(key, name) == name else set()
                 else:
                     functions.discard(names.get(key, ""))
                     names[key] = name
+        for key, name in tuple(names.items()):  # a letter whose TeX the table leaves open may be printed in either form
+            if not scope.symbols[name].letter and (other := other_form(key)) != key:
+                names.setdefault(other, name)
         envs = self._envs(scope)
 
         def shape(node: Node) -> tuple[int, ...] | None:
-            value = next((v for env in envs if (v := attempt(node, env)) is not None), None)
-            return None if value is None else np.shape(value)
+            return next((np.shape(v) for env in envs if (v := attempt(node, env)) is not None), None)
 
         def angle(node: Node) -> bool | None:
             try:
@@ -282,7 +290,7 @@ def begun(shown: Sequence[Display], source: str, paper: str) -> str:
     lines = [f"# Meanings of the letters of {paper}, for mb.audit. A line that begins with ? is a guess: correct its unit and",
              "# its meaning and take the ? away. What contains a guess is not judged. Words for meanings: docs/reports.md.",
              ""]
-    names: set[str] = set(FUNCTIONS.values()) | {"I", "pi"}
+    names = set(RESERVED)
     for key, moving in found.items():
         name = _name(key, names)
         names.add(name)

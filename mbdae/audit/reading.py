@@ -27,6 +27,7 @@ import numpy as np
 import sympy
 
 from mbdae.audit import rules_contact, rules_laws, rules_motion
+from mbdae.audit.calculus import TIME
 from mbdae.audit.evaluate import SizeError, Value
 from mbdae.audit.laws import PARAMETER, Own
 from mbdae.audit.motion import checked_kind
@@ -234,6 +235,8 @@ class TextFile:
             raise
 
     def _understood(self, at: int, name: str, words: str, units: tuple[Unit, ...], letter: str) -> Meaning:
+        if (letter or name) == "t" and words in ("number", "positive number") and [u.powers for u in units] == [unit("s").powers]:
+            words = TIME  # whose rate is 1
         if words in self.quantities:
             return stated_by_caller(words, units, self.quantities[words], letter)
         if match := PARAMETER.match(words):
@@ -325,7 +328,7 @@ def _unit(text: str, at: int) -> Unit:
 def _prints(letter: str) -> bool:
     try:
         return bool(re.sub(r"<[^>]*>|\s", "", html.unescape(inline(letter))))
-    except FormulaError:
+    except (FormulaError, RecursionError):
         return False
 
 

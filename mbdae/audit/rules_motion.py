@@ -16,7 +16,7 @@ import numpy as np
 from mbdae.audit.evaluate import STEP, SizeError, Value, attempt
 from mbdae.audit.laws import Rule, register
 from mbdae.audit.motion import RandomMotion, axial
-from mbdae.audit.notation import Comparison, Node, TextReader, symbol
+from mbdae.audit.notation import AuditError, Comparison, Node, TextReader, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.symbolic.rebuild import complex_atan2
 
@@ -64,6 +64,7 @@ GIVEN: dict[str, Rule] = {
     "number": lambda env, name: env.number(f"number {name}"),
     "positive number": lambda env, name: env.positive(f"positive number {name}"),
     "angle": lambda env, name: env.number(f"angle {name}"),
+    "time": lambda env, name: env.positive(f"time {name}") + env.motion.clock * env.size_of("time"),
     "vector": lambda env, name: env.drawn(f"vector {name}", env.motion.vector),
     "matrix": lambda env, name: env.drawn(f"matrix {name}", env.motion.matrix),
     "symmetric matrix": lambda env, name: env.motion.matrix(f"symmetric matrix {name}", symmetric=True) + 0j,
@@ -186,6 +187,8 @@ def assumptions(text: str, line: int) -> list[Assumption]:
         if match[0] in (",", ";", "and") and not depth:
             pieces.append(text[start : match.start()].strip())
             start = match.end()
+    if depth:
+        raise AuditError(f"line {line}: a bracket of '{text}' is not closed")
     read = [(piece, TextReader(piece, line, relations=True).assumption()) for piece in filter(None, pieces)]
     return [Assumption(piece, tuple(c for c in parts if _ENDLESS.value not in c[0].free | c[2].free)) for piece, parts in read]
 

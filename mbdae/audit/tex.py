@@ -10,16 +10,21 @@ its rate, a tilde or hat the matrix of its cross product, unless the accented le
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
-from mbdae.audit.notation import Comparison, Node, Relation, made, negated, number, symbol
+from mbdae.audit import carried
+from mbdae.audit.notation import Comparison, Node, Relation, is_zero, made, negated, number, symbol
 from mbdae.audit.tex_factors import Factors
-from mbdae.audit.tex_items import DOTS, MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical, indexed, related
+from mbdae.audit.tex_items import DOTS, FUNCTIONS, MARKS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical, indexed, related
+from mbdae.documents.blocks import tokens
 
 Key = tuple[str, ...]
 CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
 IDENTITY = {"I", "\\mathbf{I}", "\\mathbf{1}", "\\mathbf{E}", "\\mathbb{I}", "\\mathbb{1}"}
+SIZES = (3, 2, 4, 5, 6)  #: of an identity, in the order in which they are tried
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,32 @@ class Letters:
     radian: Callable[[Node], bool] = lambda node: False  #: whether it is a letter in rad
     functions: frozenset[str] = frozenset()  #: names that are printed with their arguments, as in g(v)
     written: dict[str, str] = field(default_factory=dict)  #: {formula in the notation: how the text prints it}
+
+
+@lru_cache(maxsize=4096)
+def keys_of(letter: str, name: str) -> tuple[Key, str]:
+    """The keys of the pieces of a letter given as TeX, and its arguments where it is given with them, as g(v); "": the letter
+    that the name looks like. UnreadError where what is given is no letter."""
+    items = Items(tokens(letter or carried.name(name))).all()
+    called = len(items) > 1 and items[-1].kind == "fence" and not items[-1].sup
+    pieces = items[:-1] if called else items
+    if not 0 < len(pieces) < 4 or any(
+            i.kind != "letter" or i.key()[1:] in FUNCTIONS or i.text in ")]" for i in pieces):
+        if not letter:  # a name that the paper does not print
+            return (name,), ""
+        raise UnreadError(f"`${letter}$` is no letter with its index and accents: of an expression the letters alone have lines")
+    return tuple(i.key() for i in pieces), canonical(items[-1:]) if called else ""
+
+
+def other_form(key: Key) -> Key:
+    """The letter with its Greek letters in their other form."""
+    swap = {f"\\{v}{g}": f"\\{'' if v else 'var'}{g}" for g in ("phi", "theta", "epsilon", "rho", "kappa") for v in ("", "var")}
+    return tuple(re.sub(r"\\[a-z]+", lambda m: swap.get(m[0], m[0]), piece) for piece in key)
+
+
+def said_of(error: Exception) -> str:
+    """Why something could not be read."""
+    return "its formulas stand too deep in each other" if isinstance(error, RecursionError) else str(error)
 
 
 class Formula:
@@ -104,8 +135,22 @@ class Formula:
     def _relation(self, parts: list[list[Item]], signs: list[str]) -> Relation:
         if len(set(signs)) > 1:
             raise UnreadError("`=` and a bound stand in one statement: print two")
-        nodes = tuple(self.sum(p) for p in (parts if signs[0] != ">=" else parts[::-1]))
+        nodes = self._sized([self.sum(p) for p in (parts if signs[0] != ">=" else parts[::-1])])
         return Relation(nodes, "=" if signs[0] == "=" else "<=", self.line)
+
+    def _sized(self, sides: Sequence[Node]) -> tuple[Node, ...]:
+        """Sides in which an identity has the size with which they fit together."""
+        if not any("I" in side.free for side in sides):
+            return tuple(sides)
+        for n in SIZES:
+            unit = made("block", *(made("row", *(number(float(i == j)) for j in range(n))) for i in range(n)))
+            tried = tuple(sides) if n == SIZES[0] else tuple(side.replaced({symbol("I"): unit}) for side in sides)
+            shapes = {self.letters.shape(side) for side in tried if not is_zero(side)}
+            if len(shapes) == 1 and None not in shapes:
+                self.letters.written.setdefault(str(unit), r"\mathbf{I}")
+                return tried
+        raise UnreadError("an identity matrix of no size fits to what stands beside it: if $I$ is another letter, it needs a "
+                          "line in the table of meanings")
 
     def _compared(self, parts: list[list[Item]], signs: list[str]) -> list[Comparison]:
         if signs == ["in"]:
@@ -134,7 +179,7 @@ class Formula:
                 raise UnreadError("where none of several conditions holds is not known: print a condition in each row of `cases`")
             if any(sign == "=" for _, sign, _ in conditions):
                 raise UnreadError("a row of `cases` holds at one point alone, where random states never are")
-            out.append(Case((Relation((*sides, self.sum(value)), "=", self.line),), (*also, *conditions)))
+            out.append(Case((Relation(self._sized([*sides, self.sum(value)]), "=", self.line),), (*also, *conditions)))
         return out
 
     # -- sums and products
@@ -210,7 +255,7 @@ class Formula:
             for _ in range(item.primes):
                 inner = Node("call", "slope", (inner,))
             return self.kept(inner, key)
-        if not before and not sup and item.key("").partition("_")[0] in IDENTITY:
+        if not before and not sup and item.key("").partition("_")[0] in IDENTITY and _size(item.sub):
             return symbol("I")
         if not before and not sup and item.key("") in ("\\pi", "\\mathbf{0}"):
             return symbol("pi") if item.text == "\\pi" else number(0)
@@ -244,6 +289,11 @@ class Formula:
         if text in ("*", "\\ast", "\\star", "\\dagger", "+", "-", "\\circ", "\\prime"):
             raise UnreadError(f"the superscript `{text}` has no meaning: give the letter with it a line in the table of meanings")
         return made("power", node, self.sum(sup))
+
+
+def _size(sub: Sequence[Item]) -> bool:
+    """Whether an index may be the size of a matrix: none, n, 3, or 3 x 3."""
+    return re.fullmatch(r"|[nmN]|[2-6]|(\w)\\times ?\1", canonical(sub)) is not None
 
 
 def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bool]]:

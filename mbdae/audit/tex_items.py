@@ -5,6 +5,7 @@ What the pieces mean, `tex` says: here is only how TeX is written.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -48,6 +49,9 @@ STACKS = {"split", "aligned", "gathered", "alignedat"}
 _NAMED = "partial ell int sum nabla top intercal prime max min hbar imath jmath infty circ Re Im iint oint star"
 NAMED = {*_NAMED.split(" ")}
 TRANSPOSED = {"T", "\\top", "\\intercal", "\\mathsf{T}", "\\mathsf{t}", "\\mathsf{\\top}", "t"}
+
+
+DEEPEST = 40  #: brackets, fractions and scripts within each other that are read
 
 
 class UnreadError(AuditError):
@@ -117,7 +121,7 @@ class Items:
     """Tokens of TeX, with macros replaced, read into items."""
 
     def __init__(self, tokens: Sequence[str]) -> None:
-        self.tokens, self.at, depth = list[str](), 0, 0
+        self.tokens, self.at, self.depth, depth = list[str](), 0, 0, 0
         for token in tokens:
             depth += (token == "\\begin") - (token == "\\end")
             if not token.isspace() and token not in SPACES and (token != "&" or depth):
@@ -186,6 +190,14 @@ class Items:
 
     def one(self) -> Item:
         """The next item without its scripts."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise UnreadError(f"brackets, fractions or scripts stand more than {DEEPEST} deep in each other")
+        found = self._one()
+        self.depth -= 1
+        return found
+
+    def _one(self) -> Item:
         token = self.take()
         name = token[1:] if token.startswith("\\") else ""
         if token == "{":
@@ -247,6 +259,13 @@ class Items:
         if name in ("phantom", "hspace", "vspace", "label", "color", "footnote"):
             self.argument()
             return Item("nothing")
+        if name in ("num", "ang"):
+            value = self.raw()
+            if not re.fullmatch(r"-?\d*\.?\d+", value):
+                raise UnreadError(f"the number `{value}` is not read")
+            return Item("number", repr(float(value) * (1 if name == "num" else math.pi / 180)))
+        if name in ("SI", "qty", "si", "unit"):
+            raise UnreadError(f"`\\{name}` gives a value with its unit, which is not judged")
         raise UnreadError(f"the command `\\{name}` is not known")
 
     def raw(self) -> str:
@@ -273,7 +292,7 @@ class Items:
         if len(inside) == 1 and inside[0].kind == "letter" and not (inside[0].primes or inside[0].sup):
             return replace(inside[0], accents=(accent, *inside[0].accents))
         if accent in FONTS.values() and len(inside) == 1 and inside[0].kind == "number":
-            return inside[0]
+            return Item("letter", "1", accents=(accent,)) if inside[0].text == "1" else inside[0]  # an identity
         if accent not in RATES and accent not in ("tilde", "hat", "bar"):
             operators = {"\\delta", "\\partial", "d", "\\Delta"}
             return Item("group", "over", (tuple(replace(i, accents=(accent, *i.accents)) if i.kind == "letter" and not (

@@ -115,6 +115,8 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], RandomM
             return _cannot(equation, wrong[0]) if wrong else _with_unlisted(_verdict(equation, states, search), states)
     except NO_VALUE as error:
         return _cannot(equation, reason(error, meanings(equation)))
+    except RecursionError:
+        return _cannot(equation, "its formulas, with the definitions that they contain, stand too deep in each other")
 
 
 def _by_units(equation: Printed, states: ComparedStates, wrong: list[str]) -> Row:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from mbdae.documents.blocks import tokens
@@ -28,13 +29,14 @@ DEEPEST = 40  #: macros within macros that are replaced
 @dataclass(frozen=True)
 class Display:
     """A displayed equation: its TeX with the author's macros replaced, the line it begins in, the number that is printed beside
-    it ("" where none is), its label, the title of its section."""
+    it ("" where none is), its label, the title of its section; trouble: why its macros cannot be replaced, "" where they are."""
 
     latex: str
     line: int
     number: str = ""
     label: str = ""
     section: str = ""
+    trouble: str = ""
 
 
 class MacroError(MbdaeError):
@@ -46,6 +48,9 @@ def displays(text: str, markdown: bool = False) -> list[Display]:
     on with the row before it."""
     text = _plain(text, markdown)
     macros = dict(_macros(text))
+    if (begin := text.find(r"\begin{document}")) >= 0:
+        text = "\n" * text.count("\n", 0, begin) + text[begin:]
+    text = _with_displays(text, macros)
     within = re.search(r"\\numberwithin\{equation\}\{section\}", text) is not None
     out, count, section, title, parent = list[Display](), 0, 0, "", ""
     inner = 0
@@ -72,22 +77,53 @@ def displays(text: str, markdown: bool = False) -> list[Display]:
                 number = (f"{section}." if within else "") + (f"{parent}{chr(96 + inner)}" if parent else str(count))
             clean = re.sub(r"\\(nonumber|notag)\b", "", _LABEL.sub("", _TAG.sub("", latex)))
             line = text.count("\n", 0, start + at + len(latex) - len(latex.lstrip())) + 1
-            out.append(Display(_replaced(clean, macros).strip(), line, number, label[1] if label else "", title))
+            try:
+                whole, trouble = _replaced(clean, macros).strip(), ""
+            except (MacroError, RecursionError) as error:
+                whole, trouble = clean.strip(), str(error)
+            out.append(Display(whole, line, number, label[1] if label else "", title, trouble))
     return list(_joined(out))
 
 
 def _plain(text: str, markdown: bool) -> str:
-    """The text without comments and listings, its lines kept."""
+    """The text that is typeset: without comments, listings and code, and in TeX without what stands between `\iffalse` and `\fi`
+    or after the end of the document, its lines kept; of what stands before its beginning the definitions alone."""
     def blank(match: re.Match[str]) -> str:
         return "\n" * match[0].count("\n")
 
     if markdown:
-        fences = r"<!--.*?-->|^(`{3,}|~{3,})([^\n]*)\n.*?^\1"
-        text = re.sub(fences, lambda m: m[0] if (m[2] or "").strip() == "math" else blank(m), text, flags=re.S | re.M)
-    else:
-        text = re.sub(r"(?<!\\)((?:\\\\)*)%[^\n]*", r"\1", text)
-        text = re.sub(r"\\begin\{(verbatim|lstlisting|comment)\}.*?\\end\{\1\}", blank, text, flags=re.S)
-    return text
+        code = r"<!--.*?-->|^ *(`{3,}|~{3,})([^\n]*)\n.*?(?:^ *\1|\Z)|(?<!`)(`+)(?!`)(?:(?!\n\s*\n).)+?(?<!`)\3(?!`)"
+        text = re.sub(code, lambda m: m[0] if (m[2] or "").strip() == "math" else f"{blank(m)} ", text, flags=re.S | re.M)
+        return _without_indented(text)
+    text = re.sub(r"\\verb\*?([^\w\s*]).*?\1", blank, text)
+    text = re.sub(r"(?<!\\)((?:\\\\)*)%[^\n]*", r"\1", text)
+    text = re.sub(r"\\begin\{(verbatim|Verbatim|lstlisting|minted|comment|filecontents)(\*?)\}.*?\\end\{\1\2\}", blank, text,
+                  flags=re.S)
+    text = re.sub(r"\\end\{document\}.*", blank, text, flags=re.S)
+    hidden, depth, out, at = re.compile(r"\\(iffalse|if[a-zA-Z]+|else|fi)(?![a-zA-Z])"), 0, list[str](), 0
+    for match in hidden.finditer(text):
+        opens = match[1].startswith("if") and match[1] not in ("iff", "ifx") and (depth or match[1] == "iffalse")
+        ends = depth and (match[1] == "fi" or (match[1] == "else" and depth == 1))
+        if opens and not depth:
+            out.append(text[at : match.start()])
+            at = match.start()
+        depth += 1 if opens else -1 if ends else 0
+        if ends and not depth:
+            out.append("\n" * text.count("\n", at, match.end()))
+            at = match.end()
+    return "".join([*out, "\n" * text.count("\n", at) if depth else text[at:]])
+
+
+def _without_indented(text: str) -> str:
+    """Markdown without code that is indented by four places after an empty line, which in a list is no code."""
+    out, code, listed, before = list[str](), False, False, ""
+    for line in text.split("\n"):
+        if line.strip() and not line.startswith("    "):
+            listed = re.match(r"\s*(?:[-*+]|\d+[.)])\s", line) is not None or (listed and line.startswith(" "))
+        code = bool(line.strip()) and line.startswith("    ") and not listed and (code or not before.strip())
+        out.append("" if code else line)
+        before = "" if code else line
+    return "\n".join(out)
 
 
 def _rows(body: str, env: str) -> Iterator[tuple[str, int]]:
@@ -129,13 +165,29 @@ def _joined(rows: Sequence[Display]) -> Iterator[Display]:
 
 def _macros(text: str) -> Iterator[tuple[str, Macro]]:
     for found in _DEFINED.finditer(text):
-        body = _group(text, found.end())
+        try:
+            body = _group(text, found.end())
+        except MacroError:  # where it is used, its name is said to be unknown
+            continue
         if found["word"]:
             yield found["word"], (0, None, rf"\operatorname{{{body}}}")
         elif found["old"]:
             yield found["old"], (found["marks"].count("#"), None, body)
         else:
             yield found["new"], (int(found["count"] or 0), found["first"], body)
+
+
+def _with_displays(text: str, macros: dict[str, Macro]) -> str:
+    """The text in which definitions hold no displays, and macros that begin or end a display are replaced by what they stand
+    for."""
+    for found in reversed(list(_DEFINED.finditer(text))):
+        with suppress(MacroError):
+            end = found.end() + len(_group(text, found.end())) + 2
+            text = text[: found.start()] + "\n" * text.count("\n", found.start(), end) + text[end:]
+    for name, (count, _, body) in macros.items():
+        if not count and re.search(rf"\\(?:begin|end)\s*\{{(?:{_NAMES})\*?\}}|\\\[|\\\]|\$\$", body):
+            text = re.sub(rf"\\{name}(?![A-Za-z])[ \t]*", " ".join(body.split()).replace("\\", r"\\"), text)
+    return text
 
 
 def _group(text: str, at: int) -> str:

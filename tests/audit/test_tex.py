@@ -164,3 +164,54 @@ def test_what_a_letter_is_at_a_place_is_not_guessed():
     paper = "\n".join(rf"\begin{{equation}}{tex}\end{{equation}}" for tex in (*right, *unread)) + "\n"
     found = mb.audit(paper, meanings=table)
     assert [found[str(n)].verdict for n in range(1, 8)] == ["RIGHT"] * 2 + ["CANNOT JUDGE"] * 5
+
+
+def verdicts(paper: str, table: str) -> list[str]:
+    return [row.verdict for row in mb.audit(paper, meanings=table).equations]
+
+
+def test_an_identity_has_the_size_of_what_stands_beside_it() -> None:
+    table = "\nphi [rad]: function of time\nlet R [1] = [cos(phi), -sin(phi); sin(phi), cos(phi)]\n"
+    right = (r"R^T R = I", r"R R^{\top} - \mathbf{1}_2 = 0", r"R^{-1} R = I_{2\times 2}")
+    assert verdicts("\n".join(rf"\[{tex}\]" for tex in right), table) == ["RIGHT"] * 3
+    assert verdicts("\n" + r"\[R^T R = 2 I\]", table) == ["MISPRINT"]
+    assert verdicts("\n" + r"\[I \ddot\phi = -\phi\]", table) == ["CANNOT JUDGE"]  # a letter without a line is not taken for one
+
+
+@pytest.mark.parametrize("line", ["q [m] $z($: number", r"q [m] $\left.z\right|$: number", "q [m] $k$: number",
+                                  "F [N]: number", "x [m]: function of time in (0, 1", "equation 9: force", "q [m]: defined by 77", "I [1]: number",
+                                  "let q [m] = " + "(" * 500 + "x" + ")" * 500])
+def test_a_bad_line_spoils_itself_alone(line: str) -> None:
+    table = f"\nx [m]: number\nk [N/m]: positive number\nlet F [N] = k*x\n{line}\n"
+    paper = "\n" + r"\[F = k x\] \[F = 2kx\]"
+    found = mb.audit(paper, meanings=table).equations
+    assert [row.verdict for row in found] == ["CANNOT JUDGE", "RIGHT", "MISPRINT"]
+    assert found[0].remark.startswith("meanings:5: ")
+
+
+@pytest.mark.parametrize("tex", [r"\frac{1}{" * 500 + "x" + "}" * 500, "(" * 500 + "x" + ")" * 500, r"\sin" * 500 + " x",
+                                 "k" + "^{k" * 500 + "}" * 500, r"\dot{" * 500 + "x" + "}" * 500])
+def test_what_nests_too_deep_is_said(tex: str) -> None:
+    found = mb.audit("\n" + rf"\[F = {tex}\] \[F = k x\]", meanings="\nx [m]: number\nk [N/m]: number\nlet F [N] = k*x\n")
+    assert [row.verdict for row in found.equations] == ["CANNOT JUDGE", "RIGHT"]
+    assert "deep" in found.equations[0].remark
+    assert found.document().to_html()
+
+
+def test_what_is_not_typeset_is_not_read() -> None:
+    text = r"""\newcommand{\beq}{\begin{equation}} \newcommand{\eeq}{\end{equation}} \newcommand{\kept}{\[ h \]} \[ p \]
+\begin{document} \iffalse \[ a \] \ifdraft \[ b \] \else \[ c \] \fi \[ d \] \fi \[ e \]
+\iffalse \[ f \] \else \[ g \] \fi \verb|\[ i \]| a \iff b
+\begin{minted}{tex} $$ j $$ \end{minted} \beq k \eeq
+\end{document} \[ l \]
+"""
+    assert [(d.latex, d.line) for d in displays(text)] == [("e", 2), ("g", 3), ("k", 4)]
+    markdown = "`$$ a $$` $`x`$\n\n    $$ b $$\n\n1. one\n\n    $$ c $$\n\ntext\n\n~~~\n$$ d $$\n~~~\n$$ e $$\n"
+    assert [(d.latex, d.line) for d in displays(markdown, markdown=True)] == [("c", 7), ("e", 14)]
+
+
+def test_the_rate_of_the_time_is_one_and_greek_letters_have_two_forms() -> None:
+    table = "\nt [s]: number\nA [m]: number\nomega [rad/s]: number\nphi [rad]: number\nlet x [m] = A*cos(omega*t + phi)\n"
+    right = "\n" + r"\[x = A\cos(\omega t + \varphi)\] \[\dot x = -A\omega\sin(\omega t + \phi)\]"
+    assert verdicts(right, table) == ["RIGHT"] * 2
+    assert verdicts("\n" + r"\[\dot x = A\omega\sin(\omega t + \phi)\]", table) == ["MISPRINT"]

@@ -40,7 +40,8 @@ def test_signals_are_inputs_of_any_value(kind, value, compiled):
     """Both signals have one value, and other numbers put into the export give the equations of a scene with these numbers."""
     model, form = MODELS[kind]
     export = mb.export(cart(model, value, value), "c", form)
-    assert [tuple(e) for e in export.inputs["signals"]] == [("push", "N", value), ("twist", "", value), ("idle", "", 0.0)]
+    named = [(e.name, e.unit, e.value) for e in export.inputs["signals"]]
+    assert named == [("push", "N", value), ("twist", "", value), ("idle", "", 0.0)]
     assert all(names[-1] == "signals" for names in export.arguments.values())
     other = cart(model, -1.5, 0.7)
     stated = mb.export(other, "c", form)  # its parameters are taken: those of Baumgarte's terms follow from the start
