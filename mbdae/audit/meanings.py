@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.audit.calculus import MOVING, TIME
 from mbdae.audit.edits import PLAIN, powers
 from mbdae.audit.evaluate import NO_VALUE, attempt
 from mbdae.audit.laws import Own
@@ -249,7 +250,9 @@ class Paper(TextFile):
         def radian(node: Node) -> bool:
             return any("rad" in map(str, scope.symbols[n].units) for n in node.free if n in scope.symbols)
 
-        return Letters(names, shape, angle, radian, frozenset(functions), self.written)
+        moving = frozenset(n for n, meaning in scope.symbols.items() if meaning.phrase.wording in (*MOVING, TIME))
+        return Letters(names, shape, angle, radian, lambda name: frozenset(scope.reached({name})), moving, frozenset(functions),
+                       self.written)
 
 
 def _split(formulas: str) -> list[str]:
@@ -257,10 +260,8 @@ def _split(formulas: str) -> list[str]:
     parts, depth = [""], 0
     for c in formulas:
         depth += (c in "([") - (c in ")]")
-        if c == ";" and not depth:
-            parts.append("")
-        else:
-            parts[-1] += c
+        parts += [""] if c == ";" and not depth else []
+        parts[-1] += c if c != ";" or depth else ""
     return parts
 
 

@@ -43,6 +43,8 @@ class Letters:
     shape: Callable[[Node], tuple[int, ...] | None] = lambda node: ()  #: size of a value; None where it has none
     angle: Callable[[Node], bool | None] = lambda node: None  #: whether a value has no unit; None where nothing says
     radian: Callable[[Node], bool] = lambda node: False  #: whether it is a letter in rad
+    contains: Callable[[str], frozenset[str]] = lambda name: frozenset()  #: names in the definition of a letter
+    moving: frozenset[str] = frozenset()  #: names of functions of time
     functions: frozenset[str] = frozenset()  #: names that are printed with their arguments, as in g(v)
     written: dict[str, str] = field(default_factory=dict)  #: {formula in the notation: how the text prints it}
 

@@ -183,7 +183,13 @@ class Factors:
         if stated and f"({canonical(inside)})" not in stated:
             raise UnreadError(f"a letter that the table prints with {' or '.join(sorted(stated))} stands with "
                               f"`({canonical(inside)})`: what it is there needs a line of its own")
-        if listed and (any(i.kind == "comma" for i in inside) or canonical(inside) == "t" or name in self.letters.functions):
+        of = self.formula.letter((), inside[0]) if listed and len(inside) == 1 else None
+        if of is not None and not stated and of.kind == "symbol" and of.value != name and of.value in self.letters.contains(name):
+            if of.value not in self.letters.moving:
+                raise UnreadError(f"`{name}({canonical(inside)})` may be a product or a value at a place: give the letter of the "
+                                  f"table its argument, as ${canonical(self.items[self.at - 1 : self.at + 1])}$")
+            self.at += 1
+        elif listed and (any(i.kind == "comma" for i in inside) or canonical(inside) == "t" or name in self.letters.functions):
             self.at += 1
 
     def variation(self, item: Item) -> Node:

@@ -179,7 +179,8 @@ def test_an_identity_has_the_size_of_what_stands_beside_it() -> None:
 
 
 @pytest.mark.parametrize("line", ["q [m] $z($: number", r"q [m] $\left.z\right|$: number", "q [m] $k$: number",
-                                  "F [N]: number", "x [m]: function of time in (0, 1", "equation 9: force", "q [m]: defined by 77", "I [1]: number",
+                                  "F [N]: number", "x [m]: function of time in (0, 1", "equation 9: force",
+                                  "q [m]: defined by 77", "I [1]: number",
                                   "let q [m] = " + "(" * 500 + "x" + ")" * 500])
 def test_a_bad_line_spoils_itself_alone(line: str) -> None:
     table = f"\nx [m]: number\nk [N/m]: positive number\nlet F [N] = k*x\n{line}\n"
@@ -215,3 +216,9 @@ def test_the_rate_of_the_time_is_one_and_greek_letters_have_two_forms() -> None:
     right = "\n" + r"\[x = A\cos(\omega t + \varphi)\] \[\dot x = -A\omega\sin(\omega t + \phi)\]"
     assert verdicts(right, table) == ["RIGHT"] * 2
     assert verdicts("\n" + r"\[\dot x = A\omega\sin(\omega t + \phi)\]", table) == ["MISPRINT"]
+
+
+def test_a_letter_with_the_argument_it_depends_on_is_no_product() -> None:
+    table = "\nphi [rad]: function of time\nr [m]: number\nl [m]: number\nlet x [m] = r*cos(phi)\nlet M [m] = r - l\n"
+    paper = "\n" + r"\[x(\varphi) = r\cos\varphi\] \[M(l) = 0\] \[x(r) = r\] \[r(l) = l r\]"
+    assert verdicts(paper, table) == ["RIGHT", "CANNOT JUDGE", "CANNOT JUDGE", "RIGHT"]
