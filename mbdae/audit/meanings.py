@@ -233,7 +233,7 @@ class Paper(TextFile):
                     functions.discard(names.get(key, ""))
                     names[key] = name
         for key, name in tuple(names.items()):  # a letter whose TeX the table leaves open may be printed in either form
-            if not scope.symbols[name].letter and (other := other_form(key)) != key:
+            for other in (other_form(key), (name,)) if not scope.symbols[name].letter else ():
                 names.setdefault(other, name)
         envs = self._envs(scope)
 
