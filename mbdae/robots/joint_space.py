@@ -24,7 +24,9 @@ from mbdae.system.model.trees import find_trees, lumped
 from mbdae.threads import single_threaded
 
 Array = NDArray[np.float64]
-LEVEL = 2  #: LLVM's level of optimisation
+#: LLVM's level of optimisation, and number of steps of a function from which on it is not optimised: optimising takes 3 s for these,
+#: and grows with their square; without it calls take 1.6 times as long
+LEVEL, OPTIMISED = 2, 10_000
 FAINT = 1e-200  #: what finite inputs are multiplied by in the number that tells of wrong ones
 WRONG = (2 * UNIT) ** 2  #: of that number: the square of how far squares of quaternions may be from 1
 WORDS = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}  #: of the inputs of functions
@@ -106,6 +108,10 @@ class Tree:
             still = [name for name, m in zip(self.coordinates, np.diag(self.mass_matrix(self.zero)), strict=True) if m <= 0]
             raise SceneError([f"{', '.join(still) or 'a coordinate'}: no inertia is moved by it, so that nothing says how it "
                               f"accelerates; give its body inertia, or the joint rotor="]) from error
+
+    def _interpreted(self, q: Array, v: Array, a: Array) -> Array:
+        """`inverse_dynamics` of several states, without compiling, which takes longer than some evaluations."""
+        return self._kernel(lambda p: p.inverse(), "qva")[0].once(np.concatenate((q, v, a), axis=-1))[..., :-1]
 
     # -- frames
 
@@ -212,18 +218,24 @@ class Tree:
 
     @single_threaded
     def _compiled(self, outputs: Any, heads: str) -> tuple[Any, Any, int, tuple[int, ...]]:
-        """A function of one state, one of several, the number of outputs, and those of inputs. The last output tells whether the
-        inputs are to be looked at: it is beyond WRONG where one is not finite or a quaternion has not the length 1."""
+        """A function of one state, one of several, the number of outputs, and those of inputs."""
+        kernel, sizes = self._kernel(outputs, heads)
+        return kernel.compiled.unsafe_real, kernel.compiled, kernel.width, sizes
+
+    def _kernel(self, outputs: Any, heads: str) -> tuple[Kernel, tuple[int, ...]]:
+        """A function of states, and the numbers of its inputs. Its last output tells whether the inputs are to be looked at: it is
+        beyond WRONG where one is not finite or a quaternion has not the length 1."""
         p = self._program
         known = {"q": p.q, "v": p.v, "a": p.a, "t": p.tau, "p": p.at}
         symbols, program = [s for head in heads for s in known[head]], p.made.program
         found = [se.sympify(e) for e in outputs(p)]
         lengths = [sum(c * c for c in p.q[i : i + 4]) - 1 for i in self._firsts]
         found.append(FAINT * sum(symbols) + sum(e * e for e in lengths))
-        said = [f"{name} = {program.steps[name]}" for name in program.needed(found)]  # closed, they would be written out in full
+        needed = program.needed(found)
+        said = [f"{name} = {program.steps[name]}" for name in needed]  # closed, they would be written out in full
         key = key_of("joint space", str(symbols), *said, str(found))
-        kernel = Kernel(symbols, partial(program.by_pairs, found), LEVEL, len(found), key)
-        return kernel.compiled.unsafe_real, kernel.compiled, kernel.width, tuple(len(known[head]) for head in heads)
+        level = LEVEL if len(needed) < OPTIMISED else 0
+        return (Kernel(symbols, partial(program.by_pairs, found), level, len(found), key), tuple(len(known[head]) for head in heads))
 
 
 def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:

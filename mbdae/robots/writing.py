@@ -67,18 +67,17 @@ def _compare(one: Tree, other: Tree, writer: _Writer) -> None:
             raise SceneError([f"joint '{c.joint}': MJCF does not say it with the same coordinates"])
         q_of[c.q : c.q + c.nq], v_of[c.v : c.v + c.nv] = range(found.q, found.q + c.nq), range(found.v, found.v + c.nv)
     rng = np.random.default_rng(0)
-    for _ in range(STATES):
-        q, (v, a) = rng.normal(size=one.nq), rng.normal(size=(2, one.nv))
-        for c in one._coordinates:
-            if c.nq == 4:
-                q[c.q : c.q + 4] /= np.linalg.norm(q[c.q : c.q + 4])
-        q_there, (v_there, a_there) = np.zeros(other.nq), np.zeros((2, other.nv))
-        q_there[q_of], v_there[v_of], a_there[v_of] = q, v, a
-        tau, again = one.inverse_dynamics(q, v, a), other.inverse_dynamics(q_there, v_there, a_there)[v_of]
-        off, size = float(np.max(np.abs(tau - again))), float(np.max(np.abs(tau)))
-        if not off <= EQUAL * max(1e-9, size):
-            raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {off:.3g}, of "
-                              f"{size:.3g}; nothing was written"])
+    q, (v, a) = rng.normal(size=(STATES, one.nq)), rng.normal(size=(2, STATES, one.nv))
+    for c in one._coordinates:
+        if c.nq == 4:
+            q[:, c.q : c.q + 4] /= np.linalg.norm(q[:, c.q : c.q + 4], axis=1)[:, None]
+    q_there, (v_there, a_there) = np.zeros((STATES, other.nq)), np.zeros((2, STATES, other.nv))
+    q_there[:, q_of], v_there[:, v_of], a_there[:, v_of] = q, v, a
+    tau, again = one._interpreted(q, v, a), other._interpreted(q_there, v_there, a_there)[:, v_of]
+    off, size = np.max(np.abs(tau - again), axis=1), np.max(np.abs(tau), axis=1)
+    if not np.all(off <= EQUAL * np.maximum(1e-9, size)):
+        raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {np.max(off):.3g}, of "
+                          f"{np.max(size):.3g}; nothing was written"])
 
 
 class _Writer:
