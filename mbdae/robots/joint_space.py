@@ -24,8 +24,8 @@ from mbdae.system.model.trees import find_trees, lumped
 from mbdae.threads import single_threaded
 
 Array = NDArray[np.float64]
-#: LLVM's level of optimisation, and number of steps of a function from which on it is not optimised: optimising takes 3 s for these,
-#: and grows with their square; without it calls take 1.6 times as long
+#: LLVM's level of optimisation, and number of steps of a function from which on it is not optimised: that takes 3 s for these and
+#: grows with their square; without it calls take 1.6 times as long
 LEVEL, OPTIMISED = 2, 10_000
 FAINT = 1e-200  #: what finite inputs are multiplied by in the number that tells of wrong ones
 WRONG = (2 * UNIT) ** 2  #: of that number: the square of how far squares of quaternions may be from 1
@@ -223,8 +223,8 @@ class Tree:
         return kernel.compiled.unsafe_real, kernel.compiled, kernel.width, sizes
 
     def _kernel(self, outputs: Any, heads: str) -> tuple[Kernel, tuple[int, ...]]:
-        """A function of states, and the numbers of its inputs. Its last output tells whether the inputs are to be looked at: it is
-        beyond WRONG where one is not finite or a quaternion has not the length 1."""
+        """A function of states, and the numbers of its inputs. Its last output tells whether the inputs are to be looked at: it
+        is beyond WRONG where one is not finite or a quaternion has not the length 1."""
         p = self._program
         known = {"q": p.q, "v": p.v, "a": p.a, "t": p.tau, "p": p.at}
         symbols, program = [s for head in heads for s in known[head]], p.made.program
@@ -235,7 +235,8 @@ class Tree:
         said = [f"{name} = {program.steps[name]}" for name in needed]  # closed, they would be written out in full
         key = key_of("joint space", str(symbols), *said, str(found))
         level = LEVEL if len(needed) < OPTIMISED else 0
-        return (Kernel(symbols, partial(program.by_pairs, found), level, len(found), key), tuple(len(known[head]) for head in heads))
+        kernel = Kernel(symbols, partial(program.by_pairs, found), level, len(found), key)
+        return kernel, tuple(len(known[head]) for head in heads)
 
 
 def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:

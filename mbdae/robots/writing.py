@@ -76,8 +76,8 @@ def _compare(one: Tree, other: Tree, writer: _Writer) -> None:
     tau, again = one._interpreted(q, v, a), other._interpreted(q_there, v_there, a_there)[:, v_of]
     off, size = np.max(np.abs(tau - again), axis=1), np.max(np.abs(tau), axis=1)
     if not np.all(off <= EQUAL * np.maximum(1e-9, size)):
-        raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {np.max(off):.3g}, of "
-                          f"{np.max(size):.3g}; nothing was written"])
+        raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {np.max(off):.3g}, "
+                          f"of {np.max(size):.3g}; nothing was written"])
 
 
 class _Writer:
