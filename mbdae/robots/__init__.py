@@ -209,6 +209,8 @@ def _joint(s: Any, robot: Robot, joint: Joint, k: Any, l: Any, pose: Pose) -> No
     if joint.kind == "free":  # displacements along the axes of the parent
         s.joint(law, joint.name, k, l, at=at, axis=(pose.R @ joint.pose.R.T)[:, 2], axis_x=(pose.R @ joint.pose.R.T)[:, 0],
                 model=Recursive())
+        if joint.damping:
+            damped(s, joint.name, k, l, at, (joint.damping, joint.damping))
         return
     options: dict[str, Any] = {}
     if joint.kind in ("revolute", "prismatic"):
@@ -220,7 +222,12 @@ def _joint(s: Any, robot: Robot, joint: Joint, k: Any, l: Any, pose: Pose) -> No
         axis = axis / np.linalg.norm(axis)
     s.joint(law, joint.name, k, l, at=at, axis=(0, 0, 1) if joint.kind == "spherical" else axis, model=Recursive(), **options)
     if joint.kind == "spherical" and joint.damping:
-        s.bushing(f"damping of {joint.name}", k, l, at=at, stiffness=(0, 0, 0), damping=(0, 0, joint.damping))
+        damped(s, joint.name, k, l, at, (0.0, joint.damping))
+
+
+def damped(s: Any, joint: str, k: Any, l: Any, at: Any, damping: tuple[float, float]) -> None:
+    """Damping (N s/m, N m s/rad), equal in all directions, of the motion of l relative to k."""
+    s.bushing(f"damping of {joint}", k, l, at=at, stiffness=(0,) * 6, damping=(*(damping[0],) * 3, *(damping[1],) * 3))
 
 
 def _options(robot: Robot, joint: Joint) -> dict[str, Any]:

@@ -209,6 +209,23 @@ def quiet() -> Iterator[None]:
             os.chdir(before)
 
 
+def compiled(mujoco: Any, path: Path) -> Any:
+    """The model of a file as MuJoCo's compiler has it."""
+    file = str(path.resolve())
+    try:
+        with quiet():
+            return mujoco.MjModel.from_xml_path(file)
+    except (ValueError, RuntimeError, mujoco.FatalError, MemoryError, UnicodeError) as error:
+        said = " ".join(str(error).split())
+        raise OptionError(f"{path.name}: MuJoCo does not compile it: {said}") from error
+
+
+def name_of(model: Any, array: str, i: int) -> str:
+    """Name of entry i of a compiled model, by the array of places of names; "names": of the model."""
+    at = int(getattr(model, array)[i]) if array != "names" else 0
+    return str(model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace"))
+
+
 def put(j: Any, word: str, value: float) -> None:
     """State the damping or stiffness of a joint in a specification of MuJoCo: a number, in later versions a polynomial."""
     if np.ndim(found := getattr(j, word)):

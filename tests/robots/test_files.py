@@ -259,3 +259,53 @@ def test_sites_are_frames(tmp_path: Path) -> None:
 def test_a_joint_may_have_the_name_of_a_link(tmp_path: Path) -> None:
     text = ARM.replace('"elbow"', '"lower"').replace('"shoulder"', '"upper"')
     assert mb.read_urdf(written(tmp_path, text)).tree().names == ("upper joint", "lower joint")
+
+
+ACTED = """<mujoco><option gravity="0 0 0"/><worldbody><body name="arm"><joint name="j" {joint}/><geom size=".1" pos="1 0 0"/>
+  </body></worldbody><actuator>{actuator}</actuator></mujoco>"""
+
+
+def acted(folder: Path, joint: str = "", actuator: str = "") -> mb.Scene:
+    """The scene of an arm on a hinge with an actuator."""
+    text = ACTED.format(joint=joint, actuator=actuator)
+    try:
+        mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        pytest.skip(f"this version of MuJoCo does not know of it: {error}")
+    return mb.read_mjcf(written(folder, text, "arm.xml"))
+
+
+def test_armature_and_damping_of_actuators_are_those_of_the_joint(tmp_path: Path) -> None:
+    bare = acted(tmp_path).tree().mass_matrix([0.0])
+    s = acted(tmp_path, 'armature="0.5"', '<motor joint="j" armature="3" damping="2" gear="2"/>')
+    assert s.tree().mass_matrix([0.0]) == pytest.approx(bare + 0.5 + 4 * 3)
+    damper = next(law for law in s["j"].laws if hasattr(law, "damping"))
+    assert float(damper.damping) == pytest.approx(4 * 2)
+
+
+@pytest.mark.parametrize(("joint", "actuator", "said"), [
+    ('stiffness="1" springyield="0.2"', "", "yields"), ('damping="1 2"', "", "polynomial of its damping"),
+    ('stiffness="1 2"', "", "polynomial of its stiffness"), ("", '<motor joint="j" damping="1 2"/>', "'j': its damping in MuJoCo"),
+])
+def test_what_acts_on_joints_and_is_not_modelled_is_refused(tmp_path: Path, joint: str, actuator: str, said: str) -> None:
+    with pytest.raises(mb.SceneError, match=said):
+        acted(tmp_path, joint, actuator)
+
+
+def test_damping_of_balls_and_floating_bases_is_that_of_mujoco(tmp_path: Path) -> None:
+    text = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><joint name="f" type="free" damping="0.7"/>
+      <inertial pos="0.1 0 0.2" mass="2" diaginertia="0.3 0.2 0.25"/><body name="arm" pos="1 0 0"><joint name="b" type="ball"
+      damping="0.4"/><inertial pos="0 0.3 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></body></worldbody>
+      <keyframe><key name="k" qpos="0 0 0 1 0 0 0 1 0 0 0" qvel="1 2 3 0.4 -0.5 0.6 0 0 0"/></keyframe></mujoco>"""
+    path = written(tmp_path, text, "model.xml")
+    s, model = mb.read_mjcf(path, key="k"), mujoco.MjModel.from_xml_path(str(path))
+    assert not [said for said in s.told if "left out" in said]
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    found = np.zeros(6)
+    mujoco.mj_rnePostConstraint(model, data)
+    mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, 2, found, 0)
+    r = s.simulate(1e-3, accuracy=1e-7, outputs=[0.0, 1e-3])
+    assert r["arm"].angular_acceleration[0] == pytest.approx(found[:3], abs=1e-8)
+    assert r["arm"].acceleration[0] == pytest.approx(found[3:], abs=1e-8)
