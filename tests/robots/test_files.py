@@ -285,7 +285,8 @@ def test_armature_and_damping_of_actuators_are_those_of_the_joint(tmp_path: Path
 
 @pytest.mark.parametrize(("joint", "actuator", "said"), [
     ('stiffness="1" springyield="0.2"', "", "yields"), ('damping="1 2"', "", "polynomial of its damping"),
-    ('stiffness="1 2"', "", "polynomial of its stiffness"), ("", '<motor joint="j" damping="1 2"/>', "'j': its damping in MuJoCo"),
+    ('stiffness="1 2"', "", "polynomial of its stiffness"),
+    ("", '<motor joint="j" damping="1 2"/>', "'j': its damping in MuJoCo"),
 ])
 def test_what_acts_on_joints_and_is_not_modelled_is_refused(tmp_path: Path, joint: str, actuator: str, said: str) -> None:
     with pytest.raises(mb.SceneError, match=said):
