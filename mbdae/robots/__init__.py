@@ -100,12 +100,13 @@ class Joint:
 @dataclass
 class Robot:
     """Links and joints in the order of the file, parents first; closing: statements that close loops or tie coordinates, made
-    after all joints; told: what the scene says otherwise than the file, or not at all; heard: those of them that change a run."""
+    after all joints, of the scene and of the bodies that links are part of ("": the ground); told: what the scene says otherwise
+    than the file, or not at all; heard: those of them that change a run."""
 
     name: str
     links: dict[str, Link] = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
-    closing: list[Callable[[Any, dict[str, Pose]], Any]] = field(default_factory=list)
+    closing: list[Callable[[Any, dict[str, Any]], Any]] = field(default_factory=list)
     roots: dict[str, Pose] = field(default_factory=dict)  #: links that float, with their poses in the drawing
     frames: dict[str, tuple[str, Pose]] = field(default_factory=dict)  #: further frames: link ("": the ground), pose on it
     told: list[str] = field(default_factory=list)
@@ -177,7 +178,7 @@ def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
         pose = poses[on] @ at
         s.frame(name, bodies[on], at=pose.p, rotation=pose.R)
     for make_closing in robot.closing:
-        make_closing(s, poses)
+        make_closing(s, bodies)
     _massless(s, robot, moved)
     if s.problems:
         raise SceneError(list(s.problems))

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.robots import library
+from mbdae.robots import Pose, library
 
 #: bytes of a file of XML, of a mesh, and how many elements one may have and how deep
 LARGEST, LARGEST_MESH, MOST_ELEMENTS, DEEPEST = 32_000_000, 256_000_000, 200_000, 1000
 ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1")
 MESHES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf", ".off")  #: formats that are drawn
+SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 2, 3, 4, 5, 6, 7  #: of MuJoCo's geoms
 MOST_INCLUDED = 100  #: files that a model may include
 #: elements of a model with all copies, and pixels along an edge of a picture: MuJoCo itself grows without bounds
 MOST_MADE, MOST_ALONG = 10_000, 8192
@@ -224,6 +225,21 @@ def name_of(model: Any, array: str, i: int) -> str:
     """Name of entry i of a compiled model, by the array of places of names; "names": of the model."""
     at = int(getattr(model, array)[i]) if array != "names" else 0
     return str(model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace"))
+
+
+def picture_of(m: Any, g: int, pose: Pose) -> list[tuple[str, Pose, tuple[float, ...]]]:
+    """The shape that is drawn for geom g of a compiled model, at its pose; a mesh as the box about it."""
+    kind, size = int(m.geom_type[g]), [float(x) for x in m.geom_size[g]]
+    if kind == SPHERE:
+        return [("sphere", pose, (size[0],))]
+    if kind in (CAPSULE, CYLINDER):
+        return [("cylinder", pose, (size[0], 2 * size[1]))]
+    if kind in (ELLIPSOID, BOX):
+        return [("box", pose, tuple(2 * x for x in size))]
+    if kind == MESH:
+        middle, half = m.geom_aabb[g][:3], m.geom_aabb[g][3:]
+        return [("box", pose @ Pose(p=np.array(middle)), tuple(max(2 * float(x), 1e-9) for x in half))]
+    return []
 
 
 def put(j: Any, word: str, value: float) -> None:

@@ -8,12 +8,11 @@ import numpy as np
 
 from mbdae.errors import OptionError, SceneError, unknown_name
 from mbdae.robots import Joint, Link, Pose, Robot, build, damped, library
-from mbdae.robots.bounds import MOST_MADE, Files, compiled, name_of, parsed, text_of
+from mbdae.robots.bounds import MOST_MADE, Files, compiled, name_of, parsed, picture_of, text_of
 
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
 FREE, BALL, SLIDE, HINGE = range(4)
 SIZES, DOFS = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}, {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos, qvel
-PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 OF_JOINT = (0, 1)  #: kinds of transmission: an actuator on a joint
 SAME, NONE = 1e-6, 1e-12  #: relative difference of momenta and forces up to which they are the same, and what counts as none
 
@@ -163,7 +162,7 @@ class _Reader:
             heard.append("the medium (density, viscosity, wind) around the bodies is left out")
         if m.nmocap:
             told.append("mocap bodies stay where they are")
-        pictures = {"planes": np.sum(m.geom_type == PLANE), "height fields": m.nhfield, "skins": m.nskin}
+        pictures = {"planes": np.sum(m.geom_type == 0), "height fields": m.nhfield, "skins": m.nskin}
         unread = {"sensors": m.nsensor, "cameras": m.ncam, "lights": m.nlight, "custom numbers, texts and tuples":
                   m.nnumeric + m.ntext + m.ntuple} | {f"pictures of {what}": n for what, n in pictures.items()}
         if any(unread.values()):
@@ -183,7 +182,8 @@ class _Reader:
             made.mass, made.centre = float(m.body_mass[b]), inner.p
             made.inertia = inner.R @ np.diag(m.body_inertia[b]) @ inner.R.T
             made.inertia = (made.inertia + made.inertia.T) / 2
-            self._shapes(b, made)
+            for g in range(int(m.body_geomadr[b]), int(m.body_geomadr[b]) + int(m.body_geomnum[b])):
+                made.shapes += picture_of(m, g, self._pose(m.geom_pos[g], m.geom_quat[g]))
             self._carried(b, made)
             if m.body_gravcomp[b] and not self.off >= {"SPRING", "DAMPER"}:  # without both MuJoCo leaves it out, too
                 made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity * ("GRAVITY" not in self.off))
@@ -255,20 +255,6 @@ class _Reader:
         return sum(float(self._of(f"actuator_{what}", a) * m.actuator_gear[a][0] ** 2) for a in range(m.nu)
                    if int(m.actuator_trntype[a]) in OF_JOINT and int(m.actuator_trnid[a][0]) == i)
 
-    def _shapes(self, b: int, link: Link) -> None:
-        m = self.m
-        for g in range(int(m.body_geomadr[b]), int(m.body_geomadr[b]) + int(m.body_geomnum[b])):
-            kind, size, pose = int(m.geom_type[g]), m.geom_size[g], self._pose(m.geom_pos[g], m.geom_quat[g])
-            if kind == SPHERE:
-                link.shapes.append(("sphere", pose, (float(size[0]),)))
-            elif kind in (CAPSULE, CYLINDER):
-                link.shapes.append(("cylinder", pose, (float(size[0]), 2 * float(size[1]))))
-            elif kind in (ELLIPSOID, BOX):
-                link.shapes.append(("box", pose, tuple(2 * float(x) for x in size)))
-            elif kind == MESH:
-                middle, half = m.geom_aabb[g][:3], m.geom_aabb[g][3:]
-                link.shapes.append(("box", pose @ Pose(p=np.array(middle)), tuple(max(2 * float(x), 1e-9) for x in half)))
-
     # -- equalities
 
     def equalities(self) -> None:
@@ -316,19 +302,29 @@ class _Reader:
         m, slack = self.m, CLOSED * max(float(self.m.stat.extent), 1.0)
         bodies, (one, other) = self._ends(e)
         sites, data = self._of_sites(e), m.eq_data[e]
-        k, l = (self.names[b] or "ground" for b in bodies)
+        k, l = (self.names[b] for b in bodies)
         at = one.p if sites else one.point(data[3:6]) if weld else one.point(data[:3])
         off = np.linalg.norm(at - (other.p if sites else other.point(data[:3] if weld else data[3:6])))
         turned = 0.0
+        if weld and not sites and not data[10]:
+            return [f"equality '{name}': a weld with torquescale=\"0\" is a connect; state it so"]
         if weld:
             wanted = one.R if sites else one.R @ self._pose(np.zeros(3), data[6:10]).R
             turned = float(np.max(np.abs(wanted - other.R)))
         if off > slack or turned > slack:
             return [f"equality '{name}': it does not hold as drawn, {off:.3g} m and {turned:.3g} apart; draw the bodies closed"]
-        if weld or e not in self.hinges:
-            self.robot.closing.append(lambda s, _: s.weld(name, k, l, at=at) if weld else s.spherical(name, k, l, at=at))
-        elif (axis := self.hinges[e]) is not None:
-            self.robot.closing.append(lambda s, _: s.revolute(name, k, l, at=at, axis=axis))
+        axis = self.hinges.get(e) if not weld else None
+
+        def close(s: Any, on: dict[str, Any]) -> None:
+            if on[k] is on[l]:
+                s.told.append(f"'{name}' always holds: both its bodies are fixed to each other; it is left out")
+            elif axis is not None:
+                s.revolute(name, on[k], on[l], at=at, axis=axis)
+            else:
+                (s.weld if weld else s.spherical)(name, on[k], on[l], at=at)
+
+        if weld or e not in self.hinges or axis is not None:
+            self.robot.closing.append(close)
         return []
 
     def _tied(self, e: int, name: str) -> list[str]:
