@@ -315,8 +315,8 @@ class _Writer:
             self.told.append(f"'{c.name}' closes a loop: exact in the scene, soft in MuJoCo")
             return
         self.wrong.append(f"{c.kind} '{c.name}': MJCF does not say it; " + (
-            "it closes a loop: close it by s.revolute, s.spherical or s.weld, with model=mb.Recursive() at the joints that carry "
-            "bodies" if c.is_joint else "take it out of the scene that is written"))
+            "it closes a loop, which MJCF does by points and welds alone: close it by s.revolute, s.spherical or s.weld, with "
+            "model=mb.Recursive() at the joints that carry bodies" if c.is_joint else "take it out of the scene that is written"))
 
     def _closed(self, c: Any, name: str, at: Any, weld: bool) -> None:
         kinds, (k, l) = self.mujoco.mjtEq, ("world" if b is self.s.ground else b.name for b in (c.k, c.l))

@@ -310,3 +310,56 @@ def test_damping_of_balls_and_floating_bases_is_that_of_mujoco(tmp_path: Path) -
     r = s.simulate(1e-3, accuracy=1e-7, outputs=[0.0, 1e-3])
     assert r["arm"].angular_acceleration[0] == pytest.approx(found[:3], abs=1e-8)
     assert r["arm"].acceleration[0] == pytest.approx(found[3:], abs=1e-8)
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('<limit lower="-2"', '<limts/><limit lower="-2"', "<limts> of <joint>"),
+    ('<dynamics damping="0.5"', '<dynamics dampin="0.5"', "dampin of <dynamics>"),
+    ('<link name="tool"/>', '<link name="tool"><self_collide/></link>', "<self_collide> of <link>"),
+    ("<visual>", '<visual shade="1">', "shade of <visual>"), ("<box size", "<box edge='1' size", "edge of <box>"),
+    ("</inertial>", "<added_mass/></inertial>", "<added_mass> of <inertial>"), ("<gazebo/>", "<unheard/>", "<unheard>"),
+    ('upper="2" effort', 'upper="2" jerk="1" effort', "jerk of <limit>"),
+    ('mimic joint="elbow"', 'mimic joint="elbow" lag="1"', "lag of <mimic>"),
+    ("<origin xyz", '<origin frame="1" xyz', "frame of <origin>"), ("x", "x", "limits of a mimic joint"),
+    ('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><limit lower="0" upper="1"/>', "limits of a continuous joint"),
+])
+def test_what_urdf_says_and_is_not_read_is_told(tmp_path: Path, old: str, new: str, said: str) -> None:
+    told = mb.read_urdf(written(tmp_path, ARM.replace(old, new, 1))).told
+    assert any(said in text for text in told), told
+
+
+def test_damping_of_planar_and_floating_joints_acts(tmp_path: Path) -> None:
+    for kind in ("planar", "floating"):
+        text = ARM[: ARM.index('  <joint name="grip"')] + ARM[ARM.index('  <joint name="flange"') :]
+        start, end = text.index('  <link name="finger">'), text.index('  <link name="tool"/>')
+        text = (text[:start] + text[end:]).replace('type="continuous"', f'type="{kind}"')
+        text = text.replace('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><dynamics damping="3"/>')
+        s = mb.read_urdf(written(tmp_path, text), gravity=(0, 0, 0))
+        assert any("alike" in said for said in s.told)
+        assert any("damp" in c.name or any("damping" in law.params for law in c.laws) for c in s.connections if "elbow" in c.name)
+
+
+def test_what_mjcf_says_and_is_not_read_is_told_or_refused(tmp_path: Path) -> None:
+    text = MODEL.replace("<worldbody>", '<worldbody><light pos="0 0 3"/><camera name="eye" pos="0 0 3"/><geom name="floor" '
+                         'type="plane" size="1 1 1" contype="0" conaffinity="0"/>').replace("</mujoco>", """
+      <contact><pair geom1="floor" geom2="ball"/></contact><sensor><jointpos joint="hip x"/></sensor>
+      <custom><numeric name="n" data="1"/><text name="t" data="x"/></custom>
+      <actuator><motor joint="hip x"/></actuator><keyframe><key name="up"/></keyframe></mujoco>""")
+    text = text.replace("<freejoint/>", '<freejoint/><geom name="ball" size="0.1" mass="0" contype="0" conaffinity="0"/>')
+    told = " ".join(mb.read_mjcf(written(tmp_path, text, "model.xml")).told)
+    for word in ("contacts", "sensors (1)", "cameras (1)", "lights (1)", "custom numbers, texts and tuples (2)",
+                 "pictures of planes (1)", "actuators (1", "'up'"):
+        assert word in told
+    for old, new in (("armature=", "armatur="), ("<freejoint/>", "<freejoint/><unheard/>")):
+        with pytest.raises(mb.OptionError, match="does not compile"):
+            mb.read_mjcf(written(tmp_path, MODEL.replace(old, new), "model.xml"))
+
+
+def test_equalities_of_links_without_mass_hold_the_bodies_that_carry_them(tmp_path: Path) -> None:
+    frame = '<body name="tip" pos="0 0 -0.5"><site name="end"/></body></body>'
+    ground = '<body name="post" pos="0 0.2 0.5"><geom size="0.1"/></body>'
+    equality = '<equality><connect body1="tip" body2="post" anchor="0 0 0"/><weld body1="post" body2="world"/></equality>'
+    text = MODEL.replace("</body></body>", f"{frame}</body>{ground}").replace("</mujoco>", f"{equality}</mujoco>")
+    s = mb.read_mjcf(written(tmp_path, text, "model.xml"))
+    assert {s["equality 0"].k.name, s["equality 0"].l.name} == {"leg", "ground"}
+    assert any("always holds" in said for said in s.told)
