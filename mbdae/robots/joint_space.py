@@ -72,8 +72,7 @@ class Tree:
         self.zero = np.concatenate([np.eye(4)[0] if c.nq == 4 else np.zeros(1) for c in self._coordinates])
         self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
         inside = {name for tree in trees for name in tree.names} | couplings | welds
-        ties = [c for c in moving.connections if c.is_joint or isinstance(c.laws[0], Coupling)]
-        self.closing = tuple(c.name for c in ties if c.name not in inside)
+        self.closing = tuple(c.name for c in ties(scene) if c.name not in inside)
         self._frames, self._bodies = scene.frames, {b.name: b for b in scene.bodies}
         self._made: dict[Any, tuple[Any, Any, int, tuple[int, ...]]] = {}
         self._firsts = [c.q for c in self._coordinates if c.nq == 4]
@@ -251,7 +250,18 @@ def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
             made.joint(Free, FLOATS.format(root.name), made.ground, root, at=at, axis=(0, 0, 1), axis_x=(1, 0, 0))
     if made.problems:
         raise SceneError(list(made.problems))
-    return made.recursive()
+    made = made.recursive()
+    made.connections[:] = ties(made)  # other forces, and what they read, are no part of joint-space dynamics
+    for c in made.connections:
+        del c.laws[1:]
+    made.signals.clear()
+    made.controllers.clear()
+    return made
+
+
+def ties(scene: Any) -> list[Any]:
+    """Joints and couplings of a scene."""
+    return [c for c in scene.connections if c.is_joint or isinstance(c.laws[0], Coupling)]
 
 
 def coordinates_of(model: Model, order: list[str], folded: dict[tuple[str, str], Folded]) -> list[Coordinate]:

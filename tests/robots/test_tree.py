@@ -166,3 +166,24 @@ def test_numbers_of_any_kind_and_size_are_states() -> None:
     assert np.all(np.isfinite(tree.gravity(np.full(4, 1e150))))
     with pytest.raises(mb.OptionError, match="shape"):
         tree.bias(np.zeros(5), np.zeros(3))  # as many numbers together
+
+
+def test_welds_of_every_kind_leave_the_tree_as_it_is() -> None:
+    """Loops of welds, own gravity, points, what reads a body that is welded: the tree knows of masses and joints alone."""
+    s = mb.Scene("welds", gravity=(0, 0, -9.81))
+    a, b, c = (s.rigid_body(name, 1.0, (0.1, 0.2, 0.25), at=at) for name, at in (
+        ("a", (0, 0, 0)), ("b", (1, 0, 0)), ("c", (0, 1, 0.2))))
+    light = s.rigid_body("light", 2.0, (0.1, 0.2, 0.25), at=(1, 0, 0), gravity=(0, 0, 0))
+    point = s.point_mass("point", 3.0, at=(2, 0, 0))
+    s.revolute("J", s.ground, a, at=(-1, 0, 0), axis=(0, 1, 0))
+    for name, k, l in (("ab", a, b), ("bc", b, c), ("ac", a, c), ("light on", c, light), ("point on", b, point)):
+        s.weld(name, k, l, at=(2, 0, 0) if l is point else (0, 0, 0))
+    s.spring("within", a, b, at_k=(0, 0, 0), at_l=(1, 0, 0), stiffness=3.0)
+    s.force("read", a, (0, 0, -3 * s.sensor("b.position[2]")))
+    tree = s.tree()
+    assert tree.names == ("J",)
+    assert tree.closing == ("ac",)
+    inertia = 4 * 0.2 + 1 + 4 + (1 + 0.2**2) + 2 * 4 + 3 * 9
+    assert tree.mass_matrix([0.3]) == pytest.approx(np.array([[inertia]]), abs=EXACT)
+    assert tree.gravity([0.0]) == pytest.approx([-9.81 * (1 + 2 + 1 + 3 * 3)], abs=EXACT)
+    assert tree.pose("c", tree.zero)[:, 3] == pytest.approx([0, 1, 0.2])

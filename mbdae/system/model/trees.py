@@ -268,6 +268,7 @@ def lumped(scene: Any) -> tuple[dict[str, Any], set[str]]:
     for c in scene.connections:
         vars(c).update(k=carriers.get(c.k.name, c.k), l=carriers.get(c.l.name, c.l),
                        others={side: carriers.get(b.name, b) for side, b in c.others.items()})
+    scene.connections[:] = [c for c in scene.connections if c.k is not c.l or not c.is_joint]  # of a loop of welds
     for b in scene.bodies:
         if b.name in parts:
             _lump(b, parts[b.name])
