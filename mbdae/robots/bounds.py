@@ -18,6 +18,7 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.robots import Pose, library
+from mbdae.scene.shapes import Box, Cylinder, Shape, Sphere
 
 #: bytes of a file of XML, of a mesh, and how many elements one may have and how deep
 LARGEST, LARGEST_MESH, MOST_ELEMENTS, DEEPEST = 32_000_000, 256_000_000, 200_000, 1000
@@ -240,6 +241,22 @@ def picture_of(m: Any, g: int, pose: Pose) -> list[tuple[str, Pose, tuple[float,
         middle, half = m.geom_aabb[g][:3], m.geom_aabb[g][3:]
         return [("box", pose @ Pose(p=np.array(middle)), tuple(max(2 * float(x), 1e-9) for x in half))]
     return []
+
+
+def geom_of(mujoco: Any, shape: Shape) -> tuple[Any, list[float], Any] | None:
+    """Kind and sizes of the geom of MuJoCo that is a shape, and its axes by columns; None where there is none."""
+    kinds = mujoco.mjtGeom
+    if isinstance(shape, Sphere):
+        return kinds.mjGEOM_SPHERE, [shape.radius, 0, 0], np.eye(3)
+    if isinstance(shape, Cylinder) and shape.length is not None:
+        axis = np.asarray(shape.axis, dtype=float)
+        x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        R = np.column_stack([v / np.linalg.norm(v) for v in (x, np.cross(axis, x), axis)])
+        return kinds.mjGEOM_CYLINDER, [shape.radius, shape.length / 2, 0], R
+    if isinstance(shape, Box):
+        R = np.eye(3) if shape.rotation is None else np.asarray(shape.rotation, dtype=float)
+        return kinds.mjGEOM_BOX, [x / 2 for x in np.broadcast_to(shape.size, 3)], R
+    return None
 
 
 def put(j: Any, word: str, value: float) -> None:

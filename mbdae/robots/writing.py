@@ -17,10 +17,10 @@ from mbdae.laws.joint_rows import Free
 from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
-from mbdae.robots.bounds import all_digits, put, quiet
+from mbdae.robots.bounds import all_digits, geom_of, put, quiet
 from mbdae.robots.joint_space import FLOATS, Tree, couples
 from mbdae.scene.models import spanning_tree
-from mbdae.scene.shapes import Box, Cylinder, Sphere, joint_axes
+from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.motion import Step, symbolic_motion
 
 STATES = 5  #: random states at which inverse dynamics of the file are compared with those of the scene
@@ -92,8 +92,8 @@ class _Writer:
         self.poses: dict[str, Pose] = {"ground": Pose()}
         self.joints: dict[tuple[str, str], Any] = {}  #: by joint and coordinate
         self.names: dict[tuple[str, str], tuple[str, str]] = {}  #: the same in the scene that is read back
-        self.start: dict[tuple[str, str], float] = {}
-        self.rates: dict[tuple[str, str], float] = {}
+        self.start, self.rates = dict[tuple[str, str], float](), dict[tuple[str, str], float]()
+        self.round: dict[tuple[str, str], Any] = {}  #: balls and floating bodies by bodies k and l, these with their points
         self.solved = False  #: whether the start follows from couplings and loops
 
     def write(self) -> None:
@@ -190,28 +190,18 @@ class _Writer:
         for shape in b.shapes or ():
             self._shape(b, made, shape)
         if not chain:
-            made.add_freejoint(name=FLOATS.format(b.name))
+            self.round["ground", b.name] = (made.add_freejoint(name=FLOATS.format(b.name)), drawn.p)
         inner = b
         for n, (carrier, joint) in enumerate(chain):
             outer = b if n + 1 == len(chain) else chain[n + 1][0]
             self._joint(joint, made, drawn, 1.0 if joint.k is carrier and joint.l is outer else -1.0, inner)
 
     def _shape(self, b: Any, made: Any, shape: Any) -> None:
-        kinds, middle = self.mujoco.mjtGeom, b.drawn.position if shape.at is None else np.asarray(shape.at, dtype=float)
-        R = np.eye(3)
-        if isinstance(shape, Sphere):
-            kind, size = kinds.mjGEOM_SPHERE, [shape.radius, 0, 0]
-        elif isinstance(shape, Cylinder) and shape.length is not None:
-            kind, size, axis = kinds.mjGEOM_CYLINDER, [shape.radius, shape.length / 2, 0], np.asarray(shape.axis, dtype=float)
-            x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-            R = np.column_stack([v / np.linalg.norm(v) for v in (x, np.cross(axis, x), axis)])
-        elif isinstance(shape, Box):
-            kind, size = kinds.mjGEOM_BOX, [x / 2 for x in np.broadcast_to(shape.size, 3)]
-            R = R if shape.rotation is None else np.asarray(shape.rotation, dtype=float)
-        else:
+        if (found := geom_of(self.mujoco, shape)) is None:
             self.told.append(f"body '{b.name}': its {type(shape).__name__} is not drawn in MJCF")
             return
-        at = self._inside(b.name, Pose(R, middle))
+        kind, size, R = found
+        at = self._inside(b.name, Pose(R, b.drawn.position if shape.at is None else np.array(shape.at, dtype=float)))
         made.add_geom(type=kind, size=size, pos=at.p, quat=self._quat(at.R), contype=0, conaffinity=0, mass=0)
 
     # -- joints
@@ -222,13 +212,12 @@ class _Writer:
             self.wrong.append(f"joint '{c.name}': its frame on l is stated apart from that on k, where MJCF has one: draw the "
                               f"bodies in the joint")
             return
+        steps = self._steps(law)
         if isinstance(law, Weld) and len(c.laws) == 1:
             return
-        steps = self._steps(law)
         if not (steps or type(law) in (Spherical, Free)) or c.prescribed or c.others or c.loose:
             why = "a prescribed motion" if c.prescribed else f"{type(law).__name__} with this model"
-            self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF, which has hinges, slides, chains of them, balls and "
-                              f"free joints")
+            self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF: hinges, slides, chains of them, balls, free joints")
             return
         if type(law) is Free:
             if sense < 0 or c.k is not self.s.ground or len(c.laws) > 1:
@@ -238,7 +227,7 @@ class _Writer:
             return
         at = drawn.R.T @ (np.asarray(law.at, dtype=float) - drawn.p)
         if not steps:
-            made.add_joint(name=c.name, type=kinds.mjJNT_BALL, pos=at)
+            self.round[c.k.name, c.l.name] = (made.add_joint(name=c.name, type=kinds.mjJNT_BALL, pos=at), None)
             if sense < 0 or len(c.laws) > 1:
                 self.wrong.append(f"joint '{c.name}': a ball of MJCF turns its outer body, l, relative to k, without forces")
             return
@@ -295,8 +284,20 @@ class _Writer:
 
     # -- what is not in the tree
 
+    def _damped(self, c: Any) -> bool:
+        """State a bushing that only damps all directions alike, at a ball or a floating body, as the damping of that joint."""
+        made, at = self.round.get((c.k.name, c.l.name), (None, None))
+        stated = {p: getattr(law, p) for law in c.laws for p in law.params if getattr(law, p) is not None}
+        if made is None or set(stated) != {f"{head}{a}" for head in ("s" if at is None else "cs") for a in "xyz"} or not (
+                at is None or np.allclose(c.laws[0].at, at)) or len(set(stated.values())) > 1:
+            return False
+        put(made, "damping", self._number(stated["sx"], c, "damping"))
+        return True
+
     def _closing(self, c: Any) -> None:
         law, kinds = c.laws[0], self.mujoco.mjtEq
+        if c.kind == "bushing" and self._damped(c):
+            return
         if isinstance(law, Gear | Rack | WeightedSum) and len(couples(law)[0]) == 2:
             ((one, f), (other, g)), value = couples(law)[0], self._number(couples(law)[1], c, "value")
             if {one, other} <= self.joints.keys() and f:

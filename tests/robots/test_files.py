@@ -310,6 +310,9 @@ def test_damping_of_balls_and_floating_bases_is_that_of_mujoco(tmp_path: Path) -
     r = s.simulate(1e-3, accuracy=1e-7, outputs=[0.0, 1e-3])
     assert r["arm"].angular_acceleration[0] == pytest.approx(found[:3], abs=1e-8)
     assert r["arm"].acceleration[0] == pytest.approx(found[3:], abs=1e-8)
+    s.write_mjcf(tmp_path / "again.xml")
+    again = mujoco.MjModel.from_xml_path(str(tmp_path / "again.xml"))
+    assert again.dof_damping == pytest.approx(model.dof_damping)
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
