@@ -39,8 +39,8 @@ SMOOTH = 1e-3
 YIELD = 1e-3
 #: share of its largest principal moment by which a moment may exceed the sum of the others, from rounded files
 ROUNDED = 1e-6
-#: inertia about a body's centre, over mass times the square of 1 m, below which it counts as none
-NONE = 1e-15
+#: inertia about a body's centre, over its mass times the square of 1 m, below which it counts as none
+NONE = 1e-24
 
 
 @dataclass
@@ -123,7 +123,7 @@ def checked(robot: Robot, keep: bool) -> None:
     """Refuse numbers that no body has; inertias that violate the triangle inequality are kept where that was asked for."""
     wrong = []
     for link in robot.links.values():
-        if np.max(np.abs(link.inertia), initial=0.0) < NONE * max(link.mass, 1.0):
+        if np.max(np.abs(link.inertia), initial=0.0) < NONE * (link.mass or 1.0):
             link.inertia = np.zeros((3, 3))
         if not (np.isfinite(link.mass) and np.all(np.isfinite(link.inertia)) and np.all(np.isfinite(link.centre))):
             wrong.append(f"link '{link.name}': its mass, centre or inertia is not finite")

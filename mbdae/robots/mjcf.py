@@ -14,7 +14,7 @@ CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality ho
 FREE, BALL, SLIDE, HINGE = range(4)
 SIZES, DOFS = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}, {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos, qvel
 OF_JOINT = (0, 1)  #: kinds of transmission: an actuator on a joint
-SAME, NONE = 1e-6, 1e-12  #: relative difference of momenta and forces up to which they are the same, and what counts as none
+SAME, ROUND = 1e-6, 1e-11  #: difference of momenta and forces up to which they are the same, over them and over the largest
 
 
 def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) -> Any:
@@ -141,7 +141,7 @@ class _Reader:
         wrong = []
         pairs = {"inertia": (momenta, expected), "damping": (d.qfrc_damper, dampers), "spring": (d.qfrc_spring, springs)}
         for what, (one, other) in pairs.items():
-            for k in map(int, np.flatnonzero(np.abs(one - other) > SAME * np.max(np.abs(other), initial=NONE))):
+            for k in map(int, np.flatnonzero(np.abs(one - other) > SAME * np.abs(other) + ROUND * np.max(np.abs(other)))):
                 i = int(m.dof_jntid[k])
                 if what != "spring" or int(m.jnt_type[i]) in (SLIDE, HINGE):  # of others `refuse` has told
                     wrong.append(f"joint '{self.joint_names[i]}': its {what} in MuJoCo gives {one[k]:.6g} where what is read "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -366,3 +367,20 @@ def test_equalities_of_links_without_mass_hold_the_bodies_that_carry_them(tmp_pa
     s = mb.read_mjcf(written(tmp_path, text, "model.xml"))
     assert {s["equality 0"].k.name, s["equality 0"].l.name} == {"leg", "ground"}
     assert any("always holds" in said for said in s.told)
+
+
+def test_robots_of_any_size_keep_their_inertia(tmp_path: Path) -> None:
+    """The arm a million times smaller: masses by 1e-9, inertias by 1e-21 where lengths are by 1e-6."""
+    text = ARM.replace('friction="0.1"', "").replace('damping="0.5"', "")
+    inertia = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1e-21)
+    scale = {"mass value": 1e-9, "offset": 1e-6, "multiplier": 1e-6, **inertia}
+    for word, by in scale.items():
+        text = re.sub(rf'({word}=")([^"]*)"', lambda m, by=by: f'{m[1]}{float(m[2]) * by!r}"', text)
+    text = re.sub(r'(<origin xyz=")([^"]*)"', lambda m: f'{m[1]}{" ".join(repr(float(x) * 1e-6) for x in m[2].split())}"', text)
+    whole, small = (mb.read_urdf(written(tmp_path, one)).tree() for one in (ARM, text))
+    q, v, a = np.random.default_rng(0).normal(size=(3, 2))
+    assert small.mass_matrix(q) * 1e21 == pytest.approx(whole.mass_matrix(q), rel=1e-9)
+    rest = np.zeros(2)
+    assert small.inverse_dynamics(q, v, a) - small.gravity(q) == pytest.approx(
+        1e-21 * (whole.inverse_dynamics(q, v, a) - whole.gravity(q)), rel=1e-4)
+    assert small.forward_dynamics(q, rest, small.gravity(q)) == pytest.approx(rest, abs=1e-3)
