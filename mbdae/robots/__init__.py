@@ -39,8 +39,8 @@ SMOOTH = 1e-3
 YIELD = 1e-3
 #: share of its largest principal moment by which a moment may exceed the sum of the others, from rounded files
 ROUNDED = 1e-6
-#: inertia about a body's centre, over mass times the square of 1 m, below which it counts as none
-NONE = 1e-15
+#: inertia about a body's centre, over its mass times the square of 1 m, below which it counts as none
+NONE = 1e-24
 
 
 @dataclass
@@ -100,12 +100,13 @@ class Joint:
 @dataclass
 class Robot:
     """Links and joints in the order of the file, parents first; closing: statements that close loops or tie coordinates, made
-    after all joints; told: what the scene says otherwise than the file, or not at all; heard: those of them that change a run."""
+    after all joints, of the scene and of the bodies that links are part of ("": the ground); told: what the scene says otherwise
+    than the file, or not at all; heard: those of them that change a run."""
 
     name: str
     links: dict[str, Link] = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
-    closing: list[Callable[[Any, dict[str, Pose]], Any]] = field(default_factory=list)
+    closing: list[Callable[[Any, dict[str, Any]], Any]] = field(default_factory=list)
     roots: dict[str, Pose] = field(default_factory=dict)  #: links that float, with their poses in the drawing
     frames: dict[str, tuple[str, Pose]] = field(default_factory=dict)  #: further frames: link ("": the ground), pose on it
     told: list[str] = field(default_factory=list)
@@ -122,7 +123,7 @@ def checked(robot: Robot, keep: bool) -> None:
     """Refuse numbers that no body has; inertias that violate the triangle inequality are kept where that was asked for."""
     wrong = []
     for link in robot.links.values():
-        if np.max(np.abs(link.inertia), initial=0.0) < NONE * max(link.mass, 1.0):
+        if np.max(np.abs(link.inertia), initial=0.0) < NONE * (link.mass or 1.0):
             link.inertia = np.zeros((3, 3))
         if not (np.isfinite(link.mass) and np.all(np.isfinite(link.inertia)) and np.all(np.isfinite(link.centre))):
             wrong.append(f"link '{link.name}': its mass, centre or inertia is not finite")
@@ -177,7 +178,7 @@ def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
         pose = poses[on] @ at
         s.frame(name, bodies[on], at=pose.p, rotation=pose.R)
     for make_closing in robot.closing:
-        make_closing(s, poses)
+        make_closing(s, bodies)
     _massless(s, robot, moved)
     if s.problems:
         raise SceneError(list(s.problems))
@@ -209,6 +210,8 @@ def _joint(s: Any, robot: Robot, joint: Joint, k: Any, l: Any, pose: Pose) -> No
     if joint.kind == "free":  # displacements along the axes of the parent
         s.joint(law, joint.name, k, l, at=at, axis=(pose.R @ joint.pose.R.T)[:, 2], axis_x=(pose.R @ joint.pose.R.T)[:, 0],
                 model=Recursive())
+        if joint.damping:
+            damped(s, joint.name, k, l, at, (joint.damping, joint.damping))
         return
     options: dict[str, Any] = {}
     if joint.kind in ("revolute", "prismatic"):
@@ -220,7 +223,12 @@ def _joint(s: Any, robot: Robot, joint: Joint, k: Any, l: Any, pose: Pose) -> No
         axis = axis / np.linalg.norm(axis)
     s.joint(law, joint.name, k, l, at=at, axis=(0, 0, 1) if joint.kind == "spherical" else axis, model=Recursive(), **options)
     if joint.kind == "spherical" and joint.damping:
-        s.bushing(f"damping of {joint.name}", k, l, at=at, stiffness=(0, 0, 0), damping=(0, 0, joint.damping))
+        damped(s, joint.name, k, l, at, (0.0, joint.damping))
+
+
+def damped(s: Any, joint: str, k: Any, l: Any, at: Any, damping: tuple[float, float]) -> None:
+    """Damping (N s/m, N m s/rad), equal in all directions, of the motion of l relative to k."""
+    s.bushing(f"damping of {joint}", k, l, at=at, stiffness=(0,) * 6, damping=(*(damping[0],) * 3, *(damping[1],) * 3))
 
 
 def _options(robot: Robot, joint: Joint) -> dict[str, Any]:

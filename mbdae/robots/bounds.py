@@ -17,12 +17,14 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.robots import library
+from mbdae.robots import Pose, library
+from mbdae.scene.shapes import Box, Cylinder, Shape, Sphere
 
 #: bytes of a file of XML, of a mesh, and how many elements one may have and how deep
 LARGEST, LARGEST_MESH, MOST_ELEMENTS, DEEPEST = 32_000_000, 256_000_000, 200_000, 1000
 ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1")
 MESHES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf", ".off")  #: formats that are drawn
+SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 2, 3, 4, 5, 6, 7  #: of MuJoCo's geoms
 MOST_INCLUDED = 100  #: files that a model may include
 #: elements of a model with all copies, and pixels along an edge of a picture: MuJoCo itself grows without bounds
 MOST_MADE, MOST_ALONG = 10_000, 8192
@@ -207,6 +209,54 @@ def quiet() -> Iterator[None]:
             for descriptor in kept:
                 os.close(descriptor)
             os.chdir(before)
+
+
+def compiled(mujoco: Any, path: Path) -> Any:
+    """The model of a file as MuJoCo's compiler has it."""
+    file = str(path.resolve())
+    try:
+        with quiet():
+            return mujoco.MjModel.from_xml_path(file)
+    except (ValueError, RuntimeError, mujoco.FatalError, MemoryError, UnicodeError) as error:
+        said = " ".join(str(error).split())
+        raise OptionError(f"{path.name}: MuJoCo does not compile it: {said}") from error
+
+
+def name_of(model: Any, array: str, i: int) -> str:
+    """Name of entry i of a compiled model, by the array of places of names; "names": of the model."""
+    at = int(getattr(model, array)[i]) if array != "names" else 0
+    return str(model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace"))
+
+
+def picture_of(m: Any, g: int, pose: Pose) -> list[tuple[str, Pose, tuple[float, ...]]]:
+    """The shape that is drawn for geom g of a compiled model, at its pose; a mesh as the box about it."""
+    kind, size = int(m.geom_type[g]), [float(x) for x in m.geom_size[g]]
+    if kind == SPHERE:
+        return [("sphere", pose, (size[0],))]
+    if kind in (CAPSULE, CYLINDER):
+        return [("cylinder", pose, (size[0], 2 * size[1]))]
+    if kind in (ELLIPSOID, BOX):
+        return [("box", pose, tuple(2 * x for x in size))]
+    if kind == MESH:
+        middle, half = m.geom_aabb[g][:3], m.geom_aabb[g][3:]
+        return [("box", pose @ Pose(p=np.array(middle)), tuple(max(2 * float(x), 1e-9) for x in half))]
+    return []
+
+
+def geom_of(mujoco: Any, shape: Shape) -> tuple[Any, list[float], Any] | None:
+    """Kind and sizes of the geom of MuJoCo that is a shape, and its axes by columns; None where there is none."""
+    kinds = mujoco.mjtGeom
+    if isinstance(shape, Sphere):
+        return kinds.mjGEOM_SPHERE, [shape.radius, 0, 0], np.eye(3)
+    if isinstance(shape, Cylinder) and shape.length is not None:
+        axis = np.asarray(shape.axis, dtype=float)
+        x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        R = np.column_stack([v / np.linalg.norm(v) for v in (x, np.cross(axis, x), axis)])
+        return kinds.mjGEOM_CYLINDER, [shape.radius, shape.length / 2, 0], R
+    if isinstance(shape, Box):
+        R = np.eye(3) if shape.rotation is None else np.asarray(shape.rotation, dtype=float)
+        return kinds.mjGEOM_BOX, [x / 2 for x in np.broadcast_to(shape.size, 3)], R
+    return None
 
 
 def put(j: Any, word: str, value: float) -> None:

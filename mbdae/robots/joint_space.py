@@ -18,18 +18,18 @@ from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
 from mbdae.robots.tree import UNIT, Coordinate, Folded, JointSpaceProgram
 from mbdae.scene.models import spanning_tree
 from mbdae.symbolic.joint import Coupling
-from mbdae.symbolic.program import Program
-from mbdae.symbolic.vectors import Expr
+from mbdae.symbolic.vectors import Expr, Vec, rate_from_body_spin
 from mbdae.system.model.model import Model, build
-from mbdae.system.model.trees import find_trees
+from mbdae.system.model.trees import find_trees, lumped
 from mbdae.threads import single_threaded
 
 Array = NDArray[np.float64]
-#: steps of a program that are compiled together: all in one, calls take half the time, but for some robots (1848 steps of
-#: gymnasium's ant) symengine's search for common subexpressions did not end
-BLOCK = 1500
-SLICE = 32  #: states that pass through all blocks of a program together
-LEVEL = 2  #: LLVM's level of optimisation
+#: LLVM's level of optimisation, and number of steps of a function from which on it is not optimised: that takes 3 s for these and
+#: grows with their square; without it calls take 1.6 times as long
+LEVEL, OPTIMISED = 2, 10_000
+FAINT = 1e-200  #: what finite inputs are multiplied by in the number that tells of wrong ones
+WRONG = (2 * UNIT) ** 2  #: of that number: the square of how far squares of quaternions may be from 1
+WORDS = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}  #: of the inputs of functions
 FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
 ORIGIN = (0.0, 0.0, 0.0)
 
@@ -54,6 +54,7 @@ class Tree:
     def __init__(self, scene: Any) -> None:
         origins = {name: f.point for name, f in scene.frames.items() if f.body.name == name}
         moving = moving_scene(scene, origins)
+        self._carriers, welds = lumped(moving)
         model = build(moving)
         trees = find_trees(model)
         order = ordered(moving, trees)
@@ -70,9 +71,8 @@ class Tree:
         self.nq, self.nv = sum(c.nq for c in self._coordinates), sum(c.nv for c in self._coordinates)
         self.zero = np.concatenate([np.eye(4)[0] if c.nq == 4 else np.zeros(1) for c in self._coordinates])
         self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
-        inside = {name for tree in trees for name in tree.names} | couplings
-        ties = [c for c in moving.connections if c.is_joint or isinstance(c.laws[0], Coupling)]
-        self.closing = tuple(c.name for c in ties if c.name not in inside)
+        inside = {name for tree in trees for name in tree.names} | couplings | welds
+        self.closing = tuple(c.name for c in ties(scene) if c.name not in inside)
         self._frames, self._bodies = scene.frames, {b.name: b for b in scene.bodies}
         self._made: dict[Any, tuple[Any, Any, int, tuple[int, ...]]] = {}
         self._firsts = [c.q for c in self._coordinates if c.nq == 4]
@@ -108,6 +108,10 @@ class Tree:
             raise SceneError([f"{', '.join(still) or 'a coordinate'}: no inertia is moved by it, so that nothing says how it "
                               f"accelerates; give its body inertia, or the joint rotor="]) from error
 
+    def _interpreted(self, q: Array, v: Array, a: Array) -> Array:
+        """`inverse_dynamics` of several states, without compiling, which takes longer than some evaluations."""
+        return self._kernel(lambda p: p.inverse(), "qva")[0].once(np.concatenate((q, v, a), axis=-1))[..., :-1]
+
     # -- frames
 
     def jacobian(self, link: str, q: ArrayLike, at: ArrayLike = ORIGIN) -> Array:
@@ -120,7 +124,7 @@ class Tree:
         """dJ/dt (..., 6, nv) along v: the acceleration of the point is J a + dJ/dt v."""
         def rate(p: JointSpaceProgram) -> list[Expr]:
             entries = [e for row in p.jacobian(*self._frame(link)) for e in row]
-            return p.made.program.along(entries, p.changes(self._coordinates))
+            return p.made.program.along(entries, changes(p, self._coordinates))
 
         return self._at(("jacobian_rate", self._link(link)), rate, "qvp", (6, self.nv), q, v, at)
 
@@ -146,125 +150,92 @@ class Tree:
     def _frame(self, link: Any) -> tuple[str, Array, Array]:
         """Body that carries a link, place of its origin from the centre of the body and its axes, in axes of the body."""
         name = self._link(link)
-        if name in self._frames:
-            f = self._frames[name]
-            R = f.body.drawn.rotation
-            return f.body.name, R.T @ (f.point - f.body.drawn.position), R.T @ f.axes
-        return name, np.zeros(3), np.eye(3)
+        f = self._frames.get(name)
+        own, point, axes = (f.body.name, f.point, f.axes) if f is not None else (
+            name, self._bodies[name].drawn.position, self._bodies[name].drawn.rotation)
+        carrier = self._carriers[own]
+        R = carrier.drawn.rotation
+        return carrier.name, R.T @ (point - carrier.drawn.position), R.T @ axes
 
     # -- evaluation
 
     def _at(self, key: Any, outputs: Any, heads: str, shape: tuple[int, ...], *given: ArrayLike) -> Array:
         found = self._made.get(key)
         if found is None:
-            found = self._made[key] = self._compiled(outputs, heads, shape)
+            found = self._made[key] = self._compiled(outputs, heads)
         one, many, width, sizes = found
         try:
-            x = np.concatenate(given, dtype=float)
-            if x.ndim > 1 or tuple(map(len, given)) != sizes:  # type: ignore[arg-type]
+            x = np.concatenate(given)
+            if tuple(map(len, given)) != sizes:  # type: ignore[arg-type]
                 raise ValueError
+            out = np.empty(width)
+            one(x, out)  # refuses what is no vector of floats
         except (ValueError, TypeError):
             x = self._batch(heads, sizes, given)
-        if self._firsts:
-            self._refuse_lengths(x)
-        if x.ndim == 1:
-            out = np.empty(width)
-            one(x, out)
-            return out.reshape(shape)
-        out = np.empty((*x.shape[:-1], width))
-        if out.size:
-            many(x, out=out)
-        return out.reshape(*x.shape[:-1], *shape)
+            self._refuse(x, heads, sizes)
+            out = np.empty((*x.shape[:-1], width))
+            if out.size:
+                many(x, out=out)
+            return out[..., :-1].reshape(*x.shape[:-1], *shape)
+        if not -WRONG < out.item(-1) < WRONG:
+            self._refuse(x, heads, sizes)
+        return out[:-1] if len(shape) == 1 else out[:-1].reshape(shape)
 
     def _batch(self, heads: str, sizes: Sequence[int], given: Sequence[ArrayLike]) -> Array:
         """One row (..., inputs) for every state; what is given once counts for all."""
-        words = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}
         parts: list[Array] = []
         for head, n, value in zip(heads, sizes, given, strict=True):
             try:
                 part = np.asarray(value, dtype=float)
             except (ValueError, TypeError) as error:
-                raise OptionError(f"{words[head]} is no array of numbers; give ({n},), or (..., {n}) for several "
+                raise OptionError(f"{WORDS[head]} is no array of numbers; give ({n},), or (..., {n}) for several "
                                   f"states") from error
             if part.ndim == 0 or part.shape[-1] != n:
-                raise OptionError(f"{words[head]} has the shape {part.shape}; give ({n},), or (..., {n}) for several states, in "
+                raise OptionError(f"{WORDS[head]} has the shape {part.shape}; give ({n},), or (..., {n}) for several states, in "
                                   f"the order of {'names' if head == 'q' else 'coordinates' if head != 'p' else 'the axes'}")
             parts.append(part)
         try:
             many = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
         except ValueError as error:
-            shapes = ", ".join(f"{words[h]} {p.shape}" for h, p in zip(heads, parts, strict=True))
+            shapes = ", ".join(f"{WORDS[h]} {p.shape}" for h, p in zip(heads, parts, strict=True))
             raise OptionError(f"numbers of states differ: {shapes}; give as many of each, or one") from error
         return np.ascontiguousarray(np.concatenate([np.broadcast_to(p, (*many, p.shape[-1])) for p in parts], axis=-1))
 
-    def _refuse_lengths(self, x: Array) -> None:
-        if x.ndim == 1:  # without NumPy, which takes microseconds
-            for first in self._firsts:
-                w, i, j, k = x[first : first + 4].tolist()
-                if not abs(w * w + i * i + j * j + k * k - 1) <= 2 * UNIT:
-                    break
-            else:
-                return
+    def _refuse(self, x: Array, heads: str, sizes: Sequence[int]) -> None:
+        """Refuse numbers that are not finite, and quaternions of another length than 1."""
+        if np.any(wrong := ~np.isfinite(x)):
+            n = int(np.nonzero(wrong.reshape(-1, x.shape[-1]).any(axis=0))[0][0])
+            first = np.cumsum([0, *sizes])
+            of = int(np.searchsorted(first, n, side="right")) - 1
+            raise OptionError(f"{WORDS[heads[of]]} has an entry that is not finite, number {n - first[of]}; give finite numbers")
+        if not self._firsts:
+            return
         off = np.abs(np.sqrt((x[..., self._quaternions] ** 2).sum(axis=-1)) - 1)
         if np.any(off > UNIT):
             raise OptionError(f"q holds a quaternion whose length differs from 1 by {np.max(off):.3g}; divide it by its length "
                               f"(entries {self._quaternions[0].tolist()} of q, in the order w, x, y, z)")
 
     @single_threaded
-    def _compiled(self, outputs: Any, heads: str, shape: tuple[int, ...]) -> tuple[Any, Any, int, tuple[int, ...]]:
+    def _compiled(self, outputs: Any, heads: str) -> tuple[Any, Any, int, tuple[int, ...]]:
+        """A function of one state, one of several, the number of outputs, and those of inputs."""
+        kernel, sizes = self._kernel(outputs, heads)
+        return kernel.compiled.unsafe_real, kernel.compiled, kernel.width, sizes
+
+    def _kernel(self, outputs: Any, heads: str) -> tuple[Kernel, tuple[int, ...]]:
+        """A function of states, and the numbers of its inputs. Its last output tells whether the inputs are to be looked at: it
+        is beyond WRONG where one is not finite or a quaternion has not the length 1."""
         p = self._program
         known = {"q": p.q, "v": p.v, "a": p.a, "t": p.tau, "p": p.at}
         symbols, program = [s for head in heads for s in known[head]], p.made.program
-        kernels = blocks(program, symbols, [se.sympify(e) for e in outputs(p)])
-        sizes = tuple(len(known[head]) for head in heads)
-        if len(kernels) == 1:
-            return kernels[0].compiled.unsafe_real, kernels[0].compiled, kernels[0].width, sizes
-        chain = Chain(kernels)
-        return chain.one, chain.many, kernels[-1].width, sizes
-
-
-class Chain:
-    """Compiled functions one after the other: each reads what the one before it wrote."""
-
-    def __init__(self, kernels: list[Kernel]) -> None:
-        self._compiled, self._widths = [k.compiled for k in kernels], [k.width for k in kernels]
-
-    def one(self, x: Array, out: Array) -> None:
-        """Of one state."""
-        for compiled, width in zip(self._compiled[:-1], self._widths, strict=False):
-            found = np.empty(width)
-            compiled.unsafe_real(x, found)
-            x = found
-        self._compiled[-1].unsafe_real(x, out)
-
-    def many(self, x: Array, out: Array) -> None:
-        """Of many states, SLICE at a time, so that what is handed on stays in the cache."""
-        x, rows = x.reshape(-1, x.shape[-1]), out.reshape(-1, out.shape[-1])
-        for first in range(0, len(x), SLICE):
-            part = x[first : first + SLICE]
-            for compiled, width in zip(self._compiled[:-1], self._widths, strict=False):
-                found = np.empty((len(part), width))
-                compiled(part, out=found)
-                part = found
-            self._compiled[-1](part, out=rows[first : first + SLICE])
-
-
-def blocks(program: Program, inputs: list[Expr], outputs: list[Expr]) -> list[Kernel]:
-    """Kernels that evaluate outputs of a program one after the other, each at most BLOCK steps: the search for common
-    subexpressions of long programs may take forever. Each hands on what later ones read."""
-    needed = program.late(outputs)
-    found: list[Kernel] = []
-    for first in range(0, max(len(needed), 1), BLOCK):
-        here, later = needed[first : first + BLOCK], needed[first + BLOCK :]
-        used = set().union(*(program.steps[name].free_symbols for name in later), *(e.free_symbols for e in outputs))
-        handed = [s for s in (*inputs, *here) if s in used] if later else outputs
-        part = Program()
-        part.steps = {name: program.steps[name] for name in here}
-        said = [f"{name} = {e}" for name, e in part.steps.items()]  # closed, they would be written out in full
-        key = key_of("joint space", str(inputs), *said, str(handed))
-        found.append(Kernel(inputs, partial(part.closed, handed), LEVEL, len(handed), key))
-        inputs = list(handed)
-    return found
+        found = [se.sympify(e) for e in outputs(p)]
+        lengths = [sum(c * c for c in p.q[i : i + 4]) - 1 for i in self._firsts]
+        found.append(FAINT * sum(symbols) + sum(e * e for e in lengths))
+        needed = program.needed(found)
+        said = [f"{name} = {program.steps[name]}" for name in needed]  # closed, they would be written out in full
+        key = key_of("joint space", str(symbols), *said, str(found))
+        level = LEVEL if len(needed) < OPTIMISED else 0
+        kernel = Kernel(symbols, partial(program.by_pairs, found), level, len(found), key)
+        return kernel, tuple(len(known[head]) for head in heads)
 
 
 def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
@@ -279,7 +250,18 @@ def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
             made.joint(Free, FLOATS.format(root.name), made.ground, root, at=at, axis=(0, 0, 1), axis_x=(1, 0, 0))
     if made.problems:
         raise SceneError(list(made.problems))
-    return made.recursive()
+    made = made.recursive()
+    made.connections[:] = ties(made)  # other forces, and what they read, are no part of joint-space dynamics
+    for c in made.connections:
+        del c.laws[1:]
+    made.signals.clear()
+    made.controllers.clear()
+    return made
+
+
+def ties(scene: Any) -> list[Any]:
+    """Joints and couplings of a scene."""
+    return [c for c in scene.connections if c.is_joint or isinstance(c.laws[0], Coupling)]
 
 
 def coordinates_of(model: Model, order: list[str], folded: dict[tuple[str, str], Folded]) -> list[Coordinate]:
@@ -294,6 +276,15 @@ def coordinates_of(model: Model, order: list[str], folded: dict[tuple[str, str],
             nq, nv = (4, 3) if joint.unit(c) == "rotation" else (1, 1)
             found.append(Coordinate(name, c, q, v, nq, nv))
             q, v = q + nq, v + nv
+    return found
+
+
+def changes(p: JointSpaceProgram, coordinates: Sequence[Coordinate]) -> dict[Expr, Expr]:
+    """Rate of every entry of q at velocities v."""
+    found: dict[Expr, Expr] = {}
+    for c in coordinates:
+        q, v = p.q[c.q : c.q + c.nq], p.v[c.v : c.v + c.nv]
+        found |= dict(zip(q, rate_from_body_spin(q, Vec(*v)) if c.nq > c.nv else v, strict=True))
     return found
 
 

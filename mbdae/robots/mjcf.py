@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError, unknown_name
-from mbdae.robots import Joint, Link, Pose, Robot, build, library
-from mbdae.robots.bounds import MOST_MADE, Files, parsed, quiet, text_of
+from mbdae.robots import Joint, Link, Pose, Robot, build, damped, library
+from mbdae.robots.bounds import MOST_MADE, Files, compiled, name_of, parsed, picture_of, text_of
 
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
 FREE, BALL, SLIDE, HINGE = range(4)
-SIZES = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos
-SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 2, 3, 4, 5, 6, 7
+SIZES, DOFS = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}, {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos, qvel
+OF_JOINT = (0, 1)  #: kinds of transmission: an actuator on a joint
+SAME, ROUND = 1e-6, 1e-11  #: difference of momenta and forces up to which they are the same, over them and over the largest
 
 
 def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) -> Any:
@@ -23,29 +23,15 @@ def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) ->
     found, data = text_of(path, "read_mjcf")
     if Files(found.resolve()).check(parsed(data, found.name, "mujoco")) > MOST_MADE:
         raise OptionError(f"{found.name}: with what is attached the model has more than {MOST_MADE} elements; state fewer")
-    model = _compiled(mujoco, found)
-    robot = Robot(_name(model, "names", 0) or found.stem)
+    model = compiled(mujoco, found)
+    robot = Robot(name_of(model, "names", 0) or found.stem)
     reader = _Reader(mujoco, model, robot, limits, stop, key)
     reader.refuse()
     reader.bodies()
+    reader.verify()
     reader.equalities()
     reader.tell()
     return build(make, robot, (0.0, 0.0, 0.0) if "GRAVITY" in reader.off else tuple(map(float, model.opt.gravity)), keep)
-
-
-def _compiled(mujoco: Any, path: Path) -> Any:
-    file = str(path.resolve())
-    try:
-        with quiet():
-            return mujoco.MjModel.from_xml_path(file)
-    except (ValueError, RuntimeError, mujoco.FatalError, MemoryError, UnicodeError) as error:
-        said = " ".join(str(error).split())
-        raise OptionError(f"{path.name}: MuJoCo does not compile it: {said}") from error
-
-
-def _name(model: Any, array: str, i: int) -> str:
-    at = int(getattr(model, array)[i]) if array != "names" else 0
-    return str(model.names[at : model.names.index(b"\0", at)].decode("utf-8", "replace"))
 
 
 class _Reader:
@@ -58,15 +44,15 @@ class _Reader:
         bits = mujoco.mjtDisableBit  #: names of MuJoCo's switches that are off: of gravity, springs, dampers, ...
         self.off = {word[7:] for word in dir(bits) if word.startswith("mjDSBL_")
                     and model.opt.disableflags & int(getattr(bits, word))}
-        self.off |= {"SPRING", "DAMPER"} if "PASSIVE" in self.off else set()
-        self.off |= {"FRICTIONLOSS", "LIMIT", "EQUALITY"} if "CONSTRAINT" in self.off else set()
+        for one, all_of in (("PASSIVE", {"SPRING", "DAMPER"}), ("CONSTRAINT", {"FRICTIONLOSS", "LIMIT", "EQUALITY"})):
+            self.off |= all_of if one in self.off else set()
         for i, kind in enumerate(model.jnt_type):  # what has no coordinate of its own in a scene is drawn as it starts
             if kind in (FREE, BALL):
                 q = int(model.jnt_qposadr[i])
                 self.data.qpos[q : q + SIZES[int(kind)]] = self.start[q : q + SIZES[int(kind)]]
         mujoco.mj_kinematics(model, self.data)
-        self.names = ["", *(_name(model, "name_bodyadr", i) or f"body {i}" for i in range(1, model.nbody))]
-        self.joint_names = [_name(model, "name_jntadr", i) or self._unnamed(i) for i in range(model.njnt)]
+        self.names = ["", *(name_of(model, "name_bodyadr", i) or f"body {i}" for i in range(1, model.nbody))]
+        self.joint_names = [name_of(model, "name_jntadr", i) or self._unnamed(i) for i in range(model.njnt)]
         for names, what in ((self.names, "bodies"), (self.joint_names, "joints")):
             if len(set(names)) < len(names):
                 raise SceneError([f"{what} without names would have names that others have; name all"])
@@ -79,7 +65,7 @@ class _Reader:
     def _key(self, key: Any) -> tuple[Any, Any]:
         """qpos and qvel of the key frame that was asked for; without one, those of the file."""
         m = self.m
-        names = [_name(m, "name_keyadr", i) or f"key {i}" for i in range(m.nkey)]
+        names = [name_of(m, "name_keyadr", i) or f"key {i}" for i in range(m.nkey)]
         if key is None:
             if names:
                 said = f"{', '.join(map(repr, names[:8]))}{', ...' if len(names) > 8 else ''}"
@@ -99,7 +85,7 @@ class _Reader:
         m, wrong = self.m, []
         for i in range(m.ntendon):
             acts = [getattr(m, f"tendon_{what}")[i] for what in ("stiffness", "damping", "limited", "frictionloss", "armature")]
-            name = _name(m, "name_tendonadr", i) or f"{i}"
+            name = name_of(m, "name_tendonadr", i) or f"{i}"
             if any(map(np.any, acts)):
                 wrong.append(f"tendon '{name}': tendons are not modelled; state s.spring or s.rope, and remove it from the file")
             else:
@@ -108,36 +94,79 @@ class _Reader:
                   ("plugins", m.nplugin)) if n]
         for i in range(m.njnt):
             kind, dof, name = int(m.jnt_type[i]), int(m.jnt_dofadr[i]), self.joint_names[i]
-            count = {FREE: 6, BALL: 3}.get(kind, 1)
             if kind in (FREE, BALL):
                 for what, values in (("armature", m.dof_armature), ("frictionloss", m.dof_frictionloss)):
-                    if np.any(values[dof : dof + count]):
+                    if np.any(values[dof : dof + DOFS[kind]]):
                         wrong.append(f"joint '{name}': {what} of a {'free' if kind == FREE else 'ball'} joint is not modelled; "
                                      f"set it to 0")
-                if m.jnt_stiffness[i] or np.any(m.dof_damping[dof : dof + count]):
-                    self.robot.heard.append(f"joint '{name}': stiffness and damping of a free or ball joint are left out")
-                if kind == BALL and m.jnt_limited[i]:
+                if m.jnt_stiffness[i] and "SPRING" not in self.off:
+                    self.robot.heard.append(f"joint '{name}': stiffness of a free or ball joint is left out")
+                if kind == BALL and m.jnt_limited[i] and "LIMIT" not in self.off and self.limits:
                     self.robot.heard.append(f"joint '{name}': the limit of a ball joint is left out")
-            for what in ("dof_dampingpoly", "jnt_stiffnesspoly"):
-                values = getattr(m, what, None)
-                at = dof if what.startswith("dof") else i
-                if values is not None and np.any(values[at]):
+            for what, at in (("dof_dampingpoly", dof), ("jnt_stiffnesspoly", i)):
+                if np.any(self._of(what, at)):
                     word = what[4:].removesuffix("poly")
                     wrong.append(f"joint '{name}': a polynomial of its {word} is not modelled; make it linear")
+            if self._of("jnt_springyield", i):
+                wrong.append(f"joint '{name}': a spring that yields is not modelled; remove its springyield")
         if wrong:
             raise SceneError(wrong)
+
+    def _of(self, array: str, i: int) -> Any:
+        """Entry of an array that versions of MuJoCo before the one that brought it do not have: 0 there."""
+        return getattr(self.m, array)[i] if hasattr(self.m, array) else 0.0
+
+    def verify(self) -> None:
+        """Compare what was read of masses, armature, springs and dampers with the momenta and forces that MuJoCo has at random
+        velocities: what this reader does not know of, such as what a later version brings, is refused and not left out."""
+        m, d, flags, joints = self.m, self.data, self.m.opt.disableflags, {j.name: j for j in self.robot.joints}
+        v, momenta, jac = np.random.default_rng(0).uniform(0.5, 1, size=m.nv), np.zeros(m.nv), np.zeros((2, 3, m.nv))
+        before, d.qvel[:], d.qpos[:] = d.qpos.copy(), v, self.start
+        m.opt.disableflags = flags | int(self.mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self.mujoco.mj_fwdPosition(m, d)
+        self.mujoco.mj_fwdVelocity(m, d)
+        self.mujoco.mj_mulM(m, d, momenta, v)
+        expected, dampers, springs = np.zeros((3, m.nv))
+        for b in range(1, m.nbody):
+            link, R = self.robot.links[self.names[b]], d.xmat[b].reshape(3, 3)
+            self.mujoco.mj_jacBodyCom(m, d, *jac, b)
+            expected += link.mass * jac[0].T @ (jac[0] @ v) + jac[1].T @ R @ link.inertia @ R.T @ (jac[1] @ v)
+        for i, kind in enumerate(map(int, m.jnt_type)):
+            k, q = int(m.jnt_dofadr[i]), int(m.jnt_qposadr[i])
+            dampers[k : k + DOFS[kind]] = -self._damping(i) * v[k : k + DOFS[kind]]
+            if kind in (SLIDE, HINGE):
+                made = joints[self.joint_names[i]]
+                expected[k] += made.rotor * v[k]
+                springs[k] = -made.spring * (d.qpos[q] - m.qpos0[q] - made.rest)
+        wrong = []
+        pairs = {"inertia": (momenta, expected), "damping": (d.qfrc_damper, dampers), "spring": (d.qfrc_spring, springs)}
+        for what, (one, other) in pairs.items():
+            for k in map(int, np.flatnonzero(np.abs(one - other) > SAME * np.abs(other) + ROUND * np.max(np.abs(other)))):
+                i = int(m.dof_jntid[k])
+                if what != "spring" or int(m.jnt_type[i]) in (SLIDE, HINGE):  # of others `refuse` has told
+                    wrong.append(f"joint '{self.joint_names[i]}': its {what} in MuJoCo gives {one[k]:.6g} where what is read "
+                                 f"gives {other[k]:.6g}; something else acts on it that is not modelled: remove it from the file")
+        m.opt.disableflags, d.qvel[:], d.qpos[:] = flags, 0, before
+        self.mujoco.mj_kinematics(m, d)
+        if wrong:
+            raise SceneError(list(dict.fromkeys(wrong)))
 
     def tell(self) -> None:
         m, told, heard = self.m, self.robot.told, self.robot.heard
         if m.nu:
-            names = ", ".join(f"'{_name(m, 'name_actuatoradr', i) or i}'" for i in range(min(m.nu, 8)))
+            names = ", ".join(f"'{name_of(m, 'name_actuatoradr', i) or i}'" for i in range(min(m.nu, 8)))
             told.append(f"actuators ({m.nu}: {names}{', ...' if m.nu > 8 else ''}) are not read: state loads on the joints")
-        if np.any(m.geom_contype) and np.any(m.geom_conaffinity):
+        if (np.any(m.geom_contype) and np.any(m.geom_conaffinity)) or m.npair:
             told.append("contacts between geoms are not read: state them by s.contact")
         if m.opt.density or m.opt.viscosity or np.any(m.opt.wind):
             heard.append("the medium (density, viscosity, wind) around the bodies is left out")
         if m.nmocap:
             told.append("mocap bodies stay where they are")
+        pictures = {"planes": np.sum(m.geom_type == 0), "height fields": m.nhfield, "skins": m.nskin}
+        unread = {"sensors": m.nsensor, "cameras": m.ncam, "lights": m.nlight, "custom numbers, texts and tuples":
+                  m.nnumeric + m.ntext + m.ntuple} | {f"pictures of {what}": n for what, n in pictures.items()}
+        if any(unread.values()):
+            told.append(f"{', '.join(f'{what} ({n})' for what, n in unread.items() if n)} are not read")
 
     # -- bodies and joints
 
@@ -153,13 +182,14 @@ class _Reader:
             made.mass, made.centre = float(m.body_mass[b]), inner.p
             made.inertia = inner.R @ np.diag(m.body_inertia[b]) @ inner.R.T
             made.inertia = (made.inertia + made.inertia.T) / 2
-            self._shapes(b, made)
+            for g in range(int(m.body_geomadr[b]), int(m.body_geomadr[b]) + int(m.body_geomnum[b])):
+                made.shapes += picture_of(m, g, self._pose(m.geom_pos[g], m.geom_quat[g]))
             self._carried(b, made)
             if m.body_gravcomp[b] and not self.off >= {"SPRING", "DAMPER"}:  # without both MuJoCo leaves it out, too
                 made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity * ("GRAVITY" not in self.off))
         taken = {*self.names, *self.joint_names}
         for i in range(m.nsite):
-            name = _name(m, "name_siteadr", i)
+            name = name_of(m, "name_siteadr", i)
             if name:
                 robot.frames[f"{name} site" if name in taken else name] = (self.names[int(m.site_bodyid[i])],
                                                                            self._pose(m.site_pos[i], m.site_quat[i]))
@@ -174,6 +204,9 @@ class _Reader:
             R = robot.roots[link.name].R
             link.spin = R @ self.rates[v + 3 : v + 6]
             link.velocity = self.rates[v : v + 3] + np.cross(link.spin, R @ link.centre)
+            if (d := self._damping(joints[0])) > 0:
+                at, name = robot.roots[link.name].p, self.joint_names[joints[0]]
+                robot.closing.append(lambda s, _: damped(s, name, "ground", link.name, at, (d, d)))
             return
         if not len(joints):
             robot.joints.append(Joint(f"{link.name} fixed", "fixed", parent, link.name, pose))
@@ -191,6 +224,7 @@ class _Reader:
         kind, dof, q = int(m.jnt_type[i]), int(m.jnt_dofadr[i]), int(m.jnt_qposadr[i])
         word = {FREE: "free", BALL: "spherical", SLIDE: "prismatic", HINGE: "revolute"}[kind]
         made = Joint(self.joint_names[i], word, parent, child, pose, np.array(m.jnt_pos[i]), np.array(m.jnt_axis[i]))
+        made.damping = self._damping(i)
         if kind in (FREE, BALL):
             if kind == BALL:
                 R = self._pose(np.zeros(3), self.start[q : q + 4]).R
@@ -198,9 +232,9 @@ class _Reader:
                 if np.any(self.rates[dof : dof + 3]):
                     self.robot.heard.append(f"joint '{made.name}': the velocity of a ball joint in the key frame is left out")
             return made
-        acts = {"DAMPER": m.dof_damping[dof], "FRICTIONLOSS": m.dof_frictionloss[dof], "SPRING": m.jnt_stiffness[i]}
-        made.damping, made.friction, made.spring = (0.0 if word in self.off else float(x) for word, x in acts.items())
-        made.rotor = float(m.dof_armature[dof])
+        acts = {"FRICTIONLOSS": m.dof_frictionloss[dof], "SPRING": m.jnt_stiffness[i]}
+        made.friction, made.spring = (0.0 if word in self.off else float(x) for word, x in acts.items())
+        made.rotor = float(m.dof_armature[dof]) + self._of_actuators("armature", i)
         ref = float(m.qpos0[q])
         made.start, made.rate = float(self.start[q]) - ref, float(self.rates[dof])
         made.rest = float(m.qpos_spring[q]) - ref
@@ -211,19 +245,15 @@ class _Reader:
             made.limits, made.stop = (low, high), self.stop
         return made
 
-    def _shapes(self, b: int, link: Link) -> None:
+    def _damping(self, i: int) -> float:
+        own = float(self.m.dof_damping[int(self.m.jnt_dofadr[i])])
+        return 0.0 if "DAMPER" in self.off else own + self._of_actuators("damping", i)
+
+    def _of_actuators(self, what: str, i: int) -> float:
+        """Armature or damping of the actuators that turn with joint i."""
         m = self.m
-        for g in range(int(m.body_geomadr[b]), int(m.body_geomadr[b]) + int(m.body_geomnum[b])):
-            kind, size, pose = int(m.geom_type[g]), m.geom_size[g], self._pose(m.geom_pos[g], m.geom_quat[g])
-            if kind == SPHERE:
-                link.shapes.append(("sphere", pose, (float(size[0]),)))
-            elif kind in (CAPSULE, CYLINDER):
-                link.shapes.append(("cylinder", pose, (float(size[0]), 2 * float(size[1]))))
-            elif kind in (ELLIPSOID, BOX):
-                link.shapes.append(("box", pose, tuple(2 * float(x) for x in size)))
-            elif kind == MESH:
-                middle, half = m.geom_aabb[g][:3], m.geom_aabb[g][3:]
-                link.shapes.append(("box", pose @ Pose(p=np.array(middle)), tuple(max(2 * float(x), 1e-9) for x in half)))
+        return sum(float(self._of(f"actuator_{what}", a) * m.actuator_gear[a][0] ** 2) for a in range(m.nu)
+                   if int(m.actuator_trntype[a]) in OF_JOINT and int(m.actuator_trnid[a][0]) == i)
 
     # -- equalities
 
@@ -232,7 +262,7 @@ class _Reader:
         types = self.mujoco.mjtEq
         self.hinges = self._hinges()
         for e in range(m.neq):
-            name, kind = _name(m, "name_eqadr", e) or f"equality {e}", int(m.eq_type[e])
+            name, kind = name_of(m, "name_eqadr", e) or f"equality {e}", int(m.eq_type[e])
             if not m.eq_active0[e] or "EQUALITY" in self.off:
                 self.robot.told.append(f"'{name}' is not active in the file, and not read")
             elif kind in (types.mjEQ_CONNECT, types.mjEQ_WELD):
@@ -272,19 +302,29 @@ class _Reader:
         m, slack = self.m, CLOSED * max(float(self.m.stat.extent), 1.0)
         bodies, (one, other) = self._ends(e)
         sites, data = self._of_sites(e), m.eq_data[e]
-        k, l = (self.names[b] or "ground" for b in bodies)
+        k, l = (self.names[b] for b in bodies)
         at = one.p if sites else one.point(data[3:6]) if weld else one.point(data[:3])
         off = np.linalg.norm(at - (other.p if sites else other.point(data[:3] if weld else data[3:6])))
         turned = 0.0
+        if weld and not sites and not data[10]:
+            return [f"equality '{name}': a weld with torquescale=\"0\" is a connect; state it so"]
         if weld:
             wanted = one.R if sites else one.R @ self._pose(np.zeros(3), data[6:10]).R
             turned = float(np.max(np.abs(wanted - other.R)))
         if off > slack or turned > slack:
             return [f"equality '{name}': it does not hold as drawn, {off:.3g} m and {turned:.3g} apart; draw the bodies closed"]
-        if weld or e not in self.hinges:
-            self.robot.closing.append(lambda s, _: s.weld(name, k, l, at=at) if weld else s.spherical(name, k, l, at=at))
-        elif (axis := self.hinges[e]) is not None:
-            self.robot.closing.append(lambda s, _: s.revolute(name, k, l, at=at, axis=axis))
+        axis = self.hinges.get(e) if not weld else None
+
+        def close(s: Any, on: dict[str, Any]) -> None:
+            if on[k] is on[l]:
+                s.told.append(f"'{name}' always holds: both its bodies are fixed to each other; it is left out")
+            elif axis is not None:
+                s.revolute(name, on[k], on[l], at=at, axis=axis)
+            else:
+                (s.weld if weld else s.spherical)(name, on[k], on[l], at=at)
+
+        if weld or e not in self.hinges or axis is not None:
+            self.robot.closing.append(close)
         return []
 
     def _tied(self, e: int, name: str) -> list[str]:

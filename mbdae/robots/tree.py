@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from mbdae.kernels.links import pass_kernel
 from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.kernels.tree_plan import Inline
+from mbdae.laws.bodies import RigidBody
 from mbdae.laws.forces import Gravity
+from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.links import directions
 from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.tree_motion import Open
-from mbdae.symbolic.vectors import Expr, Vec, rate_from_body_spin
+from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Instance
 from mbdae.system.model.trees import Tree as ModelTree
@@ -40,7 +42,6 @@ Entry = tuple[int, Place]  #: number of a tree, and a place in it
 
 class Coordinate(NamedTuple):
     """A coordinate of a joint: first entry in q and v, and how many it has there."""
-
     joint: str
     name: str
     q: int
@@ -51,7 +52,6 @@ class Coordinate(NamedTuple):
 
 class Folded(NamedTuple):
     """A coordinate that is factor times another one, plus offset."""
-
     of: tuple[str, str]
     factor: float
     offset: float
@@ -59,7 +59,6 @@ class Folded(NamedTuple):
 
 class Passed(NamedTuple):
     """The passes over a tree, and its bodies by name, with their numbers in it."""
-
     passes: TreePasses
     tree: ModelTree
     bodies: dict[str, int]
@@ -71,15 +70,31 @@ class JointSpaceProgram:
     def __init__(self, model: Model, coordinates: Sequence[Coordinate], folded: Mapping[tuple[str, str], Folded]) -> None:
         self.made, self.model, self._folded = Inline(), model, folded
         self._place = {(c.joint, c.name): c for c in coordinates}
-        symbols = [(head, n) for head, n in (("q", sum(c.nq for c in coordinates)), ("u", sum(c.nv for c in coordinates)))]
-        self.q, self.v = ([se.Symbol(f"{head}{i}") for i in range(n)] for head, n in symbols)
-        self.a, self.tau = ([se.Symbol(f"{head}{i}") for i in range(len(self.v))] for head in ("up", "tau"))
-        self.at = [se.Symbol(f"at{i}") for i in range(3)]
+        nq, nv = sum(c.nq for c in coordinates), sum(c.nv for c in coordinates)
+        self.q, self.v, self.a, self.tau, self.at = ([se.Symbol(f"{head}{i}") for i in range(n)] for head, n in (
+            ("q", nq), ("u", nv), ("up", nv), ("tau", nv), ("at", 3)))
         self._slots: dict[Entry, int] = {}
         self.trees = [self._passed(n, tree) for n, tree in enumerate(find_trees(model))]
         for one in self.trees:
             one.passes.outwards(self.made)  # type: ignore[arg-type]
+            self._turning(one)
         self._before = dict(self.made.values)
+
+    def _turning(self, one: Passed) -> None:
+        """Gyroscopic moments w x J w of rigid bodies with J along inertial axes, which the passes have anyway."""
+        values, let = self.made.values, self.made.program.let
+        for j, own in one.passes.bodies.items():
+            laws = [self._law(one.tree.members[m]) for m in own.members]
+            if own.kernels.kind is NodeKind.SPATIAL and laws and all(isinstance(law, RigidBody | Gravity) for law in laws):
+                w = Vec(*(values[one.passes.at(j, ("x", f"w{i}"))] for i in "123"))
+                spin = Vec(*(let(Vec(*(values[s] for s in row[3:])) @ w) for row in self._inertia(one.passes, j)[3:]))
+                values |= {one.passes.at(j, ("p", i)): let(e) for i, e in enumerate(w.cross(spin), start=3)}
+
+    @staticmethod
+    def _inertia(passes: TreePasses, j: int) -> list[list[int]]:
+        """Slots of the inertia of body j."""
+        n = range(passes.bodies[j].kernels.shape.body)
+        return [[passes.at(j, ("M", max(i, k), min(i, k))) for k in n] for i in n]
 
     # -- places
 
@@ -109,11 +124,11 @@ class JointSpaceProgram:
         if head in ("q", "u", "up"):
             return self._holding(self.coordinate(tree, place))
         j = int(owner.removeprefix("link").removeprefix("member"))
-        if "_P" in name:
-            value = tree.numbers[j - 1][name]
-        else:
-            value = float(self._instance(tree.joints[j - 1] if owner.startswith("link") else tree.members[j]).numbers[name])
-        return self.made.constant([0.0 if abs(value) < NOTHING else value])
+        of, place = ((tree.structure.links[j - 1], tree.joints[j - 1]) if owner.startswith("link") else
+                     (tree.structure.members[j], tree.members[j]))
+        whole = dict(of.numbers)[name]  # 0, 1 or -1, up to round-off of rotations
+        value = tree.numbers[j - 1][name] if "_P" in name else float(self._instance(place).numbers[name])
+        return self.made.constant([value if whole is None else whole])
 
     def _holding(self, e: Expr) -> int:
         first = self.made.slots(1)
@@ -147,12 +162,10 @@ class JointSpaceProgram:
 
     def armature(self, n: int) -> dict[Place, float]:
         """Inertia of rotors on the velocities of tree n."""
-        one = self.trees[n]
-        rotors = {place: self._owner(one.tree, -place[1]) for place in one.passes.unknowns}
-        return {place: self._place_of_rotor(key) for place, key in rotors.items() if self._place_of_rotor(key)}
-
-    def _place_of_rotor(self, key: tuple[str, str]) -> float:
-        return float(getattr(self.model.scene[key[0]], "rotor", {}).get(key[1], 0.0))
+        one, scene = self.trees[n], self.model.scene
+        owners = {place: self._owner(one.tree, -place[1]) for place in one.passes.unknowns}
+        rotors = {place: float(getattr(scene[joint], "rotor", {}).get(c, 0.0)) for place, (joint, c) in owners.items()}
+        return {place: m for place, m in rotors.items() if m}
 
     # -- quantities
 
@@ -240,18 +253,31 @@ class JointSpaceProgram:
             of, rotors, to = dict(self._rates(n)), self.armature(n), dict[Place, int]()
             force = {place: self._holding(self.tau[k]) for place, (k, _) in of.items()}
             passes = one.passes.copied({(p, p): made.constant([m]) for p, m in rotors.items()})
+            self._at_rest(passes)
             passes.inwards(made, force.__getitem__)  # type: ignore[arg-type]
             passes.accelerations(made, lambda place, to=to: to.setdefault(place, made.slots(1)))  # type: ignore[misc,arg-type]
             for place, (k, _) in of.items():
                 a[k] = made.values[to[place]]
         return a
 
+    def _at_rest(self, passes: TreePasses) -> None:
+        """Turn accelerations of bodies that coordinates without second rates cause into forces of inertia: those that are left
+        need no product with the inertia that a body carries."""
+        values, nothing = self.made.values, self.made.zeros(1)
+        passes.accelerations(self.made, lambda _: nothing, given=True)  # type: ignore[arg-type]
+        for j, (first, kernel) in passes._accelerations.items():
+            for i, row in enumerate(self._inertia(passes, j)):
+                to, a = passes.at(j, ("p", i)), [values[first + kernel.column["a", k]] for k in range(len(row))]
+                values[to] = self.made.program.let(sum((values[s] * e for s, e in zip(row, a, strict=True)), values[to]))
+                if ("c", i) in passes.bodies[j].kernels.outward.column:
+                    values[passes.at(j, ("c", i))] = se.Integer(0)
+
     def _forward_by_mass(self) -> list[Expr]:
-        rows, program = self.inverse(), self.made.program
-        bias = self.at_rest(rows, self.a)
-        M = self.mass()
-        lower = {(i, j): M[i][j] for i in range(len(M)) for j in range(i + 1)}
-        return program.solved(lower, [program.let(t - b) for t, b in zip(self.tau, bias, strict=True)])[0]
+        bias, program = self.at_rest(self.inverse(), self.a), self.made.program
+        M, n = self.mass(), len(self.v)  # from the leaves inwards, so that what is 0 stays 0
+        lower = {(i, j): M[n - 1 - i][n - 1 - j] for i in range(n) for j in range(i + 1)}
+        left = [program.let(t - b) for t, b in zip(self.tau, bias, strict=True)]
+        return program.solved(lower, left[::-1])[0][::-1]
 
     def at_rest(self, rows: Sequence[Expr], nothing: Sequence[Expr]) -> list[Expr]:
         """Outputs where some inputs are 0, in the same program."""
@@ -297,8 +323,7 @@ class JointSpaceProgram:
             return J
         (n, j), arm = place, Vec(*self.motion(body, offset, turned)[0])
         passes, let, values = self.trees[n].passes, self.made.program.let, self.made.values
-        rates, columns = dict(self._rates(n)), dict[Place, list[Expr]]()
-        chain = [j]
+        rates, columns, chain = dict(self._rates(n)), dict[Place, list[Expr]](), [j]
         while passes.bodies[chain[-1]].parent >= 0:
             chain.append(passes.bodies[chain[-1]].parent)
         for b in reversed(chain):
@@ -321,11 +346,3 @@ class JointSpaceProgram:
             for i, entry in enumerate((*(move + turn.cross(arm)), *turn)):
                 J[i][k] = let(J[i][k] + factor * entry)
         return J
-
-    def changes(self, coordinates: Sequence[Coordinate]) -> dict[Expr, Expr]:
-        """Rate of every entry of q at velocities v."""
-        found: dict[Expr, Expr] = {}
-        for c in coordinates:
-            q, v = self.q[c.q : c.q + c.nq], self.v[c.v : c.v + c.nv]
-            found |= dict(zip(q, rate_from_body_spin(q, Vec(*v)) if c.nq > c.nv else v, strict=True))
-        return found

@@ -30,7 +30,13 @@ TRIPLES = {"origin": ("xyz", "rpy"), "axis": ("xyz",), "box": ("size",), "mesh":
 #: attributes that are read; of others the scene says that they are not
 READ = {"robot": ("name",), "link": ("name",), "joint": ("name", "type"), "origin": ("xyz", "rpy"), "axis": ("xyz",),
         "mass": ("value",), "inertia": NUMBERS["inertia"], "limit": ("lower", "upper", "effort"), "dynamics": NUMBERS["dynamics"],
-        "mimic": ("joint", *NUMBERS["mimic"])}
+        "mimic": ("joint", *NUMBERS["mimic"]), "parent": ("link",), "child": ("link",), "inertial": (), "geometry": (),
+        "visual": ("name",), "box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",),
+        "mesh": ("filename", "scale")}
+#: elements that others have; of any further one the scene says that it is not read
+INSIDE = {"link": ("inertial", "visual", "collision"), "inertial": ("origin", "mass", "inertia"),
+          "visual": ("origin", "geometry", "material"), "geometry": ("box", "cylinder", "sphere", "mesh"),
+          "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")}
 ONCE = ("inertial", "mass", "inertia", "origin", "axis", "limit", "dynamics", "mimic", "parent", "child", "geometry")
 UNREAD = {"transmission": "transmissions", "gazebo": "what it says to Gazebo", "sensor": "sensors"}
 
@@ -56,9 +62,10 @@ def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep
     for tag in dict.fromkeys(e.tag for e in root if e.tag not in ("link", "joint", "material")):
         what = UNREAD.get(tag, "elements that are none of URDF")
         robot.told.append(f"{what} ({len(root.findall(tag))} <{tag}>) are not read")
-    unread = {f"{key} of <{e.tag}>": None for e in root.iter(*READ) if not any(a.tag in UNREAD for a in e.iterancestors())
-              for key in e.attrib if key not in READ[e.tag]}
-    unread |= {f"<{e.tag}> of <joint>": None for e in root.iter("safety_controller", "calibration")}
+    said = [e for e in root.iter(*READ) if not any(a.tag in (*UNREAD, "collision") for a in e.iterancestors())]
+    unread = {f"{key} of <{e.tag}>": None for e in said for key in e.attrib if key not in READ[e.tag]}
+    unread |= {f"<{child.tag}> of <{e.tag}>": None for e in said for child in e if child.tag not in INSIDE.get(e.tag, ())
+               and e is not root}
     if unread:
         robot.told.append(f"not read: {', '.join(unread)}")
     if any(link.find("collision") is not None for link in root.findall("link")):
@@ -216,16 +223,23 @@ def _joints(robot: Robot, raw: Any, limits: bool, stop: Any) -> None:
     if wrong:
         raise SceneError(wrong)
     for one in _outwards(robot, raw.joints):
-        robot.joints.append(_one(robot, one, limits and one.name not in mimics, stop))
+        robot.joints.append(_one(robot, one, None if one.name in mimics and limits else limits, stop))
     _mimics(robot, mimics)
 
 
-def _one(robot: Robot, one: Any, limits: bool, stop: Any) -> Joint:
+def _one(robot: Robot, one: Any, limits: bool | None, stop: Any) -> Joint:
+    """A joint; limits: whether they are wanted, None: of one that mimics another, which has its own."""
     made = Joint(one.name, KINDS[one.type], one.parent, one.child, _pose(one.origin), axis=np.array(one.axis, dtype=float))
     if one.dynamics is not None:
         made.damping, made.friction = float(one.dynamics.damping or 0), float(one.dynamics.friction or 0)
         if made.friction and one.type not in ("revolute", "continuous", "prismatic"):
             robot.told.append(f"joint '{one.name}': friction of a {one.type} joint is not read")
+    if one.type in ("planar", "floating") and made.damping:
+        robot.told.append(f"joint '{one.name}': its damping of {made.damping:g} acts on displacements (N s/m) and rotations "
+                          f"(N m s/rad) alike")
+    if one.limit is not None and (one.limit.lower or one.limit.upper) and (
+            limits is None or one.type in ("planar", "floating", "continuous")):
+        robot.told.append(f"joint '{one.name}': limits of a {'mimic' if limits is None else one.type} joint are not read")
     if one.type in ("revolute", "prismatic"):
         made.effort = float((one.limit.effort if one.limit else 0) or 0)
         if one.limit is None:

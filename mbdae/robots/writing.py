@@ -17,10 +17,10 @@ from mbdae.laws.joint_rows import Free
 from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
-from mbdae.robots.bounds import all_digits, put, quiet
+from mbdae.robots.bounds import all_digits, geom_of, put, quiet
 from mbdae.robots.joint_space import FLOATS, Tree, couples
 from mbdae.scene.models import spanning_tree
-from mbdae.scene.shapes import Box, Cylinder, Sphere, joint_axes
+from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.motion import Step, symbolic_motion
 
 STATES = 5  #: random states at which inverse dynamics of the file are compared with those of the scene
@@ -67,18 +67,17 @@ def _compare(one: Tree, other: Tree, writer: _Writer) -> None:
             raise SceneError([f"joint '{c.joint}': MJCF does not say it with the same coordinates"])
         q_of[c.q : c.q + c.nq], v_of[c.v : c.v + c.nv] = range(found.q, found.q + c.nq), range(found.v, found.v + c.nv)
     rng = np.random.default_rng(0)
-    for _ in range(STATES):
-        q, (v, a) = rng.normal(size=one.nq), rng.normal(size=(2, one.nv))
-        for c in one._coordinates:
-            if c.nq == 4:
-                q[c.q : c.q + 4] /= np.linalg.norm(q[c.q : c.q + 4])
-        q_there, (v_there, a_there) = np.zeros(other.nq), np.zeros((2, other.nv))
-        q_there[q_of], v_there[v_of], a_there[v_of] = q, v, a
-        tau, again = one.inverse_dynamics(q, v, a), other.inverse_dynamics(q_there, v_there, a_there)[v_of]
-        off, size = float(np.max(np.abs(tau - again))), float(np.max(np.abs(tau)))
-        if not off <= EQUAL * max(1e-9, size):
-            raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {off:.3g}, of "
-                              f"{size:.3g}; nothing was written"])
+    q, (v, a) = rng.normal(size=(STATES, one.nq)), rng.normal(size=(2, STATES, one.nv))
+    for c in one._coordinates:
+        if c.nq == 4:
+            q[:, c.q : c.q + 4] /= np.linalg.norm(q[:, c.q : c.q + 4], axis=1)[:, None]
+    q_there, (v_there, a_there) = np.zeros((STATES, other.nq)), np.zeros((2, STATES, other.nv))
+    q_there[:, q_of], v_there[:, v_of], a_there[:, v_of] = q, v, a
+    tau, again = one._interpreted(q, v, a), other._interpreted(q_there, v_there, a_there)[:, v_of]
+    off, size = np.max(np.abs(tau - again), axis=1), np.max(np.abs(tau), axis=1)
+    if not np.all(off <= EQUAL * np.maximum(1e-9, size)):
+        raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {np.max(off):.3g}, "
+                          f"of {np.max(size):.3g}; nothing was written"])
 
 
 class _Writer:
@@ -93,8 +92,8 @@ class _Writer:
         self.poses: dict[str, Pose] = {"ground": Pose()}
         self.joints: dict[tuple[str, str], Any] = {}  #: by joint and coordinate
         self.names: dict[tuple[str, str], tuple[str, str]] = {}  #: the same in the scene that is read back
-        self.start: dict[tuple[str, str], float] = {}
-        self.rates: dict[tuple[str, str], float] = {}
+        self.start, self.rates = dict[tuple[str, str], float](), dict[tuple[str, str], float]()
+        self.round: dict[tuple[str, str], Any] = {}  #: balls and floating bodies by bodies k and l, these with their points
         self.solved = False  #: whether the start follows from couplings and loops
 
     def write(self) -> None:
@@ -191,28 +190,18 @@ class _Writer:
         for shape in b.shapes or ():
             self._shape(b, made, shape)
         if not chain:
-            made.add_freejoint(name=FLOATS.format(b.name))
+            self.round["ground", b.name] = (made.add_freejoint(name=FLOATS.format(b.name)), drawn.p)
         inner = b
         for n, (carrier, joint) in enumerate(chain):
             outer = b if n + 1 == len(chain) else chain[n + 1][0]
             self._joint(joint, made, drawn, 1.0 if joint.k is carrier and joint.l is outer else -1.0, inner)
 
     def _shape(self, b: Any, made: Any, shape: Any) -> None:
-        kinds, middle = self.mujoco.mjtGeom, b.drawn.position if shape.at is None else np.asarray(shape.at, dtype=float)
-        R = np.eye(3)
-        if isinstance(shape, Sphere):
-            kind, size = kinds.mjGEOM_SPHERE, [shape.radius, 0, 0]
-        elif isinstance(shape, Cylinder) and shape.length is not None:
-            kind, size, axis = kinds.mjGEOM_CYLINDER, [shape.radius, shape.length / 2, 0], np.asarray(shape.axis, dtype=float)
-            x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-            R = np.column_stack([v / np.linalg.norm(v) for v in (x, np.cross(axis, x), axis)])
-        elif isinstance(shape, Box):
-            kind, size = kinds.mjGEOM_BOX, [x / 2 for x in np.broadcast_to(shape.size, 3)]
-            R = R if shape.rotation is None else np.asarray(shape.rotation, dtype=float)
-        else:
+        if (found := geom_of(self.mujoco, shape)) is None:
             self.told.append(f"body '{b.name}': its {type(shape).__name__} is not drawn in MJCF")
             return
-        at = self._inside(b.name, Pose(R, middle))
+        kind, size, R = found
+        at = self._inside(b.name, Pose(R, b.drawn.position if shape.at is None else np.array(shape.at, dtype=float)))
         made.add_geom(type=kind, size=size, pos=at.p, quat=self._quat(at.R), contype=0, conaffinity=0, mass=0)
 
     # -- joints
@@ -223,13 +212,12 @@ class _Writer:
             self.wrong.append(f"joint '{c.name}': its frame on l is stated apart from that on k, where MJCF has one: draw the "
                               f"bodies in the joint")
             return
+        steps = self._steps(law)
         if isinstance(law, Weld) and len(c.laws) == 1:
             return
-        steps = self._steps(law)
         if not (steps or type(law) in (Spherical, Free)) or c.prescribed or c.others or c.loose:
             why = "a prescribed motion" if c.prescribed else f"{type(law).__name__} with this model"
-            self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF, which has hinges, slides, chains of them, balls and "
-                              f"free joints")
+            self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF: hinges, slides, chains of them, balls, free joints")
             return
         if type(law) is Free:
             if sense < 0 or c.k is not self.s.ground or len(c.laws) > 1:
@@ -239,7 +227,7 @@ class _Writer:
             return
         at = drawn.R.T @ (np.asarray(law.at, dtype=float) - drawn.p)
         if not steps:
-            made.add_joint(name=c.name, type=kinds.mjJNT_BALL, pos=at)
+            self.round[c.k.name, c.l.name] = (made.add_joint(name=c.name, type=kinds.mjJNT_BALL, pos=at), None)
             if sense < 0 or len(c.laws) > 1:
                 self.wrong.append(f"joint '{c.name}': a ball of MJCF turns its outer body, l, relative to k, without forces")
             return
@@ -296,8 +284,20 @@ class _Writer:
 
     # -- what is not in the tree
 
+    def _damped(self, c: Any) -> bool:
+        """State a bushing that only damps all directions alike, at a ball or a floating body, as the damping of that joint."""
+        made, at = self.round.get((c.k.name, c.l.name), (None, None))
+        stated = {p: getattr(law, p) for law in c.laws for p in law.params if getattr(law, p) is not None}
+        if made is None or set(stated) != {f"{head}{a}" for head in ("s" if at is None else "cs") for a in "xyz"} or not (
+                at is None or np.allclose(c.laws[0].at, at)) or len(set(stated.values())) > 1:
+            return False
+        put(made, "damping", self._number(stated["sx"], c, "damping"))
+        return True
+
     def _closing(self, c: Any) -> None:
         law, kinds = c.laws[0], self.mujoco.mjtEq
+        if c.kind == "bushing" and self._damped(c):
+            return
         if isinstance(law, Gear | Rack | WeightedSum) and len(couples(law)[0]) == 2:
             ((one, f), (other, g)), value = couples(law)[0], self._number(couples(law)[1], c, "value")
             if {one, other} <= self.joints.keys() and f:
@@ -316,8 +316,8 @@ class _Writer:
             self.told.append(f"'{c.name}' closes a loop: exact in the scene, soft in MuJoCo")
             return
         self.wrong.append(f"{c.kind} '{c.name}': MJCF does not say it; " + (
-            "it closes a loop: close it by s.revolute, s.spherical or s.weld, with model=mb.Recursive() at the joints that carry "
-            "bodies" if c.is_joint else "take it out of the scene that is written"))
+            "it closes a loop, which MJCF does by points and welds alone: close it by s.revolute, s.spherical or s.weld, with "
+            "model=mb.Recursive() at the joints that carry bodies" if c.is_joint else "take it out of the scene that is written"))
 
     def _closed(self, c: Any, name: str, at: Any, weld: bool) -> None:
         kinds, (k, l) = self.mujoco.mjtEq, ("world" if b is self.s.ground else b.name for b in (c.k, c.l))

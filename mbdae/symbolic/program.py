@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial, reduce
 from typing import Any
 
 import symengine as se
@@ -179,6 +180,31 @@ class Program:
         for name in self.needed(outputs):
             table[name] = se.UnevaluatedExpr(substituted(self.steps[name], table))
         return [substituted(e, table) for e in map(se.sympify, outputs)]
+
+    def by_pairs(self, outputs: Sequence[Expr]) -> list[Expr]:
+        """Outputs in terms of inputs alone, every sum and product of two at a time, each a shared node. What appears more than
+        once is then found by looking at whole nodes: the search of symengine among parts of sums and products grows with the
+        square of their number, and did not end for some trees."""
+        table: dict[Expr, Expr] = {}
+        made: dict[tuple[Any, ...], Expr] = {}
+
+        def node(kind: Any, *args: Expr) -> Expr:
+            key = (kind, frozenset(args) if len(set(args)) == len(args) == 2 and kind in (se.Add, se.Mul) else args)
+            if key not in made:
+                made[key] = se.UnevaluatedExpr(kind(*args))
+            return made[key]
+
+        def lowered(e: Expr) -> Expr:
+            if e in table or not e.args:
+                return table.get(e, e)
+            args = [lowered(a) for a in e.args]
+            if not isinstance(e, se.Add | se.Mul):
+                return node(e.func, *args)
+            return reduce(partial(node, type(e)), args)
+
+        for name in self.needed(outputs):
+            table[name] = lowered(self.steps[name])
+        return [lowered(e) for e in map(se.sympify, outputs)]
 
 
 def _sum(terms: Iterable[Expr]) -> Expr:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -259,3 +260,127 @@ def test_sites_are_frames(tmp_path: Path) -> None:
 def test_a_joint_may_have_the_name_of_a_link(tmp_path: Path) -> None:
     text = ARM.replace('"elbow"', '"lower"').replace('"shoulder"', '"upper"')
     assert mb.read_urdf(written(tmp_path, text)).tree().names == ("upper joint", "lower joint")
+
+
+ACTED = """<mujoco><option gravity="0 0 0"/><worldbody><body name="arm"><joint name="j" {joint}/><geom size=".1" pos="1 0 0"/>
+  </body></worldbody><actuator>{actuator}</actuator></mujoco>"""
+
+
+def acted(folder: Path, joint: str = "", actuator: str = "") -> mb.Scene:
+    """The scene of an arm on a hinge with an actuator."""
+    text = ACTED.format(joint=joint, actuator=actuator)
+    try:
+        mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        pytest.skip(f"this version of MuJoCo does not know of it: {error}")
+    return mb.read_mjcf(written(folder, text, "arm.xml"))
+
+
+def test_armature_and_damping_of_actuators_are_those_of_the_joint(tmp_path: Path) -> None:
+    bare = acted(tmp_path).tree().mass_matrix([0.0])
+    s = acted(tmp_path, 'armature="0.5"', '<motor joint="j" armature="3" damping="2" gear="2"/>')
+    assert s.tree().mass_matrix([0.0]) == pytest.approx(bare + 0.5 + 4 * 3)
+    damper = next(law for law in s["j"].laws if hasattr(law, "damping"))
+    assert float(damper.damping) == pytest.approx(4 * 2)
+
+
+@pytest.mark.parametrize(("joint", "actuator", "said"), [
+    ('stiffness="1" springyield="0.2"', "", "yields"), ('damping="1 2"', "", "polynomial of its damping"),
+    ('stiffness="1 2"', "", "polynomial of its stiffness"),
+    ("", '<motor joint="j" damping="1 2"/>', "'j': its damping in MuJoCo"),
+])
+def test_what_acts_on_joints_and_is_not_modelled_is_refused(tmp_path: Path, joint: str, actuator: str, said: str) -> None:
+    with pytest.raises(mb.SceneError, match=said):
+        acted(tmp_path, joint, actuator)
+
+
+def test_damping_of_balls_and_floating_bases_is_that_of_mujoco(tmp_path: Path) -> None:
+    text = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><joint name="f" type="free" damping="0.7"/>
+      <inertial pos="0.1 0 0.2" mass="2" diaginertia="0.3 0.2 0.25"/><body name="arm" pos="1 0 0"><joint name="b" type="ball"
+      damping="0.4"/><inertial pos="0 0.3 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></body></worldbody>
+      <keyframe><key name="k" qpos="0 0 0 1 0 0 0 1 0 0 0" qvel="1 2 3 0.4 -0.5 0.6 0 0 0"/></keyframe></mujoco>"""
+    path = written(tmp_path, text, "model.xml")
+    s, model = mb.read_mjcf(path, key="k"), mujoco.MjModel.from_xml_path(str(path))
+    assert not [said for said in s.told if "left out" in said]
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    found = np.zeros(6)
+    mujoco.mj_rnePostConstraint(model, data)
+    mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_BODY, 2, found, 0)
+    r = s.simulate(1e-3, accuracy=1e-7, outputs=[0.0, 1e-3])
+    assert r["arm"].angular_acceleration[0] == pytest.approx(found[:3], abs=1e-8)
+    assert r["arm"].acceleration[0] == pytest.approx(found[3:], abs=1e-8)
+    s.write_mjcf(tmp_path / "again.xml")
+    again = mujoco.MjModel.from_xml_path(str(tmp_path / "again.xml"))
+    assert again.dof_damping == pytest.approx(model.dof_damping)
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('<limit lower="-2"', '<limts/><limit lower="-2"', "<limts> of <joint>"),
+    ('<dynamics damping="0.5"', '<dynamics dampin="0.5"', "dampin of <dynamics>"),
+    ('<link name="tool"/>', '<link name="tool"><self_collide/></link>', "<self_collide> of <link>"),
+    ("<visual>", '<visual shade="1">', "shade of <visual>"), ("<box size", "<box edge='1' size", "edge of <box>"),
+    ("</inertial>", "<added_mass/></inertial>", "<added_mass> of <inertial>"), ("<gazebo/>", "<unheard/>", "<unheard>"),
+    ('upper="2" effort', 'upper="2" jerk="1" effort', "jerk of <limit>"),
+    ('mimic joint="elbow"', 'mimic joint="elbow" lag="1"', "lag of <mimic>"),
+    ("<origin xyz", '<origin frame="1" xyz', "frame of <origin>"), ("x", "x", "limits of a mimic joint"),
+    ('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><limit lower="0" upper="1"/>', "limits of a continuous joint"),
+])
+def test_what_urdf_says_and_is_not_read_is_told(tmp_path: Path, old: str, new: str, said: str) -> None:
+    told = mb.read_urdf(written(tmp_path, ARM.replace(old, new, 1))).told
+    assert any(said in text for text in told), told
+
+
+def test_damping_of_planar_and_floating_joints_acts(tmp_path: Path) -> None:
+    for kind in ("planar", "floating"):
+        text = ARM[: ARM.index('  <joint name="grip"')] + ARM[ARM.index('  <joint name="flange"') :]
+        start, end = text.index('  <link name="finger">'), text.index('  <link name="tool"/>')
+        text = (text[:start] + text[end:]).replace('type="continuous"', f'type="{kind}"')
+        text = text.replace('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><dynamics damping="3"/>')
+        s = mb.read_urdf(written(tmp_path, text), gravity=(0, 0, 0))
+        assert any("alike" in said for said in s.told)
+        assert any("damp" in c.name or any("damping" in law.params for law in c.laws) for c in s.connections if "elbow" in c.name)
+
+
+def test_what_mjcf_says_and_is_not_read_is_told_or_refused(tmp_path: Path) -> None:
+    text = MODEL.replace("<worldbody>", '<worldbody><light pos="0 0 3"/><camera name="eye" pos="0 0 3"/><geom name="floor" '
+                         'type="plane" size="1 1 1" contype="0" conaffinity="0"/>').replace("</mujoco>", """
+      <contact><pair geom1="floor" geom2="ball"/></contact><sensor><jointpos joint="hip x"/></sensor>
+      <custom><numeric name="n" data="1"/><text name="t" data="x"/></custom>
+      <actuator><motor joint="hip x"/></actuator><keyframe><key name="up"/></keyframe></mujoco>""")
+    text = text.replace("<freejoint/>", '<freejoint/><geom name="ball" size="0.1" mass="0" contype="0" conaffinity="0"/>')
+    told = " ".join(mb.read_mjcf(written(tmp_path, text, "model.xml")).told)
+    for word in ("contacts", "sensors (1)", "cameras (1)", "lights (1)", "custom numbers, texts and tuples (2)",
+                 "pictures of planes (1)", "actuators (1", "'up'"):
+        assert word in told
+    for old, new in (("armature=", "armatur="), ("<freejoint/>", "<freejoint/><unheard/>")):
+        with pytest.raises(mb.OptionError, match="does not compile"):
+            mb.read_mjcf(written(tmp_path, MODEL.replace(old, new), "model.xml"))
+
+
+def test_equalities_of_links_without_mass_hold_the_bodies_that_carry_them(tmp_path: Path) -> None:
+    frame = '<body name="tip" pos="0 0 -0.5"><site name="end"/></body></body>'
+    ground = '<body name="post" pos="0 0.2 0.5"><geom size="0.1"/></body>'
+    equality = '<equality><connect body1="tip" body2="post" anchor="0 0 0"/><weld body1="post" body2="world"/></equality>'
+    text = MODEL.replace("</body></body>", f"{frame}</body>{ground}").replace("</mujoco>", f"{equality}</mujoco>")
+    s = mb.read_mjcf(written(tmp_path, text, "model.xml"))
+    assert {s["equality 0"].k.name, s["equality 0"].l.name} == {"leg", "ground"}
+    assert any("always holds" in said for said in s.told)
+
+
+def test_robots_of_any_size_keep_their_inertia(tmp_path: Path) -> None:
+    """The arm a million times smaller: masses by 1e-9, inertias by 1e-21 where lengths are by 1e-6."""
+    text = ARM.replace('friction="0.1"', "").replace('damping="0.5"', "")
+    inertia = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1e-21)
+    scale = {"mass value": 1e-9, "offset": 1e-6, "multiplier": 1e-6, **inertia}
+    for word, by in scale.items():
+        text = re.sub(rf'({word}=")([^"]*)"', lambda m, by=by: f'{m[1]}{float(m[2]) * by!r}"', text)
+    text = re.sub(r'(<origin xyz=")([^"]*)"', lambda m: f'{m[1]}{" ".join(repr(float(x) * 1e-6) for x in m[2].split())}"', text)
+    whole, small = (mb.read_urdf(written(tmp_path, one)).tree() for one in (ARM, text))
+    q, v, a = np.random.default_rng(0).normal(size=(3, 2))
+    assert small.mass_matrix(q) * 1e21 == pytest.approx(whole.mass_matrix(q), rel=1e-9)
+    rest = np.zeros(2)
+    assert small.inverse_dynamics(q, v, a) - small.gravity(q) == pytest.approx(
+        1e-21 * (whole.inverse_dynamics(q, v, a) - whole.gravity(q)), rel=1e-4)
+    assert small.forward_dynamics(q, rest, small.gravity(q)) == pytest.approx(rest, abs=1e-3)

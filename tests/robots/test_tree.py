@@ -111,3 +111,79 @@ def test_rows_of_joints_turn_the_linear_equations_into_theirs(model: mb.Recursiv
     found, tree = s.linearize(), s.tree()
     N = np.linalg.inv(found.basis[[found.basis_names.index(f"{name}.rate") for name in tree.names]])
     np.testing.assert_allclose(N.T @ found.M @ N, tree.mass_matrix(tree.zero), atol=EXACT)
+
+
+def test_welded_bodies_are_one_body_with_frames_of_their_own() -> None:
+    """Parts welded to a link, between two joints, at a tip and on the ground, beside the same links stated whole."""
+    parts, whole = (mb.Scene(name, gravity=(0, 0, -9.81)) for name in ("parts", "whole"))
+    J, places = np.diag([0.02, 0.03, 0.04]), np.array([[0.5, 0.1, 0], [0.5, -0.1, 0.2], [1.4, 0, 0.1]])
+    bodies = [parts.rigid_body(f"b{i}", 1.0 + i, J, at=at) for i, at in enumerate(places)]
+    base = parts.rigid_body("base", 7.0, J, at=(0, 0, -1))
+    parts.weld("on the ground", parts.ground, base, at=(0, 0, 0))
+    parts.revolute("A", base, bodies[0], at=(0, 0, 0), axis=(0, 1, 0))
+    parts.weld("glue", bodies[1], bodies[0], at=(0.5, 0, 0))
+    parts.revolute("B", bodies[1], bodies[2], at=(1, 0, 0), axis=(0, 0, 1))
+    mass, centre = 3.0, (places[0] + 2 * places[1]) / 3
+    off = places[:2] - centre
+    own = sum(((m * (d @ d * np.eye(3) - np.outer(d, d))) for m, d in zip((1, 2), off, strict=True)), 2 * J)
+    link = whole.rigid_body("b1", mass, own, at=centre)
+    tip = whole.rigid_body("b2", 3.0, J, at=places[2])
+    whole.revolute("A", whole.ground, link, at=(0, 0, 0), axis=(0, 1, 0))
+    whole.revolute("B", link, tip, at=(1, 0, 0), axis=(0, 0, 1))
+    one, other = parts.tree(), whole.tree()
+    q, v, tau = np.random.default_rng(0).normal(size=(3, 2))
+    assert one.closing == ()
+    assert one.forward_dynamics(q, v, tau) == pytest.approx(other.forward_dynamics(q, v, tau), abs=EXACT)
+    assert one.mass_matrix(q) == pytest.approx(other.mass_matrix(q), abs=EXACT)
+    assert one.pose("b0", one.zero)[:, 3] == pytest.approx(places[0], abs=EXACT)
+    assert one.jacobian("b1", q) == pytest.approx(other.jacobian("b1", q, at=places[1] - centre), abs=EXACT)
+    assert not np.any(one.jacobian("base", q))
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("head", ["q", "v", "tau"])
+def test_inputs_that_are_not_finite_are_named(head: str, wrong: float) -> None:
+    """Of one state, of several, and of functions that do not read the entry."""
+    tree = chain(seed=4).tree()
+    given = {"q": tree.zero + 0.0, "v": np.zeros(tree.nv), "tau": np.zeros(tree.nv)}
+    given[head][2 if head == "q" else -1] = wrong
+    with pytest.raises(mb.OptionError, match=rf"^{head} has an entry that is not finite, number"):
+        tree.forward_dynamics(*given.values())
+    with pytest.raises(mb.OptionError, match=rf"^{head} has an entry that is not finite, number"):
+        tree.forward_dynamics(*(np.array([one, one]) for one in given.values()))
+    if head == "q":
+        with pytest.raises(mb.OptionError, match="not finite, number 2"):
+            tree.jacobian("b0", given["q"])
+
+
+def test_numbers_of_any_kind_and_size_are_states() -> None:
+    tree, states = chain(seed=3).tree(), [[1, 0, 2, 0], [0, 1, 0, -1]]
+    expected = tree.mass_matrix(np.array(states, dtype=float))
+    assert tree.mass_matrix(states) == pytest.approx(expected)
+    assert tree.mass_matrix(states[1]) == pytest.approx(expected[1])
+    assert tree.mass_matrix(np.asfortranarray(states, dtype=np.float32)) == pytest.approx(expected)
+    assert tree.mass_matrix(np.zeros((0, 4))).shape == (0, 4, 4)
+    assert np.all(np.isfinite(tree.gravity(np.full(4, 1e150))))
+    with pytest.raises(mb.OptionError, match="shape"):
+        tree.bias(np.zeros(5), np.zeros(3))  # as many numbers together
+
+
+def test_welds_of_every_kind_leave_the_tree_as_it_is() -> None:
+    """Loops of welds, own gravity, points, what reads a body that is welded: the tree knows of masses and joints alone."""
+    s = mb.Scene("welds", gravity=(0, 0, -9.81))
+    a, b, c = (s.rigid_body(name, 1.0, (0.1, 0.2, 0.25), at=at) for name, at in (
+        ("a", (0, 0, 0)), ("b", (1, 0, 0)), ("c", (0, 1, 0.2))))
+    light = s.rigid_body("light", 2.0, (0.1, 0.2, 0.25), at=(1, 0, 0), gravity=(0, 0, 0))
+    point = s.point_mass("point", 3.0, at=(2, 0, 0))
+    s.revolute("J", s.ground, a, at=(-1, 0, 0), axis=(0, 1, 0))
+    for name, k, l in (("ab", a, b), ("bc", b, c), ("ac", a, c), ("light on", c, light), ("point on", b, point)):
+        s.weld(name, k, l, at=(2, 0, 0) if l is point else (0, 0, 0))
+    s.spring("within", a, b, at_k=(0, 0, 0), at_l=(1, 0, 0), stiffness=3.0)
+    s.force("read", a, (0, 0, -3 * s.sensor("b.position[2]")))
+    tree = s.tree()
+    assert tree.names == ("J",)
+    assert tree.closing == ("ac",)
+    inertia = 4 * 0.2 + 1 + 4 + (1 + 0.2**2) + 2 * 4 + 3 * 9
+    assert tree.mass_matrix([0.3]) == pytest.approx(np.array([[inertia]]), abs=EXACT)
+    assert tree.gravity([0.0]) == pytest.approx([-9.81 * (1 + 2 + 1 + 3 * 3)], abs=EXACT)
+    assert tree.pose("c", tree.zero)[:, 3] == pytest.approx([0, 1, 0.2])

@@ -21,15 +21,16 @@ URDF = {"ur5": "ur_description/urdf/ur5_robot.urdf", "panda": "panda_description
         "z1": "z1_description/urdf/z1.urdf", "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
         "talos": "talos_data/robots/talos_reduced.urdf"}
 FLOATING = ("bolt", "anymal", "talos", "go1", "hyq")
-MIMICS = {"panda_finger_joint2": "panda_finger_joint1"}  #: joints that turn with others, which Pinocchio keeps apart
+#: joints that move with others, which Pinocchio keeps apart: of which one, by which factor and offset
+MIMICS = {"panda_finger_joint2": ("panda_finger_joint1", 1.0, 0.0)}
 MJCF = {"humanoid": "gymnasium/envs/mujoco/assets/humanoid.xml", "ant": "gymnasium/envs/mujoco/assets/ant.xml",
         "hopper": "gymnasium/envs/mujoco/assets/hopper.xml", "walker": "dm_control/suite/walker.xml",
         "cheetah": "gymnasium/envs/mujoco/assets/half_cheetah.xml", "cmu": "dm_control/suite/humanoid_CMU.xml"}
 
 
-def off(a: Any, b: Any) -> float:
-    """Largest difference over the largest entry."""
-    return float(np.max(np.abs(a - b)) / max(np.max(np.abs(b)), 1e-12))
+def off(a: Any, b: Any, least: float = 1e-12) -> float:
+    """Largest difference over the largest entry, or over `least` where that is larger."""
+    return float(np.max(np.abs(a - b)) / max(np.max(np.abs(b)), least))
 
 
 def place(package: str, *inside: str) -> Path | None:
@@ -39,12 +40,17 @@ def place(package: str, *inside: str) -> Path | None:
     return found if found is not None and found.exists() else None
 
 
+def descriptions() -> Path | None:
+    """The folder of the robots that example-robot-data carries; its packages share one folder beside Pinocchio's."""
+    ups = (place("pinocchio") or Path()).parents
+    folders = [up / inside / "share/example-robot-data/robots" for up in ups for inside in ("", "cmeel.prefix")]
+    return next((folder for folder in folders if folder.is_dir()), None)
+
+
 def robot(name: str) -> Any:
     """The scene of a robot, and its file."""
     if name in URDF:
-        file = (place("pinocchio") or place("yourdfpy") or Path()).parent / "none"
-        data = next(up for up in file.parents if (up / "cmeel.prefix").is_dir() or up.name == "cmeel.prefix")
-        file = (data if data.name == "cmeel.prefix" else data / "cmeel.prefix") / "share/example-robot-data/robots" / URDF[name]
+        file = (descriptions() or Path()) / URDF[name]
         return mb.read_urdf(file, floating=name in FLOATING, limits=False, meshes=False, keep_inertias=True), file
     file = place(*MJCF[name].split("/", 1))
     return mb.read_mjcf(file, limits=False, keep_inertias=True), file
@@ -53,19 +59,19 @@ def robot(name: str) -> Any:
 class Beside:
     """The tree of a robot and Pinocchio's model of the same file: velocities of this one are T times those of the tree."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, s: Any, file: Path, floats: bool, mimics: dict[str, tuple[str, float, float]]) -> None:
         import pinocchio as pin
 
-        s, file = robot(name)
-        self.pin, self.tree, self.floats = pin, s.tree(), name in FLOATING
+        self.pin, self.tree, self.floats, self.mimics = pin, s.tree(), floats, mimics
         self.model = model = pin.buildModelFromUrdf(str(file), *((pin.JointModelFreeFlyer(),) if self.floats else ()))
         model.gravity.linear = np.array([0, 0, -9.81])
         self.data, self.first = model.createData(), 6 if self.floats else 0
         self.own = range(2 if self.floats else 1, model.njoints)
         self.T = np.zeros((model.nv, self.tree.nv))
         for i in self.own:
-            number = self.tree.names.index(MIMICS.get(model.names[i], model.names[i])) - (1 if self.floats else 0)
-            self.T[model.joints[i].idx_v, self.first + number] = 1.0
+            of, factor, _ = mimics.get(model.names[i], (model.names[i], 1.0, 0.0))
+            number = self.tree.names.index(of) - (1 if self.floats else 0)
+            self.T[model.joints[i].idx_v, self.first + number] = factor
         bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint > 0]
         moving = [name for name in bodies if name in self.tree.links]
         self.links = [moving[len(moving) // 2], moving[-1]]
@@ -85,7 +91,7 @@ class Beside:
         other = pin.neutral(self.model)
         for i in self.own:
             joint, angles = self.model.joints[i], q[len(q) - len(u) + self.first :]
-            angle = float(T[joint.idx_v, self.first :] @ angles)
+            angle = float(T[joint.idx_v, self.first :] @ angles) + self.mimics.get(self.model.names[i], ("", 1.0, 0.0))[2]
             other[joint.idx_q : joint.idx_q + joint.nq] = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
         if self.floats:
             other[:3], other[3:7] = q[:3], q[[4, 5, 6, 3]]
@@ -102,6 +108,7 @@ class Beside:
         for link in self.links:
             frame = self.model.getFrameId(link, pin.FrameType.BODY)
             J0, dJ0 = (f(self.model, self.data, frame, axes) for f in (pin.getFrameJacobian, pin.getFrameJacobianTimeVariation))
+            J0, dJ0 = J0.reshape(6, -1), dJ0.reshape(6, -1)  # of one joint Pinocchio returns vectors
             J, dJ = J0 @ self.T, dJ0 @ self.T + J0 @ rate
             for at in (np.zeros(3), AT):
                 arm = pin.skew(self.data.oMf[frame].rotation @ at)
@@ -110,15 +117,19 @@ class Beside:
                 point[:3] -= arm @ J[3:]
                 changed[:3] -= arm @ dJ[3:] + turning @ J[3:]
                 worst = np.maximum(worst, (off(self.tree.jacobian(link, q, at), point),
-                                           off(self.tree.jacobian_rate(link, q, u, at), changed)))
+                                           off(self.tree.jacobian_rate(link, q, u, at), changed, np.max(np.abs(point)))))
         return float(worst[0]), float(worst[1])
 
 
 def against_pinocchio(name: str) -> list[Found]:
     """M, inverse and forward dynamics, Jacobians and their rates at random states of a robot."""
-    both, rng, worst = Beside(name), np.random.default_rng(1), np.zeros(5)
-    tree, pin, T = both.tree, both.pin, both.T
-    for _ in range(STATES):
+    return compared(Beside(*robot(name), name in FLOATING, MIMICS), STATES)
+
+
+def compared(both: Beside, states: int) -> list[Found]:
+    """The largest differences of a tree from Pinocchio's model."""
+    tree, pin, T, rng, worst = both.tree, both.pin, both.T, np.random.default_rng(1), np.zeros(5)
+    for _ in range(states):
         q, u, w = both.state(rng)
         other, v, a, rate = both.there(q, u, w)
         M = pin.crba(both.model, both.data, other)

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from robots.beside import MJCF, STATES, URDF, against_mujoco, against_pinocchio, off, place, robot, run_beside_mujoco
+from robots import beside, drawn
+from robots.beside import MJCF, STATES, URDF, off, place, robot
 from robots.damaged import FILES, read_all
 from robots.own import Chain
 from runner import Case, Claim, Found
@@ -81,11 +82,18 @@ def damaged(numbers: Sequence[int]) -> list[Found]:
 def cases() -> list[Case]:
     """Robots where the packages that carry and judge them are installed; chains everywhere."""
     found = [Case(f"chain {seed}", "tree", partial(chain, seed), slow=seed > 1) for seed in range(10)]
+    seeds = [*range(drawn.MODELS)]
+    suites: list[tuple[str, str, Any, Sequence[Any]]] = []
     if place("pinocchio") is not None and place("yourdfpy") is not None:
-        found.append(Case("robots", "Pinocchio", partial(quiet, against_pinocchio), slow=True, parts=[*URDF], each=True))
+        suites += [("drawn", "Pinocchio", drawn.against_pinocchio, seeds)]
+        suites += [("robots", "Pinocchio", beside.against_pinocchio, [*URDF])] if beside.descriptions() is not None else []
     if place("mujoco") is not None and place("gymnasium") is not None and place("dm_control") is not None:
-        found += [Case(name, "MuJoCo", partial(quiet, measure), slow=True, parts=[*MJCF], each=True) for name, measure in (
-            ("accelerations", against_mujoco), ("runs", run_beside_mujoco), ("written", written))]
+        suites += [("accelerations", "MuJoCo", beside.against_mujoco, [*MJCF]), ("written", "MuJoCo", written, [*MJCF]),
+                   ("runs", "MuJoCo", beside.run_beside_mujoco, [*MJCF])]
+    if place("mujoco") is not None:
+        suites += [("drawn, accelerations", "MuJoCo", drawn.at_states, seeds), ("drawn, runs", "MuJoCo", drawn.run, seeds),
+                   ("drawn, closed", "MuJoCo", drawn.closed, seeds)]
+    found += [Case(name, by, partial(quiet, measure), slow=True, parts=parts, each=True) for name, by, measure, parts in suites]
     if place("mujoco") is not None and place("yourdfpy") is not None:
         found.append(Case("damaged files", "reading", damaged, slow=True, parts=[*range(FILES)]))
     return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbdae.errors import SceneError
 from mbdae.scene.components import Body, Connection
-from mbdae.scene.models import leader
+from mbdae.scene.models import leader, spanning_tree
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Structure
@@ -249,3 +249,45 @@ def _member(model: Model, g: int, i: int, numbered: dict[Node, int]) -> Member:
     group, instance = model.groups[g], model.groups[g].instances[i]
     nodes = tuple(None if n is None else numbered[n] for n in instance.nodes)
     return Member(group.derived, nodes, _rounded(instance.numbers, model.length))
+
+
+def lumped(scene: Any) -> tuple[dict[str, Any], set[str]]:
+    """Make rigid bodies that are welded together one body, with the mass, centre and inertia of all, in a scene made for that.
+    Returns the body that each one is part of, by name, and the names of these welds."""
+    carriers, welds, parts = {b.name: b for b in (scene.ground, *scene.bodies)}, set[str](), dict[str, list[Any]]()
+    for parent, joint, child in spanning_tree(scene).edges:
+        one = carriers[parent.name]
+        rigid = all(b.is_ground or b.inertia is not None for b in (one, child))
+        if joint.rigid and rigid and (one.is_ground or _gravity(scene, one) == _gravity(scene, child)):
+            welds.add(joint.name)
+            carriers[child.name] = one
+            parts.setdefault(one.name, [one]).append(child)
+    scene.bodies[:] = [b for b in scene.bodies if carriers[b.name] is b]
+    scene.connections[:] = [c for c in scene.connections if c.name not in welds]
+    vars(scene).update(_known={"ground": scene.ground}, _read=[0] * 5)  # names are looked up anew
+    for c in scene.connections:
+        vars(c).update(k=carriers.get(c.k.name, c.k), l=carriers.get(c.l.name, c.l),
+                       others={side: carriers.get(b.name, b) for side, b in c.others.items()})
+    scene.connections[:] = [c for c in scene.connections if c.k is not c.l or not c.is_joint]  # of a loop of welds
+    for b in scene.bodies:
+        if b.name in parts:
+            _lump(b, parts[b.name])
+        if b.inertia is not None:  # what rotations left of products that are 0 would cost operations
+            vars(b)["inertia"] = np.where(np.abs(b.inertia) > ROUND_OFF * np.max(np.abs(b.inertia)), b.inertia, 0.0)
+    return carriers, welds
+
+
+def _gravity(scene: Any, body: Any) -> list[float]:
+    return list(scene.gravity if body.gravity is None else body.gravity)
+
+
+def _lump(body: Any, parts: list[Any]) -> None:
+    """Give a body the mass, centre and inertia of its parts together."""
+    mass = sum(b.mass for b in parts)
+    centre = sum(b.mass * b.drawn.position for b in parts) / mass if mass else body.drawn.position
+    J = np.zeros((3, 3))
+    for b in parts:
+        off = b.drawn.position - centre
+        J += b.drawn.rotation @ b.inertia @ b.drawn.rotation.T + b.mass * (off @ off * np.eye(3) - np.outer(off, off))
+    R = body.drawn.rotation
+    vars(body).update(mass=mass, inertia=R.T @ J @ R, drawn=replace(body.drawn, position=centre))
