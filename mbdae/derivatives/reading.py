@@ -102,6 +102,11 @@ class Bound:
     sign: float
     limit: float
 
+    def __bool__(self) -> bool:
+        # Python reads `a <= x <= b` as `(a <= x) and (x <= b)`, which would be the second bound alone
+        raise OptionError(f"{self} is a bound, which is neither true nor false: give two bounds, such as [-0.5 <= q, q <= 2.0], "
+                          "in the place of -0.5 <= q <= 2.0, of which Python would keep the last one alone")
+
     def __str__(self) -> str:
         return f"{self.of} {'<=' if self.sign > 0 else '>='} {self.limit:g}"
 
