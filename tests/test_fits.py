@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+import sympy
 
 import mbdae as mb
 
@@ -42,7 +43,7 @@ def test_numbers_are_within_their_errors(fitted):
     assert fitted.runs <= 10
     assert not fitted.untold
     low, high = fitted.interval(0.95)["J0.spring"]
-    assert high - low == pytest.approx(2 * 1.975 * fitted.errors["J0.spring"], rel=1e-3)  # Student's t of 156
+    assert high - low == pytest.approx(2 * 1.95996 * fitted.errors["J0.spring"], rel=1e-5)  # normal: sigma is given
     assert np.allclose(np.diag(fitted.correlations), 1)
     assert fitted.scene.simulate(1.5).error("J0.angle") < 1e-6
     assert "J0.spring = " in str(fitted)
@@ -75,6 +76,47 @@ def test_what_the_data_do_not_tell_is_named():
     assert deviation == np.inf
     assert shares["one"] == pytest.approx(-shares["two"])
     assert "do not tell one, two apart" in str(f)
+
+
+def test_a_number_without_effect_is_named_also_alone(data):
+    s = arm(*TRUE)
+    s.prismatic("aside", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 2)), at=(0, 2), axis=(1, 0, 0), damper=0.3, position0=0.1)
+    for to in (["aside.damper"], ["J0.damper", "aside.damper"]):
+        with pytest.warns(mb.AccuracyWarning, match="do not tell aside.damper: other values of it"):
+            f = mb.fit(s, data, to=to, sigma=1e-3)
+        assert f.untold == ("aside.damper",)
+        assert f.errors["aside.damper"] == np.inf
+
+
+def test_as_many_numbers_as_data_have_no_standard_deviations_without_sigma(data):
+    two = {name: (t[[5, 40]], values[[5, 40]]) for name, (t, values) in data.items()}
+    with pytest.warns(mb.AccuracyWarning, match="nothing tells how large the errors of the measurements are"):
+        f = mb.fit(arm(*TRUE), {"J0.angle": two["J0.angle"]}, to=TO[:2])
+    assert np.isnan([*f.errors.values()]).all()
+    assert "not known" in str(f)
+    known = mb.fit(arm(*TRUE), {"J0.angle": two["J0.angle"]}, to=TO[:2], sigma=1e-3)
+    one, other = known.interval()["J0.spring"]
+    assert other - one == pytest.approx(2 * 1.95996 * known.errors["J0.spring"], rel=1e-5)
+
+
+def test_a_number_at_its_bound_is_told_and_has_no_error(data):
+    """The others are those of a fit with this number at its bound."""
+    with pytest.warns(mb.AccuracyWarning, match="'J0.damper' ended at its bound 0.06, beyond which the sum of squares falls"):
+        f = mb.fit(arm(2.6, 0.08, 2.5, 0.07), data, to=TO, sigma=1e-3, bounds={"J0.damper": (0.06, None)})
+    assert f.at_bounds == {"J0.damper": 0.06}
+    assert np.isnan(f.errors["J0.damper"])
+    fixed = mb.fit(arm(2.0, 0.06, 3.0, 0.1), data, to=[TO[0], *TO[2:]], sigma=1e-3)
+    for name in fixed.values:
+        assert f.values[name] == pytest.approx(fixed.values[name], abs=0.02 * fixed.errors[name])
+        assert f.errors[name] == pytest.approx(fixed.errors[name], rel=1e-3)
+
+
+def test_advice_on_accuracy_can_be_followed():
+    """Data of a run itself, more exact than any accuracy that simulate takes."""
+    t = np.linspace(0.1, 1.0, 20)
+    r = arm(*TRUE).simulate(1.0, 1e-11, outputs=np.r_[0.0, t])
+    with pytest.warns(mb.AccuracyWarning, match="no accuracy that can be asked for"):
+        mb.fit(arm(*TRUE), {"J0.angle": (t, r["J0"].angle[1:])}, to=["J0.spring"], sigma=1e-13, accuracy=1e-9)
 
 
 def test_a_scene_that_does_not_explain_the_data_is_said(data):
@@ -131,6 +173,66 @@ def test_pullback_is_the_jacobian_transposed_and_that_is_a_difference():
         mb.function(arm(*TRUE), 0.6, "J0.angle", "J0.spring").jacobian()
 
 
+def test_a_gradient_descent_in_torch():
+    """Spring and damper of a joint from its motion, by the gradient of the sum of squares."""
+    torch = pytest.importorskip("torch")
+    f, seen = mb.function(arm(*TRUE), 0.6, ["J0.angle"], TO[:2], outputs=6), None
+
+    class Run(torch.autograd.Function):
+        @staticmethod
+        def forward(context, p):
+            return torch.as_tensor(f(p.detach().numpy()))
+
+        @staticmethod
+        def backward(context, weights):
+            return torch.as_tensor(f.pullback(weights.numpy()))
+
+    seen = torch.as_tensor(f(TRUE[:2]))
+    x = torch.tensor([1.2, 1.5], dtype=torch.float64, requires_grad=True)  # over the true numbers
+    method = torch.optim.LBFGS([x], max_iter=12, line_search_fn="strong_wolfe", tolerance_grad=1e-12)
+
+    def loss():
+        method.zero_grad()
+        off = 1e3 * torch.sum((Run.apply(x * torch.tensor(TRUE[:2], dtype=torch.float64)) - seen) ** 2)
+        off.backward()
+        return off
+
+    before = loss().item()
+    method.step(loss)
+    assert loss().item() < 1e-6 * before
+    assert np.allclose(x.detach().numpy(), 1.0, atol=1e-2)
+
+
+def test_a_gradient_descent_in_jax():
+    """The same spring, by steps along the gradient that jax makes of the call back."""
+    jax = pytest.importorskip("jax")
+    f = mb.function(arm(*TRUE), 0.6, ["J0.angle"], TO[:1], outputs=6)
+    seen = f(TRUE[:1])
+    with jax.enable_x64(True) if hasattr(jax, "enable_x64") else jax.experimental.enable_x64():
+        shape = jax.ShapeDtypeStruct(seen.shape, np.float64)
+
+        @jax.custom_vjp
+        def run(p):
+            return jax.pure_callback(lambda p: f(np.asarray(p)), shape, p)
+
+        def back(p, w):
+            f(np.asarray(p))
+            return f.pullback(np.asarray(w))
+
+        run.defvjp(lambda p: (run(p), p), lambda p, w: (jax.pure_callback(back, p, p, w),))
+        slope = jax.value_and_grad(lambda p: 1e3 * ((run(p) - seen) ** 2).sum())
+        p, step = jax.numpy.array([2.6]), 0.0
+        before, g = slope(p)
+        assert np.isclose(float(g[0]), float(slope(p + 1e-4)[0] - slope(p - 1e-4)[0]) / 2e-4, rtol=1e-5)
+        q = p - 1e-2 * g
+        for _ in range(8):  # steps as long as the last two gradients say (Barzilai and Borwein)
+            value, now = slope(q)
+            step = float((q - p)[0] / (now - g)[0])
+            p, g, q = q, now, q - step * now
+        assert float(value) < 1e-8 * float(before)
+        assert abs(float(q[0]) - TRUE[0]) < 1e-4
+
+
 def oscillator(damper=0.3):
     s = mb.Scene("oscillator")
     body = s.rigid_body("b", 2.0, 1.0, at=(0, 0))
@@ -163,6 +265,40 @@ def test_a_bound_holds_for_the_largest_value_itself():
 def test_mass_needs_no_run():
     d = mb.design(oscillator(), minimize=mb.mass("b"), to={"b.mass": (0.5, 3.0)}, t_end=1.0)
     assert (d.values["b.mass"], d.minimum, d.result, d.runs) == (0.5, 0.5, None, 0)
+
+
+def hill(force):
+    """A body pushed by a function of two numbers that begin at 0."""
+    s = mb.Scene("hill")
+    body = s.rigid_body("b", 1.0, 1.0, at=(0, 0))
+    s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0, 0), damper=1.0, force=force(mb.number("a", 0.0), mb.number("c", 0.0)))
+    return s
+
+
+@pytest.mark.parametrize(("force", "to", "least"), [
+    (lambda a, _: sympy.cos(a), {"a": (-2.0, 1.0)}, np.cos(2.0)),  # begins at a maximum; the least value is at an end
+    (lambda a, _: -a**2, {"a": (0.0, 2.0)}, -4.0),  # a maximum at an end
+    (lambda a, c: a * c + (a**4 + c**4) / 20, {"a": (-3.0, 3.0), "c": (-3.0, 3.0)}, -2.5),  # a saddle across both numbers
+])
+def test_a_design_does_not_end_at_a_maximum_or_saddle(force, to, least):
+    """At t = 1 the body is at (t - 1 + e^-t) times the force."""
+    d = mb.design(hill(force), minimize=mb.at_end("P.displacement"), to=to, t_end=1.0)
+    assert d.found
+    assert d.minimum == pytest.approx(least * np.exp(-1.0), rel=1e-5)
+
+
+def test_a_number_without_effect_on_a_design_is_named():
+    s = hill(lambda a, c: a**2 + 0 * c)
+    s.prismatic("aside", s.ground, s.rigid_body("d", 1.0, 1.0, at=(0, 2)), at=(0, 2), axis=(1, 0, 0), damper=0.3, position0=0.1)
+    with pytest.warns(mb.AccuracyWarning, match="depends on aside.damper: its value"):
+        d = mb.design(s, minimize=mb.at_end("P.displacement"), to={"a": (-1.0, 1.0), "aside.damper": (0.1, 1.0)}, t_end=1.0)
+    assert d.without_effect == ("aside.damper",)  # and not `a`, whose slope vanishes where the search begins and ends
+    assert "without effect: aside.damper" in str(d)
+
+
+def test_a_chained_comparison_is_refused():
+    with pytest.raises(mb.OptionError, match="give two bounds"):
+        -0.5 <= mb.at_end("P.displacement") <= 2.0  # noqa: B015
 
 
 def test_a_bound_that_cannot_be_kept_is_said():

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, Chart, Equations, Varied, reached, refused, size_of
+from mbdae.derivatives.landings import MEETS, closer_impacts, tell_grazing
 from mbdae.derivatives.reading import Along
 from mbdae.derivatives.reading import Bound as Bound
 from mbdae.derivatives.reading import Objective as Objective
@@ -88,6 +89,8 @@ class Refined:
         self.result, self.prepared, run = result, result.prepared, result.solution
         self._first: Solution | None = run
         self.solver, self.system = result.info.solver, self._system_of(run)
+        if self.prepared.contacts:  # the steps of other runs end near touches, not on them
+            self._first = None
         if not isinstance(self.solver, DOP853 | RadauIIA):
             self._with_other_method()
         base = Equations.of(self.prepared, self.system.stated, isinstance(self.solver, DOP853))
@@ -127,32 +130,54 @@ class Refined:
             if solver.fixed:
                 solver = replace(solver, step=solver.step / finer**0.5)
             else:
-                limit = solver.tightest.get(self.system.label, solver.tightest.get("", 1e-13))
-                solver = replace(solver, rtol=max(solver.tolerance / finer, limit))
+                solver = replace(solver, rtol=max(solver.tolerance / finer, self._tightest))
             edges = None if before is None else shortened(before.run.t, (before.finer / finer) ** (1 / ORDER))
-            run = solver.run(self.system, Asked(float(self.result.solution.t[-1]), edges=edges))
+            impacts = self.solver.impacts * closer_impacts(finer)
+            run = solver.run(self.system, Asked(float(self.result.solution.t[-1]), edges=edges, impacts=impacts, meets=MEETS))
         return Along(self.result, run, self.charts, self.system.scale, finer)
+
+    @property
+    def _tightest(self) -> float:
+        return float(self.solver.tightest.get(self.system.label, self.solver.tightest.get("", 1e-13)))
+
+    def _at_round_off(self, finer: float) -> bool:
+        """Whether the tolerance divided by `finer` falls no further, so that runs would have shorter steps alone."""
+        return not self.solver.fixed and self.solver.tolerance / finer <= self._tightest
 
     def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
         accuracy, along, finer = self.result.accuracy.asked, self.level(), FINER
         before = self._read(along, reads)
         for _ in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
-            along, found = self.level(along.finer * finer, along), Derivatives()
+            coarser, along, found = along, self.level(along.finer * finer, along), Derivatives()
             now = self._read(along, reads)
             for key, (value, doubt) in now.items():
                 off = size_of(value - before[key][0]) + ROUNDED * size_of(value)
                 found[key] = Derivative(value, off + size_of(doubt))
             wrong = {key: one.error / (max(size_of(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
-            if accuracy is None or max(wrong.values()) <= accuracy:
+            if accuracy is None or max(wrong.values()) <= accuracy or self._at_round_off(coarser.finer):
                 break
             # errors fall with the tolerance: those of the run made last are about 1/finer of what they are estimated
             before, finer = now, min(max(FINER * max(wrong.values()) / finer / accuracy, FINER), MOST)
+        self._tell_touches(coarser, along)
         for (what, name), share in wrong.items():
             if accuracy is not None and share > TOLD * accuracy:
                 warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
                      f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
         return found
+
+    def _tell_touches(self, coarser: Along, along: Along) -> None:
+        """Say where contacts do not decide: grazing, and another sequence of contacts at another tolerance."""
+        if not self.prepared.contacts:
+            return
+        tell_grazing(along.run, self.prepared, along.derived.landings)
+        one, other = ([(landing.contact, landing.closes) for landing in level.derived.landings.values()]
+                      for level in (coarser, along))
+        if one != other:
+            k = next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+            at = [*along.derived.landings][min(k, len(other) - 1)] if other else 0
+            warn(f"derivatives: the sequence of contacts is another one with a smaller tolerance from t = "
+                 f"{along.run.t[at]:.6g} s on: their errors are not known; ask for a smaller accuracy")
 
     def _slight(self, what: Any, name: str) -> float:
         """A derivative that counts as none: this share of the quantity over the number."""
@@ -254,11 +279,6 @@ def refuse_scene(prepared: Prepared, continued: Any = None, ends: bool = False) 
         raise DerivativeError("there are no derivatives of a run that ends at an event (until=), whose time would move with the "
                               "numbers; run to a fixed time, and record= the event")
     scene = prepared.model.scene
-    if prepared.contacts:
-        names = ", ".join(f"'{name}'" for name in dict.fromkeys(contact.item for contact in prepared.contacts))
-        raise DerivativeError(f"there are no derivatives of runs with contacts ({names}): steps do not move with the instants "
-                              "at which bodies touch yet, and derivatives would be wrong by per cents; take the contact or stop "
-                              "away where it does not touch, or compare runs")
     for one in scene.controllers:
         if one.memory is not None:
             raise DerivativeError(f"there are no derivatives of runs with the sampled controller '{one.name}', whose memory may "

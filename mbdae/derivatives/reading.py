@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import ATTEMPTS, BOTH, CLOSER, DISTANCE, Chart, Equations, differenced, refused
+from mbdae.derivatives.landings import landings, refuse_forces_that_jump
 from mbdae.derivatives.steps import Calls, Derived
 from mbdae.errors import DerivativeError, OptionError
 from mbdae.integrators import radau_table
@@ -102,6 +103,11 @@ class Bound:
     sign: float
     limit: float
 
+    def __bool__(self) -> bool:
+        # Python reads `a <= x <= b` as `(a <= x) and (x <= b)`, which would be the second bound alone
+        raise OptionError(f"{self} is a bound, which is neither true nor false: give two bounds, such as [-0.5 <= q, q <= 2.0], "
+                          "in the place of -0.5 <= q <= 2.0, of which Python would keep the last one alone")
+
     def __str__(self) -> str:
         return f"{self.of} {'<=' if self.sign > 0 else '>='} {self.limit:g}"
 
@@ -183,8 +189,9 @@ class Along:
     def __init__(self, result: Result, run: Solution, charts: Sequence[Chart], scale: Array, finer: float = 1.0) -> None:
         self.result = Result(result.prepared, run, None, result.t)  # type: ignore[arg-type]
         self.charts, self.run, self.finer = charts, run, finer
-        self.derived = Derived(run, charts, scale, sampled(run, charts, scale))
+        self.derived = Derived(run, charts, scale, sampled(run, charts, scale), landings(run, charts, scale))
         refuse_jumps(self.derived)
+        refuse_forces_that_jump(self.derived, BESIDE, JUMP)
         self._sums: dict[int, list[tuple[Array, Array]]] = {}
 
     @cached_property

@@ -16,9 +16,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import symengine as se
 
 from mbdae.derivatives.chart import Chart
+from mbdae.derivatives.landings import Balance, Landing, rates_at_nodes
 from mbdae.errors import DerivativeError
+from mbdae.inputs import timed
 from mbdae.integrators import radau_table
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.dop853 import DENSE, DOP853, NODES, STAGES
@@ -29,11 +32,10 @@ from mbdae.native.equations import Called
 from mbdae.native.explicit import ALL, Path
 from mbdae.native.sparse import SingularMatrixError, Stages
 from mbdae.system.base import Array
+from mbdae.system.model.moved_bodies import timeline
 
-BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops
 REPEATED = 1e-6  #: largest distance of a repeated step from the run's, relative to the unknown's size
 BLOCK = 64  #: steps of one call of C, for which the derivatives of inputs of time are made beforehand
-
 A = np.zeros((ALL, ALL))
 for _i, _j, _a in STAGES:
     A[_i, _j] = _a
@@ -58,9 +60,10 @@ Calls = dict[int, tuple[Any, Array, Array]]
 
 class Derived:
     """A run with its derivatives by numbers. charts: of the numbers; scale (n,): typical sizes of the unknowns; calls: of sampled
-    controllers."""
+    controllers; touches: landings by the number of the step that begins there, with which the steps behind move."""
 
-    def __init__(self, run: Solution, charts: Sequence[Chart], scale: Array, calls: Calls) -> None:
+    def __init__(self, run: Solution, charts: Sequence[Chart], scale: Array, calls: Calls, touches: dict[int, Landing]) -> None:
+        self.landings, self.shift = touches, np.zeros(len(charts))  # shift (P,): how the present steps move with the numbers
         self.calls, self.held = calls, {int(place) for one in calls.values() for place in one[0]}
         base = charts[0].varied.base
         self.run, self.charts, self.scale, self.n = run, charts, scale, run.y.shape[1]
@@ -91,8 +94,15 @@ class Derived:
         """The derivatives of the run as polynomials over its steps, (n P) unknowns, numbers within unknowns."""
         self.lists.twins.clear()
         S, begins, ends, inner, m = self.start(), [], [], [], len(self.run.t) - 1
+        self.shift = np.zeros(len(self.charts))
         with self.within(0.0):
             for some in self._blocks():
+                if some.start in self._fixed:
+                    S = S - self._before(some)[:, None] * self.shift
+                    self.shift = np.zeros(len(self.charts))
+                if (touch := self.landings.get(some.start)) is not None:
+                    later = touch.moves(S, self.shift)
+                    S, self.shift = S + touch.yp[:, None] * later, self.shift + later
                 if (call := self.calls.get(some.start)) is not None:
                     S = S.copy()
                     S[call[0]] = call[1] @ S + call[2]
@@ -101,6 +111,11 @@ class Derived:
                 begins.append(after[:-1])
                 ends.append(after[1:])
                 inner.append(increments)
+                if self.shift.any():
+                    moved = rates_at_nodes(self.run, self.steps.stages, some)[..., None] * self.shift
+                    begins[-1] = begins[-1] - moved[:, 0]
+                    ends[-1] = ends[-1] - moved[:, -1]
+                    inner[-1] = inner[-1] - moved[:, 1:-1] + moved[:, :1]
         flat = [np.concatenate(part).reshape(sum(map(len, part)), -1) for part in ([*begins, S[None]], ends)]
         pieces = np.concatenate(inner).reshape(m, self.steps.stages - 1, -1)
         return Collocation(radau_table(self.steps.stages), self.run.t, flat[0], pieces, flat[1])
@@ -108,24 +123,49 @@ class Derived:
     def _blocks(self) -> list[slice]:
         """Steps that one call of C takes."""
         m = len(self.run.t) - 1
-        edges = sorted({*range(0, m, BLOCK), *self.calls, m})
+        edges = sorted({*range(0, m, BLOCK), *self.calls, *self.landings, *self._fixed, m})
         return [slice(i, j) for i, j in pairwise(edges)]
+
+    @cached_property
+    def _fixed(self) -> set[int]:
+        """Numbers of steps that begin at times which do not move: calls of controllers, jumps and kinks of inputs of time."""
+        run = self.run
+        line = timeline(self.assembly.model, float(run.t[0]), float(run.t[-1])) if self.landings else None
+        edges = np.zeros(0) if line is None else np.concatenate([line.edges, line.stretches.kinks])
+        places = {int(np.argmin(np.abs(run.t - t))) for t in edges if run.t[0] < t < run.t[-1]}
+        return {*places, *self.calls} - {0, *self.landings} if self.landings else set()
+
+    def _before(self, some: slice) -> Array:
+        return np.asarray(rates_at_nodes(self.run, self.steps.stages, slice(some.start - 1, some.start))[0, -1])
 
     def adjoint(self, ends: Array, inner: Array) -> Array:
         """(P,) derivatives of a sum of weights times states. ends (m + 1, n): weights of y at the ends of steps; inner (m, s - 1,
         n): of the increments at the inner nodes."""
         self.lists.twins.clear()
         total, found = ends[-1].copy(), np.zeros(len(self.charts))
+        of_shift = -float(total @ self._before(slice(len(self.run.t) - 1, None))) if self.landings else 0.0
+        self.shift = np.zeros(len(self.charts))
         with self.within(0.0):
             for some in reversed(self._blocks()):
-                of_clock, prescribed = self.steps.back(some, ends[some], inner[some], total)
+                of_clock, *times = self.steps.back(some, ends[some], inner[some], total)
                 if self.clocks:
-                    found += np.einsum("kq,kpq->p", of_clock, prescribed)
+                    found += np.einsum("kq,kpq->p", of_clock, self.prescribed(*times))
+                if self.landings:
+                    rates = rates_at_nodes(self.run, self.steps.stages, some)
+                    of_shift -= float(np.sum(ends[some] * rates[:, 0]) + np.sum(inner[some] * (rates[:, 1:-1] - rates[:, :1])))
+                    of_shift += float(np.sum(of_clock * self.clock_rates(*times))) if self.clocks else 0.0
                 if (call := self.calls.get(some.start)) is not None:
                     weights = total[call[0]]
                     total[call[0]] = 0.0
                     total += weights @ call[1]
                     found += weights @ call[2]
+                if (touch := self.landings.get(some.start)) is not None:
+                    weight = (total @ touch.yp + of_shift) / touch.rate
+                    of_shift -= weight * touch.by_time
+                    found -= weight * touch.by_numbers
+                    total -= weight * touch.by_state
+                if some.start in self._fixed:
+                    of_shift = -float(total @ self._before(some))
         W, places = self.lists.W, self.lists.places
         found += self.seeds[:, places >= 0] @ W[places[places >= 0]]
         return np.asarray(found + total @ self.start())
@@ -144,7 +184,15 @@ class Derived:
         (k,)."""
         if not self.clocks:
             return np.zeros((0, len(self.charts), 0))
-        return np.ascontiguousarray(np.stack([chart.prescribed(t, sides) for chart in self.charts], axis=1))
+        found = np.stack([chart.prescribed(t, sides) for chart in self.charts], axis=1)
+        if self.shift.any():
+            found += self.clock_rates(t, sides)[:, None] * self.shift[:, None]
+        return np.ascontiguousarray(found)
+
+    def clock_rates(self, t: Array, sides: Array) -> Array:
+        """Rates (k, clocks) of the values of the clock."""
+        clock = self.assembly.numbering.clock
+        return np.column_stack([timed.values(timed.derivatives(se.sympify(e))[1], t, sides) for e in clock.expressions])
 
     @property
     def side(self) -> Array:
@@ -168,51 +216,6 @@ class Derived:
     def balance(self) -> Balance:
         """y' and multipliers as implicit functions."""
         return Balance(self)
-
-
-class Balance:
-    """y' = f(t, y) by F(t, (y, lambda), (y', 0)) = 0, with the derivatives of this implicit function."""
-
-    def __init__(self, of: Derived) -> None:
-        self.of, self.lists, self.n = of, of.lists, of.n
-        self._rate = np.arange(of.assembly.n) < of.n
-        self._multipliers = np.zeros(of.assembly.n - of.n)
-        self._at: dict[int, Any] = {}
-        self.prescribed: Array = np.zeros(0)
-        self.of_clock: Array = np.zeros(0)
-
-    def at(self, t: float, y: Array) -> tuple[Array, Array, Array, Array]:
-        """Unknowns and rates of F at which it vanishes, dF/d(y', lambda) and dF/dy."""
-        rates, zeros = np.zeros(self.n), np.zeros(len(self._multipliers))
-        for _ in range(ITERATIONS):
-            Y, Yp = np.concatenate([y, self._multipliers]), np.concatenate([rates, zeros])
-            fy, fyp = (x[0] for x in self.of.assembly.dense_stages(np.array([t]), Y[None], Yp[None]))
-            matrix = np.where(self._rate, fyp, fy)
-            step = np.linalg.solve(matrix, self.lists.value(t, Y, Yp))
-            rates, self._multipliers = rates - step[: self.n], self._multipliers - step[self.n :]
-            size = max(np.abs(rates).max(initial=0.0), np.abs(self._multipliers).max(initial=0.0))
-            if np.abs(step).max(initial=0.0) <= BALANCED * size:
-                break
-        return np.concatenate([y, self._multipliers]), np.concatenate([rates, zeros]), matrix, fy
-
-    def value(self, at: int, t: float, y: Array) -> Array:
-        """y' at stage `at`."""
-        self._at[at % ALL] = t, *self.at(t, y.copy())
-        return np.asarray(self._at[at % ALL][2][: self.n])
-
-    def along(self, at: int, dy: Array) -> Array:
-        """Changes (n, P) of y' for those of y (n, P) and those of the numbers."""
-        t, Y, Yp, matrix, fy = self._at[at % ALL]
-        self.lists.twins.at(prescribed=np.ascontiguousarray(self.prescribed[at : at + 1]))
-        by_numbers = self.lists.twins.states(np.array([t]), Y[None], Yp[None])[0]
-        return np.asarray(-np.linalg.solve(matrix, by_numbers + fy[:, : self.n] @ dy)[: self.n])
-
-    def back(self, at: int, weight: Array) -> Array:
-        """Weights (n,) of y for weights (n,) of y'."""
-        t, Y, Yp, matrix, _ = self._at[at % ALL]
-        v = -np.linalg.solve(matrix.T, np.concatenate([weight, np.zeros(len(self._multipliers))]))
-        self.lists.twins.at(of_clock=self.of_clock[at : at + 1])
-        return self.lists.twins.states(np.array([t]), Y[None], Yp[None], v[None])[0, : self.n]
 
 
 class _Explicit:
@@ -244,9 +247,9 @@ class _Explicit:
         self._checked(code, some, reached)
         return after, inner
 
-    def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array]:
+    def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array, Array]:
         """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks)
-        of the clock, and its derivatives (states, P, clocks)."""
+        of the clock, with the times (states,) and those at which conditions are read."""
         of, run = self.of, self.of.run
         path, times, sides = self._path(some, 0)
         of_clock = np.zeros((len(times), of.clocks))
@@ -256,7 +259,7 @@ class _Explicit:
         more = slice(some.start, some.stop + 1)
         code, reached = path.back(run.t[more], run.y[more], ends, inner, total)
         self._checked(code, some, reached)
-        return of_clock, of.prescribed(times, sides)
+        return of_clock, times, sides
 
     def _checked(self, code: int, some: slice, reached: Array) -> None:
         run = self.of.run
@@ -328,15 +331,15 @@ class _Implicit:
             found: tuple[Array, Array] = equations.along(S)
             return found
 
-    def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array]:
+    def back(self, some: slice, ends: Array, inner: Array, total: Array) -> tuple[Array, Array, Array]:
         """Take weights back over some steps, total (n,) from their end to their beginning. Returns the weights (states, clocks)
-        of the clock, and its derivatives (states, P, clocks)."""
+        of the clock, with the times (states,) and those at which conditions are read."""
         equations, *times = self._equations(some, True)
         of_clock = np.zeros((len(times[0]), self.of.clocks))
         self.of.lists.twins.at(of_clock=of_clock if self.of.clocks else None)
         with self._named(equations):
             equations.back(ends, inner, total)
-        return of_clock, self.of.prescribed(*times)
+        return of_clock, times[0], times[1]
 
     @contextmanager
     def _named(self, equations: Any) -> Iterator[None]:

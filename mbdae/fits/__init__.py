@@ -6,7 +6,7 @@ trust-region method of SciPy, with the derivatives of the run. Confidence follow
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -14,25 +14,27 @@ import numpy as np
 
 from mbdae.derivatives import names_of
 from mbdae.errors import AccuracyWarning, ListsAttributes, MbdaeError, OptionError, naming_arguments, warn
-from mbdae.fits.functions import SceneFunction, scene_given, varied
+from mbdae.fits.functions import SceneFunction, deviations, limits, measurements, scene_given, varied
 from mbdae.integrators.base import end_after
 from mbdae.notation import counted
 from mbdae.results.quantities import named, unit_of
 from mbdae.results.reads import own_of
 from mbdae.results.result import Result
 from mbdae.run.checkpoint import versions
-from mbdae.run.control import plausible
+from mbdae.run.control import LEAST_ACCURACY, plausible
 from mbdae.show.plots import new_figure, style, with_unit, written
 from mbdae.study.kept import ResumeFile, packed, resume_path, told_when_interrupted, unpacked
 from mbdae.system.base import Array
-from mbdae.values import array, number, option, optional, sequence, shown, whole
 from mbdae.values import function as checked_function
+from mbdae.values import number, option, optional, shown, whole
 
 MOST_RUNS = 100  #: default of the largest number of runs of a fit
 ENOUGH = 1e-8  #: change of the sum of squares, and of the numbers, relative, at which a fit ends
-#: singular value of the derivatives, over the largest times the accuracy of the run, up to which a combination of the numbers
-#: counts as not told by the data, and the share that a number has in it at least
+#: a combination of the numbers counts as not told by the data where its change by the size of the numbers moves the run by less
+#: than its error, or by this many times the accuracy over what the best told combination moves; the share that a number has in it
 UNTOLD, SHARE = 10.0, 1e-2
+#: a number ends at a bound where it is this near to it, over the size of the number, and the sum of squares falls beyond
+REACHED = 1e-4
 #: largest error of the run, over the standard deviation of the mean of the measurements, that moves the numbers by little; and
 #: the root mean square of the residuals over their standard deviations above which the scene does not explain the data
 BORNE, SPREAD = 0.3, 2.0
@@ -42,9 +44,12 @@ BORNE, SPREAD = 0.3, 2.0
 class Fit(ListsAttributes):
     """Numbers of a scene found from measurements.
 
-    values: by name; errors: their standard deviations, infinite where the data do not tell a number; covariance (k, k): in the
-    order of values; weakest: the combination of numbers that the data tell least, as shares of the numbers stated, and its
-    standard deviation; untold: names in combinations that the data do not tell; scene: with the values; result: its run;
+    values: by name; errors: their standard deviations, infinite where the data do not tell a number, nan where none is known: of
+    a number that ended at a bound, and of all where neither sigma nor more measurements than numbers tell how large the errors of
+    the measurements are; covariance (k, k): in the order of values; weakest: the combination of numbers that the data tell least,
+    as shares of the numbers stated, and its standard deviation; untold: names in combinations that the data do not tell;
+    at_bounds: name -> bound of the numbers that ended there, at which the errors of the others are taken; freedom: number of
+    measurements less that of the numbers found, infinite where sigma is given; scene: with the values; result: its run;
     residuals: by sensor, computed less measured, in its unit; spread: root mean square of the residuals over their standard
     deviations, about 1 where these are right; runs: number of runs made; message: why the fit ended."""
 
@@ -53,6 +58,8 @@ class Fit(ListsAttributes):
     covariance: Array
     weakest: tuple[dict[str, float], float]
     untold: tuple[str, ...]
+    at_bounds: dict[str, float]
+    freedom: float
     scene: Any
     result: Result
     data: dict[Any, tuple[Array, Array]]
@@ -64,19 +71,20 @@ class Fit(ListsAttributes):
 
     @property
     def correlations(self) -> Array:
-        """Correlations (k, k) of the numbers, in the order of `values`; nan with a number that the data do not tell."""
+        """Correlations (k, k) of the numbers, in the order of `values`; nan with a number that has no standard deviation."""
         size = np.sqrt(np.diag(self.covariance))
         with np.errstate(invalid="ignore"):
             return np.asarray(self.covariance / np.outer(size, size))
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """Confidence intervals of the numbers at a level (probability), by Student's distribution; they hold for errors of the
-        measurements that are independent, and so small that the run is linear in the numbers over the interval."""
-        from scipy.special import stdtrit
+        """Confidence intervals of the numbers at a level (probability), by the normal distribution, or Student's where the
+        residuals have to tell the errors of the measurements; they hold for errors that are independent, and so small that the
+        run is linear in the numbers over the interval."""
+        from scipy.special import ndtri, stdtrit
 
         level = option("level", level, number, "give a probability, such as 0.95", above=0, most=1)
-        freedom = sum(len(t) for t, _ in self.data.values()) - len(self.values)
-        factor = float(stdtrit(max(freedom, 1), (1 + level) / 2))
+        share = (1 + level) / 2
+        factor = float(ndtri(share) if np.isinf(self.freedom) else stdtrit(max(self.freedom, 1), share))
         return {name: (value - factor * self.errors[name], value + factor * self.errors[name])
                 for name, value in self.values.items()}
 
@@ -92,11 +100,16 @@ class Fit(ListsAttributes):
         return written(figure, path)
 
     def __str__(self) -> str:
-        lines = [f"{name} = {value:.6g} +- {self.errors[name]:.2g}" for name, value in self.values.items()]
+        lines = [f"{name} = {value:.6g} {self._error_of(name)}" for name, value in self.values.items()]
         if self.untold:
-            lines.append(f"the data do not tell {', '.join(self.untold)} apart")
+            lines.append(f"the data do not tell {', '.join(self.untold)}{' apart' if len(self.untold) > 1 else ''}")
         lines.append(f"{self.message}; {counted(self.runs, 'run')}; residuals of {self.spread:.3g} standard deviations")
         return "\n".join(lines)
+
+    def _error_of(self, name: str) -> str:
+        if name in self.at_bounds:
+            return "(at its bound)"
+        return "(standard deviation not known)" if np.isnan(self.errors[name]) else f"+- {self.errors[name]:.2g}"
 
     def __repr__(self) -> str:
         return f"<Fit: {'; '.join(str(self).splitlines())}>"
@@ -184,6 +197,12 @@ class _Fitting:
         rows = [slopes[at, j] / self.sigma[name][:, None] for j, (at, name) in enumerate(zip(self.at, self.data, strict=True))]
         return np.asarray(self.unit * np.concatenate(rows))
 
+    def unsure(self, values: Array) -> float:
+        """What the estimated errors of the last run, with these values (times, quantities), make of the residuals together."""
+        of_run, most = self.f.errors, np.abs(values).max(axis=0)
+        error = np.where(np.isfinite(of_run), of_run, self.f.accuracy * most)
+        return float(np.sqrt(sum(np.sum((error[j] / self.sigma[name]) ** 2) for j, name in enumerate(self.data))))
+
     def solved(self, low: Array, high: Array) -> str:
         """Find the best numbers; returns why it ended."""
         from scipy.optimize import least_squares
@@ -220,117 +239,98 @@ def fit(scene: Any, data: Any, to: Any, sigma: Any = None, bounds: Any = None, a
     names = names_of(to)
     tell = optional("progress", progress, checked_function, "give a function progress(runs, squares), or None",
                     takes="runs, squares")
-    measured = _measurements(data)
+    measured = measurements(data)
     times = np.unique(np.concatenate([t for t, _ in measured.values()]))
-    known, deviations = sigma is not None, _deviations(sigma, measured)
+    known, errors = sigma is not None, deviations(sigma, measured)
     f = SceneFunction(scene, names, list(measured), end_after(0.0, times[-1]), times, plausible(accuracy))
-    low, high = _limits(bounds, names)
-    kept = _Kept(resume_path(resume), _identity(f, measured, deviations))
+    low, high = limits(bounds, names)
+    kept = _Kept(resume_path(resume), _identity(f, measured, errors))
     kept.load()
     most = option("runs", runs, whole, "give the largest number of runs", least=1)
-    work = _Fitting(f, measured, deviations, kept, most, tell)
+    work = _Fitting(f, measured, errors, kept, most, tell)
     with told_when_interrupted(kept.path, "runs", lambda: (work.runs, most), lambda: None):
         message = work.solved(low / work.unit, high / work.unit)
         work.most += 2
-        return _made(work, known, message)
+        return _made(work, known, message, low / work.unit, high / work.unit)
 
 
-def _made(work: _Fitting, known: bool, message: str) -> Fit:
-    """The fit at the best numbers; known: whether standard deviations were given."""
+def _made(work: _Fitting, known: bool, message: str, low: Array, high: Array) -> Fit:
+    """The fit at the best numbers, which are between low and high (k,), over the units; known: whether standard deviations were
+    given."""
     f, x = work.f, work.best
+    ended = _ended(work, x, low, high)
+    x = np.where(ended < 0, low, np.where(ended > 0, high, x))
     off, J = work.residuals(x), work.jacobian(x)
-    work.run(x * work.unit)
-    freedom = max(len(off) - len(x), 1)
-    spread = float(np.sqrt(off @ off / freedom))
-    _, size, combinations = np.linalg.svd(J, full_matrices=True)
-    size = np.concatenate([size, np.zeros(len(x) - len(size))])
-    lost = size <= UNTOLD * f.accuracy * (size[0] or 1.0)
+    values_at = work.run(x * work.unit)
+    assert f.result is not None
+    free = ended == 0
+    left = len(off) - int(free.sum())
+    spread = float(np.sqrt(off @ off / max(left, 1))) if known or left > 0 else np.nan
+    _, size, combinations = np.linalg.svd(J[:, free], full_matrices=True)
+    size = np.concatenate([size, np.zeros(int(free.sum()) - len(size))])
+    lost = size <= max(UNTOLD * f.accuracy * size.max(initial=0.0), work.unsure(values_at))
     told, scale = ~lost, 1.0 if known else spread
     part = combinations[told] / size[told][:, None]
-    unit = work.unit * scale
-    covariance = unit[:, None] * (part.T @ part) * unit
+    unit = work.unit[free] * scale
+    covariance: Array = np.full((len(x), len(x)), np.nan)
+    inner = unit[:, None] * (part.T @ part) * unit
     hidden = np.any(np.abs(combinations[lost]) > SHARE, axis=0)
-    covariance[hidden], covariance[:, hidden] = np.nan, np.nan
-    covariance[hidden, hidden] = np.inf
-    p, untold = x * work.unit, tuple(name for name, one in zip(f.names, hidden, strict=True) if one)
+    inner[hidden], inner[:, hidden] = np.nan, np.nan
+    inner[hidden, hidden] = np.inf
+    covariance[np.ix_(free, free)] = inner
+    p, names = x * work.unit, np.array(f.names)
+    untold = tuple(names[free][hidden].tolist())
     values = dict(zip(f.names, p.tolist(), strict=True))
     errors = dict(zip(f.names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-    weakest = (dict(zip(f.names, combinations[-1].tolist(), strict=True)), np.inf if lost[-1] else float(scale / size[-1]))
+    weakest: tuple[dict[str, float], float] = ({}, np.nan)
+    if len(size):
+        weakest = (dict(zip(names[free].tolist(), combinations[-1].tolist(), strict=True)),
+                   np.inf if lost[-1] else float(scale / size[-1]))
     ends = np.cumsum([0, *(len(t) for t, _ in work.data.values())])
     residuals = {name: off[a:b] * work.sigma[name] for name, a, b in zip(work.data, ends[:-1], ends[1:], strict=True)}
-    assert f.result is not None
     sigma = {name: one * scale for name, one in work.sigma.items()}
-    _warn(work, f.result, sigma, untold, spread if known else 1.0)
-    return Fit(values, errors, covariance, weakest, untold, varied(f.scene, f.names, p.tolist(), f.t_end), f.result,
-               dict(work.data), sigma, residuals, spread if known else 1.0, work.runs, message)
+    held = {name: values[name] for name in names[~free].tolist()}
+    made = Fit(values, errors, covariance, weakest, untold, held, np.inf if known else left,
+               varied(f.scene, f.names, p.tolist(), f.t_end), f.result, dict(work.data), sigma, residuals,
+               spread if known else 1.0, work.runs, message)
+    _warn(made, f.accuracy)
+    return made
 
 
-def _warn(work: _Fitting, r: Result, sigma: Mapping[Any, Array], untold: Sequence[str], spread: float) -> None:
+def _ended(work: _Fitting, x: Array, low: Array, high: Array) -> Array:
+    """(k,) -1 or 1 where a number has ended at its least or largest value, beyond which the sum of squares falls, else 0."""
+    near = REACHED * np.maximum(np.abs(x), 1.0)
+    if not np.any((x - low < near) | (high - x < near)):
+        return np.zeros(len(x))
+    slope = work.jacobian(x).T @ work.residuals(x)
+    return np.asarray(np.where((x - low < near) & (slope > 0), -1.0, np.where((high - x < near) & (slope < 0), 1.0, 0.0)))
+
+
+def _warn(made: Fit, accuracy: float) -> None:
     """Say what the errors of the numbers do not contain."""
-    if untold:
-        warn(f"fit: the data do not tell {', '.join(untold)}: other values of them, together, give the same run to its accuracy; "
+    if made.untold:
+        those = "it" if len(made.untold) == 1 else "them"
+        warn(f"fit: the data do not tell {', '.join(made.untold)}: other values of {those} give the same run to its accuracy; "
              "fix some of them, or measure what depends on them")
-    if spread > SPREAD:
-        warn(f"fit: the residuals are {spread:.3g} times their standard deviations: the scene does not explain the data, or "
+    for name, bound in made.at_bounds.items():
+        warn(f"fit: '{name}' ended at its bound {bound:g}, beyond which the sum of squares falls: it has no standard deviation, "
+             "and those of the others are for this value of it; see whether bound and scene are right")
+    if made.freedom <= 0:
+        warn(f"fit: {counted(sum(len(t) for t, _ in made.data.values()), 'measurement')} for as many numbers or more, and no "
+             "sigma: nothing tells how large the errors of the measurements are, so that the numbers have no standard "
+             "deviations; give sigma=, or more measurements")
+        return
+    if made.spread > SPREAD:
+        warn(f"fit: the residuals are {made.spread:.3g} times their standard deviations: the scene does not explain the data, or "
              "sigma is too small; the errors of the numbers are too small then")
-    for name, one in sigma.items():
-        error = r.error(name)
-        if error is not None and error > BORNE * float(np.min(one)) / np.sqrt(len(one)):
-            better = work.f.accuracy * BORNE * float(np.min(one)) / np.sqrt(len(one)) / error
+    for name, one in made.sigma.items():
+        error, borne = made.result.error(name), BORNE * float(np.min(one)) / np.sqrt(len(one))
+        if error is not None and error > borne:
+            better = accuracy * borne / error
+            give = (f"give accuracy={better:.0e}" if better >= LEAST_ACCURACY else
+                    f"no accuracy that can be asked for ({LEAST_ACCURACY:g} or more) makes it so")
             warn(f"fit: the run's own error of {shown(name)}, {error:.1e}, is not small beside the standard deviation of what "
-                 f"{counted(len(one), 'measurement')} tell together, and moves the numbers; give accuracy={better:.0e}")
-
-
-def _measurements(data: Any) -> dict[Any, tuple[Array, Array]]:
-    """Measurements as a user gives them; OptionError for anything else."""
-    remedy = "give a mapping of sensors to (times, values), such as {'D.angle': (t, measured)}"
-    if not isinstance(data, Mapping) or not data:
-        raise OptionError(f"data = {shown(data)}: {remedy}")
-    found: dict[Any, tuple[Array, Array]] = {}
-    for name, given in data.items():
-        pair = option(f"data: {shown(name)}", given, sequence, remedy, each=array)
-        if len(pair) != 2:
-            raise OptionError(f"data: {shown(name)} has {counted(len(pair), 'entry')}: {remedy}")
-        t, values = pair
-        if t.ndim != 1 or t.shape != values.shape or not len(t) or t.min() < 0 or t.max() <= 0:
-            raise OptionError(f"data: {shown(name)} has times of shape {t.shape} and values of shape {values.shape}: give as "
-                              "many values as times, from 0 s on")
-        found[name] = t, values
-    return found
-
-
-def _deviations(sigma: Any, data: Mapping[Any, tuple[Array, Array]]) -> dict[Any, Array]:
-    """Standard deviations (n,) of the measurements by sensor, 1 where none are given."""
-    remedy = "give positive standard deviations: a number, an array with one for each measurement, or either by sensor"
-    if isinstance(sigma, Mapping) and sigma.keys() != data.keys():
-        raise OptionError(f"sigma is given for {', '.join(map(str, sigma))}: {remedy}, for {', '.join(map(str, data))}")
-    found = {}
-    for name, (t, _) in data.items():
-        given = sigma[name] if isinstance(sigma, Mapping) else 1.0 if sigma is None else sigma
-        one = option("sigma", given, array, remedy)
-        if one.shape not in ((), t.shape) or not np.all(one > 0):
-            raise OptionError(f"sigma = {shown(given)}: {remedy}")
-        found[name] = np.broadcast_to(one, t.shape).astype(float)
-    return found
-
-
-def _limits(bounds: Any, names: Sequence[str]) -> tuple[Array, Array]:
-    """Least and largest values (k,) of the numbers."""
-    remedy = "give a mapping of names in `to` to (least, largest), None for none, such as {'C.spring': (0, None)}"
-    given = {} if bounds is None else bounds
-    if not isinstance(given, Mapping) or not given.keys() <= set(names):
-        raise OptionError(f"bounds = {shown(bounds)}: {remedy}")
-    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for name, pair in given.items():
-        both = option(f"bounds: '{name}'", pair, sequence, remedy, each=lambda one: None if one is None else number(one))
-        if len(both) != 2:
-            raise OptionError(f"bounds: '{name}' = {shown(pair)}: {remedy}")
-        for ends, one in ((low, both[0]), (high, both[1])):
-            if one is not None:
-                ends[names.index(name)] = one
-    if np.any(low >= high):
-        raise OptionError(f"bounds: a least value is not below the largest one: {remedy}")
-    return low, high
+                 f"{counted(len(one), 'measurement')} tell together, and moves the numbers; {give}")
 
 
 def _identity(f: SceneFunction, data: Mapping[Any, tuple[Array, Array]], sigma: Mapping[Any, Array]) -> dict[str, Any]:

@@ -29,6 +29,9 @@ ENOUGH = 1e-8  #: change of what is made least, over its size at the start, at w
 #: where it is that near
 HELD = 1e-4
 TURNS = 4  #: most searches, of which each knows from the one before what smoothing makes of a largest value
+#: curvature is looked at by gradients this part of a range away, along at most so many directions; what is found is no least
+#: value where it is below minus this share of the largest
+ASIDE, LOOKS, CURVED = 1e-2, 5, 1e-3
 #: distance, as a part of the range of a number, of the differences by which masses follow it: they are straight lines in it
 APART = 1e-3
 
@@ -91,13 +94,15 @@ class Design(ListsAttributes):
     """A design that was found.
 
     values: of the numbers, by name; minimum: what was made least, in its unit, and error, its estimated error, None where it is
-    exact or not known; bounds: list of Held; scene: with the values; result: its run, None where no run was needed; runs: number
-    of runs made; found: whether the search ended at a least value with all bounds kept; message: why it ended."""
+    exact or not known; bounds: list of Held; without_effect: names of numbers on which neither what was made least nor a bound
+    depends; scene: with the values; result: its run, None where no run was needed; runs: number of runs made; found: whether the
+    search ended at a least value with all bounds kept; message: why it ended."""
 
     values: dict[str, float]
     minimum: float
     error: float | None
     bounds: list[Held]
+    without_effect: tuple[str, ...]
     scene: Any
     result: Result | None
     runs: int
@@ -107,6 +112,8 @@ class Design(ListsAttributes):
     def __str__(self) -> str:
         error = "" if self.error is None else f" +- {self.error:.1e}"
         lines = [f"least value {self.minimum:.6g}{error}", *(f"{name} = {value:.6g}" for name, value in self.values.items())]
+        if self.without_effect:
+            lines.append(f"without effect: {', '.join(self.without_effect)}")
         return "\n".join([*lines, *map(str, self.bounds), f"{self.message}; {counted(self.runs, 'run')}"])
 
     def __repr__(self) -> str:
@@ -126,6 +133,7 @@ class _Designing:
         self.t_end, self.accuracy, self.most, self.tell = t_end, accuracy, most, tell
         self.runs, self._x = 0, np.zeros(0)
         self._slopes: dict[int, Array] = {}
+        self.felt: Any = np.zeros(len(names), dtype=bool)  #: whether some slope by a number was larger than its error
 
     def numbers(self, x: Array) -> Array:
         """The numbers (k,) at x."""
@@ -165,13 +173,17 @@ class _Designing:
     def slope(self, of: Any, x: Array) -> Array:
         """Its derivatives (k,) by x."""
         if isinstance(of, Mass):
-            return np.array([self._mass_slope(of, x, e) for e in np.eye(len(x))])
+            found = np.array([self._mass_slope(of, x, e) for e in np.eye(len(x))])
+            self.felt |= np.abs(found) > HELD**2 * of.of(self.at(x))
+            return found
         r = self.run(x)
         if id(of) not in self._slopes:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)
                 found = r.gradient(of, to=self.names)
-            self._slopes[id(of)] = np.array([found[name].value for name in self.names])
+            given = [found[name] for name in self.names]
+            self._slopes[id(of)] = np.array([one.value for one in given])
+            self.felt |= np.array([abs(one.value) > one.error for one in given])
         return self._slopes[id(of)] * self.range
 
     def _mass_slope(self, of: Mass, x: Array, e: Array) -> float:
@@ -216,6 +228,8 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
     for _ in range(TURNS):
         tightened = [replace(one, limit=one.limit * by) for one, by in zip(limits, used, strict=True)]
         x, ended, message = _searched(work, minimize, tightened, x)
+        if ended and (lower := _beside(work, minimize, tightened, x)) is not None:
+            x, ended, message = _searched(work, minimize, tightened, lower)
         work.most += 1
         before, used = used, [work.smoothed(one.of, x) for one in limits]
         if not ended or max((abs(a - b) for a, b in zip(before, used, strict=True)), default=0.0) < HELD:
@@ -228,7 +242,10 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
         warn(f"design: {'; '.join(broken)}")
     elif not ended:
         warn(f"design: {message}")
-    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(minimize), held, work.at(x),
+    without = tuple(name for name, felt in zip(names, work.felt, strict=True) if not felt)
+    if without:
+        warn(f"design: neither what is made least nor a bound depends on {', '.join(without)}: its value is as good as any other")
+    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(minimize), held, without, work.at(x),
                   work.result if work.runs else None, work.runs, ended, message)
 
 
@@ -263,6 +280,49 @@ def _searched(work: _Designing, minimize: Any, limits: Sequence[Bound], x: Array
         return best[1], False, f"{work.most} runs were made, as many as allowed: the values may not be the best"
     x = np.clip(ended.x, 0.0, 1.0)
     return x, bool(ended.success), "the search ended at a least value" if ended.success else f"the search failed: {ended.message}"
+
+
+def _beside(work: _Designing, minimize: Any, limits: Sequence[Bound], x: Array) -> Array | None:
+    """A design beside x (k,) with a lower value, where the slopes vanish at x but it is no least value: a largest one, or one
+    that is least along some directions only. None at a least value.
+
+    The curvature is that of the Lagrange function along the bounds that decide, in the space of a few products with its second
+    derivatives, which are differences of slopes (Lanczos)."""
+    if not work.runs:  # masses alone, which are straight lines
+        return None
+    middle, rng = np.clip(x, ASIDE, 1 - ASIDE), np.random.default_rng(0)
+    try:
+        size = abs(work.value(minimize, x)) or 1.0
+        active = [one for one in limits if abs(work.value(one.of, x) - one.limit) <= HELD * (abs(one.limit) or 1.0)]
+        of, rows = work.slope(minimize, x), np.array([one.sign * work.slope(one.of, x) for one in active]).reshape(-1, len(x))
+        factors = np.linalg.lstsq(rows.T, -of, rcond=None)[0]
+        rest = of + factors @ rows
+        fixed = ((x <= 0) & (rest > HELD * size)) | ((x >= 1) & (rest < -HELD * size))
+        across = np.linalg.svd(np.vstack([rows / (np.abs(rows).max(initial=0.0) or 1.0), np.eye(len(x))[fixed]]))
+        space = across[2][int(np.sum(across[1] > HELD)) :].T
+
+        def slope(at: Array) -> Array:
+            return np.asarray(work.slope(minimize, at) + sum(
+                (m * one.sign * work.slope(one.of, at) for m, one in zip(factors, active, strict=True)), np.zeros(len(x))))
+
+        basis, products, own = np.zeros((0, len(x))), np.zeros((0, len(x))), slope(middle)
+        v = space @ rng.normal(size=space.shape[1])
+        while len(basis) < min(LOOKS, space.shape[1]) and np.linalg.norm(v) > HELD * size:
+            v = v / np.linalg.norm(v)
+            basis, products = np.vstack([basis, v]), np.vstack([products, (slope(middle + ASIDE * v) - own) / ASIDE])
+            v = space @ (space.T @ products[-1])
+            v -= basis.T @ (basis @ v)
+        bent, along = np.linalg.eigh(basis @ products.T + products @ basis.T) if len(basis) else (np.zeros(1), np.zeros((1, 1)))
+        if bent[0] >= -CURVED * np.abs(bent).max():
+            return None
+        least, found = work.value(minimize, x) - ENOUGH * size, None
+        for step in (10 * ASIDE, -10 * ASIDE, ASIDE, -ASIDE):
+            beside = np.clip(middle + step * (along[:, 0] @ basis), 0.0, 1.0)
+            if (value := work.value(minimize, beside)) < least:
+                least, found = value, beside
+    except (_OutOfRunsError, MbdaeError):
+        return None
+    return found
 
 
 def _held(work: _Designing, one: Bound, x: Array) -> Held:

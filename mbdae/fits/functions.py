@@ -3,7 +3,7 @@ and SciPy ask for them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +12,14 @@ import numpy as np
 from mbdae.derivatives import Objective, names_of
 from mbdae.errors import ListsAttributes, OptionError, naming_arguments
 from mbdae.integrators.base import end_after, output_times
+from mbdae.notation import counted
 from mbdae.results.quantities import Quantity
 from mbdae.results.result import Result
 from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.study.statements import changed, stated_value
 from mbdae.system.base import Array
-from mbdae.values import array, option, shown
+from mbdae.values import array, number, option, sequence, shown
 
 
 def varied(scene: SceneData, names: Sequence[str], values: Sequence[float], t_end: float) -> SceneData:
@@ -134,3 +135,58 @@ def scene_given(value: Any) -> SceneData:
     if not isinstance(value, SceneData):
         raise OptionError(f"scene = {shown(value)}: give a mb.Scene")
     return value
+
+
+# -- measurements, as users give them
+
+
+def measurements(data: Any) -> dict[Any, tuple[Array, Array]]:
+    """Measurements as a user gives them; OptionError for anything else."""
+    remedy = "give a mapping of sensors to (times, values), such as {'D.angle': (t, measured)}"
+    if not isinstance(data, Mapping) or not data:
+        raise OptionError(f"data = {shown(data)}: {remedy}")
+    found: dict[Any, tuple[Array, Array]] = {}
+    for name, given in data.items():
+        pair = option(f"data: {shown(name)}", given, sequence, remedy, each=array)
+        if len(pair) != 2:
+            raise OptionError(f"data: {shown(name)} has {counted(len(pair), 'entry')}: {remedy}")
+        t, values = pair
+        if t.ndim != 1 or t.shape != values.shape or not len(t) or t.min() < 0 or t.max() <= 0:
+            raise OptionError(f"data: {shown(name)} has times of shape {t.shape} and values of shape {values.shape}: give as "
+                              "many values as times, from 0 s on")
+        found[name] = t, values
+    return found
+
+
+def deviations(sigma: Any, data: Mapping[Any, tuple[Array, Array]]) -> dict[Any, Array]:
+    """Standard deviations (n,) of the measurements by sensor, 1 where none are given."""
+    remedy = "give positive standard deviations: a number, an array with one for each measurement, or either by sensor"
+    if isinstance(sigma, Mapping) and sigma.keys() != data.keys():
+        raise OptionError(f"sigma is given for {', '.join(map(str, sigma))}: {remedy}, for {', '.join(map(str, data))}")
+    found = {}
+    for name, (t, _) in data.items():
+        given = sigma[name] if isinstance(sigma, Mapping) else 1.0 if sigma is None else sigma
+        one = option("sigma", given, array, remedy)
+        if one.shape not in ((), t.shape) or not np.all(one > 0):
+            raise OptionError(f"sigma = {shown(given)}: {remedy}")
+        found[name] = np.broadcast_to(one, t.shape).astype(float)
+    return found
+
+
+def limits(bounds: Any, names: Sequence[str]) -> tuple[Array, Array]:
+    """Least and largest values (k,) of the numbers."""
+    remedy = "give a mapping of names in `to` to (least, largest), None for none, such as {'C.spring': (0, None)}"
+    given = {} if bounds is None else bounds
+    if not isinstance(given, Mapping) or not given.keys() <= set(names):
+        raise OptionError(f"bounds = {shown(bounds)}: {remedy}")
+    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for name, pair in given.items():
+        both = option(f"bounds: '{name}'", pair, sequence, remedy, each=lambda one: None if one is None else number(one))
+        if len(both) != 2:
+            raise OptionError(f"bounds: '{name}' = {shown(pair)}: {remedy}")
+        for ends, one in ((low, both[0]), (high, both[1])):
+            if one is not None:
+                ends[names.index(name)] = one
+    if np.any(low >= high):
+        raise OptionError(f"bounds: a least value is not below the largest one: {remedy}")
+    return low, high

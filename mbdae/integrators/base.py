@@ -191,7 +191,7 @@ class Solver(ABC):
             what = f"{solver!r} of {system.label} to {asked.t_end!r} s"
             record = RunRecord(keeper, solver.restarts, what) if (keeper := active()) else None
             with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
-                          asked.begin, asked.stop, record, asked.impacts) as loop, (
+                          asked.begin, asked.stop, record, asked.impacts, asked.meets) as loop, (
                               nullcontext() if record is None else record.guarding(loop)):
                 solver.between_breaks(loop, asked)
                 came(solution := loop.solution())
@@ -260,7 +260,8 @@ class Asked:
     """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far, called now and
     then, that returns whether the run may end; edges: times (s): no step may be longer than the interval between two of them in
     which it begins; bounds: longest steps in parts of the run, times `share`; impacts: factor on the longest step during an
-    impact; wanted: quantities, by name, whose error counts beside that of the motion where runs are compared."""
+    impact; meets: how near to its end, over its length, a step ends on a touch, None: as usual;
+    wanted: quantities, by name, whose error counts beside that of the motion where runs are compared."""
 
     t_end: float
     times: Array | None = None
@@ -272,6 +273,7 @@ class Asked:
     share: float | None = None
     stop: Callable[[Solution], bool] | None = None
     impacts: float = 1.0
+    meets: float | None = None
     edges: Array | None = None
     bounds: tuple[Bound, ...] = ()
     wanted: Any = None

@@ -35,7 +35,7 @@ MARGIN = 0.1
 SLOPE = 4 / 27
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 4
-MET = 1e-2  #: fraction of a step; a zero of the gap nearer than this to either end counts as being at that end
+MET = 1e-2  #: fraction of a step; a zero of the gap nearer than this to either end counts as being there, by default
 
 
 class Contact(NamedTuple):
@@ -112,9 +112,10 @@ class ContactSteps:
     is called when the step is accepted.
     """
 
-    def __init__(self, system: System, stats: Stats, impact: float = IMPACT) -> None:
-        """impact: longest step during an impact, as a fraction of its duration."""
-        self.system, self.stats, self.impact = system, stats, impact
+    def __init__(self, system: System, stats: Stats, impact: float = IMPACT, meets: float = MET) -> None:
+        """impact: longest step during an impact, as a fraction of its duration; meets: fraction of a step, a zero of the gap
+        nearer than this to either end counts as being at that end."""
+        self.system, self.stats, self.impact, self.meets = system, stats, impact, meets
         self._t = self._t_end = float(system.t0)
         self._here = self._before = self._end = self._contacts(system.t0, system.y0)
         self._inside = [0] * len(self._here)  # accepted steps in the present contact, if it began in this run
@@ -243,7 +244,7 @@ class ContactSteps:
             if gaps is not None and (gaps[i] < 0) == (self._here[i].gap < 0):
                 continue  # where the first one found closes or opens, this one has not done so yet: it does later
             found = self._zero(i, h, inside)
-            if MET < found < 1 - MET and (part is None or found < part):
+            if self.meets < found < 1 - self.meets and (part is None or found < part):
                 part, gaps = found, self._gaps(self._t + found * h, inside(found))
         if part is None:
             return None
@@ -258,7 +259,7 @@ class ContactSteps:
                 return (self._end if part else self._here)[i].gap
             return float(self._gaps(self._t + part * h, inside(part))[i])
 
-        return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * MET)
+        return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * self.meets)
 
     def keep(self) -> None:
         """To be called when the last step is accepted: counts its contacts."""

@@ -43,9 +43,10 @@ class StepLoop:
         begin: float | None = None,
         stop: Callable[[Solution], bool] | None = None,
         record: RunRecord | None = None,
-        impacts: float = 1.0,
+        impacts: float = 1.0, meets: float | None = None,
     ) -> None:
         self.impacts, self.record = impacts, record  # impacts: factor on the longest step during an impact
+        self.meets = () if meets is None else (meets,)  # how near to its ends a step counts as ending on a touch, of itself
         # whether the stretch ends for a planned restart; CPU and wall time (s) of this run in earlier processes
         self._planned, self._before = False, (0.0, 0.0)
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
@@ -54,8 +55,7 @@ class StepLoop:
         self._max_wall = np.inf if max_wall is None else max_wall
         self._max_residuals, self._begin = max_residuals, begin
         self._stop, self.stopped, self._next_look = stop, False, FIRST_LOOK
-        self._next_stall = STALL + 1
-        self._progress, self._next_progress = progress, 0.0
+        self._progress, self._next_progress, self._next_stall = progress, 0.0, STALL + 1
         self._t = array("d", [float(system.t0)])
         self._y = Rows("y", np.array(system.y0, dtype=float))
         self._yp = Rows("yp", np.array(system.yp0, dtype=float))

@@ -192,7 +192,8 @@ class StepWatch:
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
         self.loop, system = loop, loop.system
-        self.contacts = None if system.guards is None else ContactSteps(system, loop.stats, self.impact * loop.impacts)
+        self.contacts = None if system.guards is None else ContactSteps(system, loop.stats, self.impact * loop.impacts,
+                                                                          *loop.meets)
         self.switching = None if system.switches is None else SwitchingSteps(system, loop.stats, tolerance)
         arguments = None if self.switching is None else self.switching.arguments
         self.chattering = None if arguments is None else Chattering(system, arguments, tolerance, loop.switched)

@@ -48,6 +48,7 @@ from mbdae.values import number, option
 
 #: largest number of runs from the last of the first companions on, failed ones included, further companions not; for batches
 #: largest number of estimates
+LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
 ATTEMPTS = 5
 FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
 #: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
@@ -312,5 +313,6 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
 
 
 def plausible(accuracy: Any, name: str = "accuracy") -> float:
-    """An accuracy as a float; OptionError outside 1e-12 to 0.1."""
-    return float(option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=1e-12, most=1e-1))
+    """An accuracy as a float; OptionError outside LEAST_ACCURACY to 0.1."""
+    return float(option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=LEAST_ACCURACY,
+                        most=1e-1))

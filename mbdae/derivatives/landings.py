@@ -1,0 +1,202 @@
+r"""Touches in a run, at which steps end, and how these instants move with the numbers of the scene.
+
+A gap g(t, y; p) that closes or opens at the end tau of a step stays 0 there as a number p changes:
+
+    grad g . (S + y' dtau) + dg/dp + dg/dt dtau = 0,    dtau/dp = -(grad g . S + dg/dp) / (dg/dt + grad g . y'),
+
+S = dy/dp at a fixed time. The steps behind move with tau, and keep their lengths, so that the derivative along them is that of
+states which move, D = S + y' dtau/dp; at fixed times it is S = D - y' dtau/dp again. In a force that begins with the power 1.5 of
+the penetration a stage that moves with the touch has a derivative which begins with that power too; that of one at a fixed time
+begins with the power 0.5, which polynomials describe badly: per cents of the derivative of a bounce.
+
+Also here: y' where F = 0 states it together with the multipliers, as an implicit function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdae.derivatives.chart import DISTANCE, Chart, differenced
+from mbdae.errors import DerivativeError, warn
+from mbdae.integrators import radau_table
+from mbdae.integrators.contact_steps import Cubic
+from mbdae.integrators.solution import Solution
+from mbdae.native.explicit import ALL
+from mbdae.system.base import Array
+from mbdae.system.motion.states import gaps_of
+from mbdae.system.prepare import Prepared
+
+BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops
+SIDES = (1, -1, 2, -2, 3, -3)
+MEETS = 1e-6  #: a touch nearer to the end of a step than this share of the step counts as being there, in runs with derivatives
+OFF = 1e-3  #: the same, for a derivative that is given: 1.5 powers of it are the share of a derivative that is lost
+#: a contact that closes at less than this share of its largest closing speed, or a gap that passes its minimum at less than the
+#: square of it, of the largest gap, counts as grazing
+GRAZING = 1e-2
+#: impacts are resolved by steps that are shorter by the ratio of the tolerances to this power, for their order 2.5, and at most
+#: by this factor
+CLOSER, CLOSEST = 0.4, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Landing:
+    """The end of a step at which a contact (its number) closes or opens. by_state (n,), by_numbers (P,): derivatives of its gap;
+    rate: of the gap, m/s or rad/s; by_time: that without the motion of the unknowns; yp (n,): y' there."""
+
+    contact: int
+    closes: bool
+    by_state: Array
+    by_numbers: Array
+    rate: float
+    by_time: float
+    yp: Array
+
+    def moves(self, D: Array, shift: Array) -> Array:
+        """(P,) how much later the touch is; D (n, P): derivatives of the state at the end of the step, which is later by `shift`
+        (P,)."""
+        return np.asarray(-(self.by_state @ D + self.by_numbers + self.by_time * shift) / self.rate)
+
+
+def gaps(prepared: Prepared, t: Array, y: Array) -> Array:
+    """Gaps and their rates (k, contacts, 2) at times (k,) and unknowns (k, n)."""
+    q, u, _ = prepared.states(t, y)
+    found = gaps_of(prepared.mechanics, t, q, u)
+    return np.concatenate([np.stack(found[place], axis=2) for place in sorted(found)], axis=1)
+
+
+def landings(run: Solution, charts: Sequence[Chart], scale: Array) -> dict[int, Landing]:
+    """Number of a step -> the touch at its beginning, for a run whose steps end on touches."""
+    prepared = charts[0].varied.base.prepared
+    if not prepared.contacts:
+        return {}
+    values = gaps(prepared, run.t, run.y)
+    closed, size = values[:, :, 0] < 0, np.maximum(np.abs(run.y).max(axis=0), scale)
+    touches: dict[int, tuple[int, bool]] = {}
+    for m, i in np.argwhere(closed[1:] != closed[:-1]):
+        off = np.abs(values[[m, m + 1], i, 0]) / np.maximum(np.abs(values[[m, m + 1], i, 1]), 1e-300)
+        at, h = m + int(off[1] < off[0]), run.t[m + 1] - run.t[m]
+        if off.min() > OFF * h and min(m, 1):
+            raise DerivativeError(f"no step of the run ends where contact {contact_name(run, i)} closes or opens near t = "
+                                  f"{run.t[m + 1]:.6g} s, so that it has no derivative; ask for a smaller accuracy")
+        if at:
+            touches.setdefault(int(at), (int(i), bool(closed[m + 1, i])))
+    if not touches:
+        return {}
+    places = np.array([*touches])
+    of = np.array([contact for contact, _ in touches.values()])
+    t, y, count = run.t[places], run.y[places], np.arange(len(places))
+
+    def read(one: Prepared, states: Array) -> Array:
+        return np.asarray(gaps(one, t, states)[count, of, 0])
+
+    by = DISTANCE * size
+    slopes = [differenced(lambda node, e=e: read(prepared, y + node * e), SIDES, 1.0)[0] for e in np.diag(by)]  # type: ignore[misc]
+    by_states = np.stack(slopes, axis=1) / by
+    by_numbers = np.stack([chart.varied.explicit(lambda one: read(one.prepared, y))[0] for chart in charts], axis=1)
+    rates = values[places, of, 1]
+    return {int(m): Landing(contact, closes, by_states[k], by_numbers[k], float(rates[k]),
+                            float(rates[k] - by_states[k] @ run.yp[m]), run.yp[m])
+            for k, (m, (contact, closes)) in enumerate(touches.items())}
+
+
+def closer_impacts(finer: float) -> float:
+    """Factor on the longest step during an impact in a run whose tolerance is divided by `finer`."""
+    return float(max(finer**-CLOSER, CLOSEST))
+
+
+def rates_at_nodes(run: Solution, stages: int, some: slice) -> Array:
+    """y' (m, s + 1, n) of some steps at their beginnings and at all nodes, of the polynomials over them."""
+    table, interpolant = radau_table(stages), run.interpolant
+    ends, inner = interpolant.ends[some], interpolant.inner[some]  # type: ignore[attr-defined]
+    increments = np.concatenate([inner, (ends - run.y[some])[:, None]], axis=1)
+    slopes = table.slopes(np.r_[0.0, table.c])
+    return np.asarray(np.einsum("jk,mkn->mjn", slopes, increments) / np.diff(run.t)[some, None, None])
+
+
+def contact_name(run: Solution, contact: int) -> str:
+    """Name of a contact of a run, in quotes."""
+    names = run.systems[0][1].guard_names if run.systems else ()
+    return f"'{names[contact]}'" if contact < len(names) else f"number {contact}"
+
+
+def refuse_forces_that_jump(of: Any, beside: float, jump: float) -> None:
+    """Raise DerivativeError where y' of a run (`steps.Derived`) jumps at a touch, by more than this share: the derivatives
+    of speeds jump there. beside: distance from the touch at which y' is taken, over the length of the run."""
+    run = of.run
+    for m, one in of.landings.items():
+        span = beside * (run.t[-1] - run.t[0])
+        with of.within(float(run.t[m])):
+            if np.any(of.jump(np.clip([run.t[m] - span, run.t[m] + span], run.t[0], run.t[-1])) > jump):
+                raise DerivativeError(f"there are no derivatives of this run: the force of {contact_name(run, one.contact)} "
+                                      f"jumps at t = {run.t[m]:.6g} s as bodies touch or part, and derivatives do not pass such "
+                                      "jumps yet; state a normal law that begins at zero, such as mb.Hertz, or compare runs")
+
+
+def tell_grazing(run: Solution, prepared: Prepared, found: dict[int, Landing]) -> None:
+    """Warn of contacts that are hardly made, or missed: with slightly other numbers the sequence of contacts is another one, and
+    the derivative holds for much smaller changes only."""
+    values = gaps(prepared, run.t, run.y)
+    fastest, widest = np.abs(values[:, :, 1]).max(axis=0), np.abs(values[:, :, 0]).max(axis=0)
+    slow = [(float(run.t[m]), one.contact) for m, one in found.items()
+            if one.closes and -one.rate < GRAZING * fastest[one.contact]]
+    g, v, h = values[:, :, 0], values[:, :, 1], np.diff(run.t)
+    for m, i in np.argwhere((v[:-1] < 0) & (v[1:] > 0) & (np.minimum(g[:-1], g[1:]) > 0)):
+        part, least = Cubic(h[m], g[m, i], g[m + 1, i], v[m, i], v[m + 1, i]).minimum()
+        if least < GRAZING**2 * widest[i]:
+            slow.append((float(run.t[m] + part * h[m]), int(i)))
+    if slow:
+        t, contact = min(slow)
+        warn(f"derivatives: contact {contact_name(run, contact)} is grazed near t = {t:.6g} s: it is made or missed with "
+             "slightly other numbers, and the derivative holds for smaller changes only")
+
+
+# -- y' and multipliers
+
+
+class Balance:
+    """y' = f(t, y) by F(t, (y, lambda), (y', 0)) = 0, with the derivatives of this implicit function."""
+
+    def __init__(self, of: Any) -> None:
+        self.of, self.lists, self.n = of, of.lists, of.n
+        self._rate = np.arange(of.assembly.n) < of.n
+        self._multipliers = np.zeros(of.assembly.n - of.n)
+        self._at: dict[int, Any] = {}
+        self.prescribed: Array = np.zeros(0)
+        self.of_clock: Array = np.zeros(0)
+
+    def at(self, t: float, y: Array) -> tuple[Array, Array, Array, Array]:
+        """Unknowns and rates of F at which it vanishes, dF/d(y', lambda) and dF/dy."""
+        rates, zeros = np.zeros(self.n), np.zeros(len(self._multipliers))
+        for _ in range(ITERATIONS):
+            Y, Yp = np.concatenate([y, self._multipliers]), np.concatenate([rates, zeros])
+            fy, fyp = (x[0] for x in self.of.assembly.dense_stages(np.array([t]), Y[None], Yp[None]))
+            matrix = np.where(self._rate, fyp, fy)
+            step = np.linalg.solve(matrix, self.lists.value(t, Y, Yp))
+            rates, self._multipliers = rates - step[: self.n], self._multipliers - step[self.n :]
+            size = max(np.abs(rates).max(initial=0.0), np.abs(self._multipliers).max(initial=0.0))
+            if np.abs(step).max(initial=0.0) <= BALANCED * size:
+                break
+        return np.concatenate([y, self._multipliers]), np.concatenate([rates, zeros]), np.asarray(matrix), np.asarray(fy)
+
+    def value(self, at: int, t: float, y: Array) -> Array:
+        """y' at stage `at`."""
+        self._at[at % ALL] = t, *self.at(t, y.copy())
+        return np.asarray(self._at[at % ALL][2][: self.n])
+
+    def along(self, at: int, dy: Array) -> Array:
+        """Changes (n, P) of y' for those of y (n, P) and those of the numbers."""
+        t, Y, Yp, matrix, fy = self._at[at % ALL]
+        self.lists.twins.at(prescribed=np.ascontiguousarray(self.prescribed[at : at + 1]))
+        by_numbers = self.lists.twins.states(np.array([t]), Y[None], Yp[None])[0]
+        return np.asarray(-np.linalg.solve(matrix, by_numbers + fy[:, : self.n] @ dy)[: self.n])
+
+    def back(self, at: int, weight: Array) -> Array:
+        """Weights (n,) of y for weights (n,) of y'."""
+        t, Y, Yp, matrix, _ = self._at[at % ALL]
+        v = -np.linalg.solve(matrix.T, np.concatenate([weight, np.zeros(len(self._multipliers))]))
+        self.lists.twins.at(of_clock=self.of_clock[at : at + 1])
+        return np.asarray(self.lists.twins.states(np.array([t]), Y[None], Yp[None], v[None])[0, : self.n])

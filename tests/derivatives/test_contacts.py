@@ -1,0 +1,98 @@
+"""Derivatives through contacts: steps end on touches and move with them (`derivatives/landings.py`)."""
+
+import warnings
+
+import pytest
+import sympy
+
+import mbdae as mb
+from mbdae.derivatives import Refined
+
+J = 4e-3  # kg m^2, of balls of 1 kg and 0.1 m
+
+
+def two_balls(speed=1.0, second=0.0, stiffness=1e9):
+    """A ball that hits another one, elastic."""
+    s = mb.Scene("two balls")
+    a = s.rigid_body("a", 1.0, (J, J, J), at=(0, 0, 0), velocity=(speed, 0, 0))
+    b = s.rigid_body("b", 1.0, (J, J, J), at=(0.5, 0, 0), velocity=(second, 0, 0))
+    s.contact("hit", a, b, mb.Sphere(radius=0.1), mb.Sphere(radius=0.1), normal=mb.Hertz(stiffness))
+    return s
+
+
+def ball(height=0.3, stiffness=1e6, damping=0.2, mu=0.3, normal=mb.Hertz):
+    """A ball thrown to the floor, with friction."""
+    s = mb.Scene("ball", gravity=(0, 0, -9.81))
+    b = s.rigid_body("ball", 1.0, (J, J, J), at=(0, 0, height + 0.1), velocity=(0.7, 0, 0))
+    s.contact("floor", s.ground, b, mb.Plane(), mb.Sphere(radius=0.1), normal=normal(stiffness, damping=damping),
+              friction=mb.Coulomb(mu, 0.05))
+    return s
+
+
+def shaken(rate=20.0, drop=0.05):
+    """A ball on a plate that is driven up and down: gaps and forces depend on the time too."""
+    s, w = mb.Scene("shaken", gravity=(0, 0, -9.81)), mb.number("w", rate)
+    plate, b = s.rigid_body("plate", 1.0, (1, 1, 1), at=(0, 0, 0)), s.rigid_body("ball", 1.0, (J, J, J), at=(0, 0, 0.1 + drop))
+    s.prismatic("drive", s.ground, plate, at=(0, 0, 0), axis=(0, 0, 1), position=0.01 * sympy.sin(w * mb.t))
+    s.contact("hit", plate, b, mb.Plane(), mb.Sphere(radius=0.1), normal=mb.Hertz(1e6, damping=0.3))
+    return s
+
+
+def by_differences(made, at, of, t_end, by):
+    """Derivative by differences of order 4 of runs that are much more exact."""
+    def value(x):
+        return made(x).simulate(t_end, solver=mb.DOP853(rtol=1e-13)).value(of)[-1]
+
+    return (8 * (value(at + by) - value(at - by)) - value(at + 2 * by) + value(at - 2 * by)) / (12 * by)
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853()])
+def test_an_elastic_impact_exchanges_the_speeds(solver):
+    """Also for both speeds a little larger, so that the derivatives are exactly 0 and 1; frozen steps give up to 8."""
+    r = two_balls().simulate(1.0, 1e-8, solver=solver)
+    g = r.gradient(mb.at_end("b.velocity[0]"), to=["a.velocity.0", "b.velocity.0"])
+    for name, exact in (("a.velocity.0", 1.0), ("b.velocity.0", 0.0)):
+        assert abs(g[name].value - exact) <= max(g[name].error, 1e-12)
+        assert g[name].error < 1e-4
+
+
+@pytest.mark.parametrize(("made", "at", "name", "of"), [
+    (lambda x: ball(height=x), 0.3, "ball.at.2", "ball.position[2]"),
+    (lambda x: ball(stiffness=x), 1e6, "floor.normal.stiffness", "ball.position[2]"),
+    (lambda x: ball(mu=x), 0.3, "floor.friction.mu", "ball.position[0]"),
+    (lambda x: shaken(rate=x), 20.0, "w", "ball.position[2]"),
+])
+def test_bounces_against_differences(made, at, name, of):
+    d = by_differences(made, at, of, 0.45, 1e-3 * at)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        g = made(at).simulate(0.45, 1e-8).gradient(mb.at_end(of), to=name)[name]
+    assert g.value == pytest.approx(d, rel=1e-6)
+    assert g.error < 1e-4 * abs(d)
+
+
+def test_the_adjoint_is_the_tangent_transposed_through_contacts():
+    """Of a plate that is driven, so that instants enter by forces and gaps; Radau IIA and DOP853."""
+    names = ["w", "ball.mass", "hit.normal.stiffness", "hit.normal.damping"]
+    of = mb.integral("ball.position[2]**2")
+    for solver in (mb.RadauIIA(3), mb.DOP853()):
+        r = shaken().simulate(0.45, 1e-6, solver=solver)
+        level = Refined(r, names).level()
+        assert len(level.derived.landings) >= 4
+        times, weights = of.points(level.result)
+        for k in range(len(names)):
+            along = weights @ level.of(k, lambda one, times=times: of.read(one, times))[0]
+            assert level.sums(of)[k][0] == pytest.approx(along, rel=1e-7)
+
+
+@pytest.mark.parametrize(("offset", "told"), [(0.1999999, True), (0.2000001, True), (0.1, False), (0.3, False)])
+def test_grazing_is_told_and_a_plain_hit_or_miss_is_not(offset, told):
+    """Balls of .1 m whose centres pass each other at a distance; one resting ball is hit, hardly hit, or hardly missed."""
+    s = mb.Scene("passing")
+    a = s.rigid_body("a", 1.0, (J, J, J), at=(0, 0, 0), velocity=(1.0, 0, 0))
+    b = s.rigid_body("b", 1.0, (J, J, J), at=(0.5, offset, 0))
+    s.contact("hit", a, b, mb.Sphere(radius=0.1), mb.Sphere(radius=0.1), normal=mb.Hertz(1e7))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        s.simulate(1.0).gradient(mb.at_end("a.position[1]"), to="a.velocity.0")
+    assert any("'hit' is grazed near t = " in str(one.message) for one in found) is told
