@@ -79,6 +79,8 @@ class Periodic(Result):
     period_error: float
     autonomous: bool
     family: bool
+    stated: Any  #: the period that was stated, None where it was found
+    shares: Array  #: of the period at which the steps of the shooting end
 
     @cached_property
     def floquet(self) -> Floquet:
@@ -127,7 +129,9 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
     prepared = prepared_from(scene, begin, length or 0.0)
     refuse_rolling(prepared.mechanics, "periodic", "simulate until transients have died out")
     found = _Search(prepared, accuracy, length, wanted_of(of, prepared)).run()
-    return _result(scene, found, accuracy, of)
+    made = _result(scene, found, accuracy, of)
+    made.stated = period
+    return made
 
 
 def _number(period: Any) -> Any:
@@ -293,6 +297,7 @@ def _result(scene: SceneData, found: Found, accuracy: float, of: Any) -> Periodi
     made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=replace(known, estimated=estimate, of={
         key: None if error is None else error + found.error for key, error in known.of.items()})), run.t)
     made.period, made.period_error = shot.period, found.period_error
+    made.shares = shot.shares
     made.autonomous, made.family = found.autonomous, found.family
     if estimate is not None and known.estimated is not None and estimate > accuracy >= known.estimated:
         warn(f"scene '{scene.name}': the periodic motion is off by about {estimate:.1e}, where {accuracy:g} was asked")

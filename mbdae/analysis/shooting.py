@@ -70,6 +70,7 @@ class Shooting:
         self.shrinks = False  #: whether a correction was left out that would lead to rest
 
     def followed_from(self, system: SceneSystem, span: float) -> Solution:
+        """An adaptive run from the start of a system over a span (s)."""
         return replace(SOLVER, rtol=LOOSE).solve(system, system.t0 + span)
 
     def begun_at(self, t: float, y: Array) -> SceneSystem:
@@ -78,6 +79,7 @@ class Shooting:
         return self.system.starting(begin, *self.system.restarted(begin, y))
 
     def shot(self, system: SceneSystem, period: float, shares: Array) -> Shot:
+        """The motion over one period (s), in steps that end at shares (steps + 1,) of it."""
         orbit = followed(system, period, shares)
         end = orbit.y[-1, -1]
         sign, turns = later(self.prepared, system, np.stack([system.y0, end]), self.acting)

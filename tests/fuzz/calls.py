@@ -263,6 +263,9 @@ CALLS: dict[str, Call] = {
     "Scene.periodic": Call(lambda: scene().periodic,
                            lambda: {"period": 1.0, "accuracy": 1e-6, "start": None, "of": ["hinge.angle"]},
                            "mbdae.analysis.periodic._Search"),
+    "Scene.continuation": Call(lambda: scene().continuation,
+                               lambda: {"name": "arm.mass", "over": (0.5, 2.0), "of": hanging(), "steps": 3},
+                               "mbdae.analysis.continuation.Rests"),
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
