@@ -26,7 +26,7 @@ from mbdae.scene.sensed import refuse_sampled
 from mbdae.study.statements import stated_value
 from mbdae.system.base import Array
 from mbdae.threads import single_threaded
-from mbdae.values import BadValueError, number, option, text, whole
+from mbdae.values import BadValueError, number, option, several, shown, text, whole
 
 #: first, longest and shortest step along a branch, over the range of the number and the scale of the motion
 FIRST, LONGEST, SHORTEST = 0.02, 0.1, 1e-7
@@ -68,8 +68,8 @@ class Branch:
         self.roots = [place.roots for place in places]
 
     def __getattr__(self, name: str) -> list[Located]:
-        for kind, several in KINDS.items():
-            if name == several:
+        for kind, plural in KINDS.items():
+            if name == plural:
                 return [one for one in self.located if one.kind == kind]
         raise AttributeError(f"a branch has no attribute {name!r}")
 
@@ -83,8 +83,8 @@ class Branch:
         if self._finer is None:
             return [0.0] * len(self.located)
         fine, found = self._finer(), []
-        for kind, several in KINDS.items():
-            mine, theirs = getattr(self, several), getattr(fine, several)
+        for kind, plural in KINDS.items():
+            mine, theirs = getattr(self, plural), getattr(fine, plural)
             found += [(one, abs(theirs[i].value - one.value) if len(theirs) == len(mine) else np.nan)
                       for i, one in enumerate(mine) if one.kind == kind]
         return [next(error for other, error in found if other is one) for one in self.located]
@@ -130,13 +130,16 @@ def continuation(scene: SceneData, name: str, over: Any, of: Any = None, steps: 
     low, high = option("over", over, _range, "give the smallest and the largest value, such as (10, 60)")
     most = option("steps", steps, whole, "give the largest number of points on either side", least=1)
     refuse_sampled(scene, "continuation")
-    begin = float(stated_value(scene, called, 1.0))
+    if of is not None and not isinstance(of, Periodic | Equilibrium):
+        raise OptionError(f"of = {shown(of)} is neither a periodic motion nor a state at rest: {OF}")
+    try:
+        begin = float(stated_value(scene, called, 1.0))
+    except OptionError as error:
+        raise OptionError(f"name = {shown(name)}: {error}") from error
     if not low <= begin <= high:
         raise OptionError(f"over = ({low:g}, {high:g}) does not contain {called} = {begin:g}, the value of the scene, at which "
                           f"the branch begins")
     start = scene.equilibrium() if of is None else of  # type: ignore[attr-defined]
-    if not isinstance(start, Periodic | Equilibrium):
-        raise OptionError(f"of = {of!r} is neither a periodic motion nor a state at rest: {OF}")
     kind = Orbits if isinstance(start, Periodic) else Rests
     branch = _branch(kind(scene, called, high - low, start), begin, (low, high), most)
     for end in branch.ends:
@@ -169,11 +172,11 @@ def _branch(along: Along, begin: float, over: tuple[float, float], most: int) ->
 
 def _range(value: Any) -> tuple[float, float]:
     try:
-        low, high = (number(float(x)) for x in value)
-    except (TypeError, ValueError):
-        raise BadValueError("is no pair of numbers") from None
+        low, high = [number(x) for x in (value if several(value) else [])]
+    except (TypeError, ValueError, BadValueError):
+        raise BadValueError(f"{shown(value)} is no pair of numbers") from None
     if not low < high:
-        raise BadValueError("is not a smaller and a larger number")
+        raise BadValueError(f"{shown(value)} is not a smaller and a larger number")
     return low, high
 
 
