@@ -40,7 +40,7 @@ from mbdae.threads import limited, single_threaded
 from mbdae.values import flag, number, of_class, option, optional, sequence, shown, text, whole
 
 if TYPE_CHECKING:
-    from mbdae.analysis import Equilibrium, Floquet, Linearization, Periodic
+    from mbdae.analysis import Branch, Equilibrium, Floquet, Linearization, Periodic
     from mbdae.robots.joint_space import Tree
     from mbdae.run.stepper import Stepper
 else:
@@ -161,6 +161,13 @@ class Scene(SceneData):
         from mbdae.analysis import periodic
 
         return periodic(self, period, accuracy, start, of)
+
+    def continuation(self, name: str, over: Sequence[float], of: Any = None, steps: int = 400) -> Branch:
+        """The branch of periodic motions, or states at rest, along a number of the scene, with folds, period doublings and places
+        where oscillations begin to grow; see `mbdae.analysis.continuation`."""
+        from mbdae.analysis import continuation
+
+        return continuation(self, name, over, of, steps)
 
     def tree(self) -> Tree:
         """Joint-space dynamics of the scene: mass matrix, bias, gravity, inverse and forward dynamics, Jacobians at given states;

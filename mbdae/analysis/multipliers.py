@@ -18,9 +18,10 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
-from mbdae.analysis.orbit import Departures, Return, check_return, departures, followed, propagated
+from mbdae.analysis.orbit import MOST, RETURN, Departures, Return, check_return, departures, followed, halved
 from mbdae.analysis.reduced import refuse_rolling
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
+from mbdae.analysis.shooting import propagated
 from mbdae.analysis.state import at_kinks
 from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
 from mbdae.formulations import system_for
@@ -38,7 +39,6 @@ from mbdae.values import number, option, optional, whole
 
 Complex = NDArray[np.complex128]
 
-FEWEST, MOST = 16, 8192  #: smallest and largest number of equal steps over a period
 #: the error of the run with half the step is taken as the difference of both runs over GAIN: Radau IIA has order 5, which gives
 #: 2^5 - 1 = 31; in stiff equations the order falls towards the order 3 of its stages, about 2^3
 GAIN = 8.0
@@ -151,7 +151,7 @@ def on_circle(multipliers: Complex, errors: Array) -> NDArray[np.bool_]:
 def exponents(multipliers: Complex, period: float) -> Array:
     """log(multiplier) / period, 1/s, principal; -inf where a multiplier is zero."""
     with np.errstate(divide="ignore"):
-        return np.asarray((np.log(np.abs(multipliers)) + 1j * np.angle(multipliers)) / period)
+        return np.asarray(np.log(np.abs(multipliers)) / period + 1j * np.angle(multipliers) / period)
 
 
 @dataclass(frozen=True)
@@ -189,17 +189,23 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     accuracy = option("accuracy", accuracy, number, "give the error of exponent x period, a number from 1e-11 to 0.01",
                       least=1e-11, most=1e-2)
     refuse_sampled(scene, "floquet")
+    return multipliers_of(scene, period, at, count, accuracy)
+
+
+def multipliers_of(scene: SceneData, period: float, at: Any, count: int | None, accuracy: float, off: float = 0.0) -> Floquet:
+    """`floquet` after its options have been read, of a motion that is off by `off` of its size, as its multipliers then are."""
     prepared = prepared_from(scene, start_at(scene, at), period)
     refuse_rolling(prepared.mechanics, "floquet", "where the motion is steady, use s.linearize; else simulate small disturbances")
     system = system_for(prepared, highest_index=3)
-    returned = check_return(prepared, system, period)
+    returned = check_return(prepared, system, period, max(RETURN, 100 * off))
     directions = departures(prepared, system, returned, period)
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
-    found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
+    found = _converged(system, directions, period, returned.shares, wanted, accuracy)
+    found = replace(found, errors=found.errors + off)
     made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned)
     if returned.kinks:
         warn(at_kinks(returned.kinks, "the multipliers"))
-    made._finer = finer(partial(floquet, period=period, count=count, accuracy=accuracy), scene, at)
+    made._finer = finer(partial(multipliers_of, period=period, count=count, accuracy=accuracy, off=off), scene, at)
     return made
 
 
@@ -226,34 +232,35 @@ def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departure
     return np.asarray((a[1:] - a[0]).T)
 
 
-def _converged(system: SceneSystem, directions: Departures, period: float, steps: int, count: int, accuracy: float) -> Monodromy:
+def _converged(system: SceneSystem, directions: Departures, period: float, ends: Array, count: int,
+               accuracy: float) -> Monodromy:
     """Double the steps until the largest multipliers are as accurate as asked, or until more steps do not help."""
     before: Monodromy | None = None
     while True:
         try:
-            now = _in_steps(system, directions, period, steps)
+            now = _in_steps(system, directions, period, ends)
         except SolverError:  # the motion itself needs shorter steps
-            if 2 * steps > MOST:
+            if 2 * len(ends) > MOST:
                 raise
-            before, steps = None, 2 * steps
+            before, ends = None, halved(ends)
             continue
         if before is not None:
             now = _compared(now, before)
             asked = (np.arange(len(now.values)) < count) & (np.abs(now.values) > LOST * np.max(np.abs(now.values), initial=0.0))
             worst, last = (float(np.max(found.change[asked], initial=0.0)) for found in (now, before))
-            if worst <= accuracy or 2 * steps > MOST or (worst < ROUND and worst > last / 2):
+            if worst <= accuracy or 2 * len(ends) > MOST or (worst < ROUND and worst > last / 2):
                 return _judged(now, asked, worst, accuracy)
-        before, steps = now, 2 * steps
+        before, ends = now, halved(ends)
 
 
-def _in_steps(system: SceneSystem, directions: Departures, period: float, steps: int) -> Monodromy:
-    matrix = directions.read(propagated(system, followed(system, period, steps), directions.start))
+def _in_steps(system: SceneSystem, directions: Departures, period: float, ends: Array) -> Monodromy:
+    matrix = directions.read(propagated(system, followed(system, period, ends), directions.start))
     values, left, vectors = scipy.linalg.eig(matrix, left=True)
     overlap = np.maximum(np.abs(np.einsum("nk,nk->k", left.conj(), vectors)), np.finfo(float).eps)
     rounding = 4 * np.finfo(float).eps * np.linalg.norm(matrix) / overlap / np.maximum(np.abs(values), np.finfo(float).tiny)
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
     unknown = np.full(len(values), np.inf)
-    return Monodromy(matrix, steps, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order])
+    return Monodromy(matrix, len(ends) - 1, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order])
 
 
 def _compared(fine: Monodromy, coarse: Monodromy) -> Monodromy:

@@ -13,20 +13,23 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+import symengine as se
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 
 from mbdae.analysis.frame import attitude, position
 from mbdae.analysis.pencil import acting, derivatives
 from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.state import kinks
 from mbdae.errors import OptionError, SteadyError
+from mbdae.inputs import time_symbol
+from mbdae.inputs.resolution import LongestStep
 from mbdae.integrators import CollocationTable
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
+from mbdae.system.model.moved_bodies import expressions_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
@@ -43,6 +46,9 @@ WHOLE = 16
 #: largest relative difference of the state after a period from the start, and of the equations from those a period before, with
 #: which a motion counts as periodic; exponents change by about as much
 RETURN = 1e-4
+FEWEST, MOST = 16, 8192  #: smallest and largest number of steps over a period
+EQUAL = 1e-9  #: relative difference of steps that count as equal
+GRADED = 10.0  #: ratio of the longest to the shortest step of a run from which an orbit is followed in unequal steps
 CLOSINGS = 3  #: number of corrections by which a state near a motion comes to satisfy the constraints
 SAMPLES = 24  #: largest number of times at which the equations are compared with those of a period later
 
@@ -50,7 +56,7 @@ SAMPLES = 24  #: largest number of times at which the equations are compared wit
 @dataclass(frozen=True)
 class Orbit:
     """One period in steps of h (steps,) s, shorter at breaks of inputs: t (steps, s), y and y' (steps, s, n) at all stages, and
-    the system (steps,) that holds in every step."""
+    the system (steps,) that holds in every step; run: the same as a solution."""
 
     h: Array
     systems: list[SceneSystem]
@@ -58,20 +64,48 @@ class Orbit:
     t: Array
     y: Array
     yp: Array
+    run: Solution
 
 
-def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
-    """The motion over a period from the system's start; raises SolverError where the steps are too long."""
-    h = period / steps
-    share = min(1.0, WHOLE / steps)
-    solution = RadauIIA(SOLVER.stages, step=h).solve(system, system.t0 + period, share=share)
+def followed(system: SceneSystem, period: float, shares: Array) -> Orbit:
+    """The motion over a period from the system's start, in steps that end at shares (steps + 1,) of the period, from 0 to 1;
+    raises SolverError where the steps are too long."""
+    count, widths = len(shares) - 1, np.diff(shares)
+    step, share = period / count, min(1.0, WHOLE / count)
+    if np.ptp(widths) > EQUAL * widths[0]:
+        edges = system.t0 + period * shares
+        system, step = system.starting(system.t0, system.y0, system.yp0, LongestStep(edges, 1.0, edges)), period
+    solution = RadauIIA(SOLVER.stages, step=step).solve(system, system.t0 + period, share=share)
     dense = solution.interpolant
     assert isinstance(dense, Collocation)
     table, widths = dense.table, np.diff(solution.t)
     Z = np.concatenate([dense.inner, (dense.ends - solution.y[:-1])[:, None]], axis=1)
     yp = np.einsum("ij,kjn->kin", table.A_inv, Z) / widths[:, None, None]
     systems = _systems(solution, system, solution.t[:-1])
-    return Orbit(widths, systems, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp)
+    return Orbit(widths, systems, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp,
+                 solution)
+
+
+def shares_of(run: Solution, free: bool) -> Array:
+    """Shares (steps + 1,) of the period at which the first steps end, half as many as an adaptive run over it took: equal
+    ones, but every second of that run where nothing depends on time (`free`), so that jumps between slow parts are followed."""
+    count = max(FEWEST, run.stats.steps // 2)
+    shares = (run.t - run.t[0]) / (run.t[-1] - run.t[0])
+    widths = np.diff(shares)
+    if not free or len(widths) < FEWEST or np.max(widths[1:-1]) < GRADED * np.min(widths[1:-1]):
+        return np.linspace(0, 1, count + 1)
+    inner = shares[2:-1:2]
+    return np.concatenate([[0.0], inner[inner < 1 - widths.min()], [1.0]])
+
+
+def halved(shares: Array) -> Array:
+    """Shares of steps of half the length."""
+    return np.sort(np.concatenate([shares, (shares[1:] + shares[:-1]) / 2]))
+
+
+def time_free(prepared: Prepared) -> bool:
+    """Whether no equation depends on the time: the motion repeats by itself, where it repeats."""
+    return not any(se.Symbol(str(time_symbol())) in se.sympify(e).free_symbols for e in expressions_of(prepared.model))
 
 
 def _systems(run: Solution, system: SceneSystem, t: Array) -> list[SceneSystem]:
@@ -85,23 +119,24 @@ LATER = 0.37  #: part of the period after which a motion that is at a kink at it
 @dataclass(frozen=True)
 class Return:
     """A motion that repeats: its largest relative distance from the start after the period, the numbers of the internal
-    states that act on it, the steps an adaptive run took, -1 for unknowns (n,) of quaternions that changed their sign, and the
-    items at whose kinks the motion stays: at its start and later."""
+    states that act on it, shares of the period at which the first steps end, -1 for unknowns (n,) of quaternions that
+    changed their sign, and the items at whose kinks the motion stays: at its start and later."""
 
     off: float
     acting: Indices
-    steps: int
+    shares: Array
     sign: Array
     kinks: list[tuple[str, Array]]
 
 
-def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Return:
-    """Raises SteadyError where state or equations do not repeat after the period. Whole turns are a return."""
+def check_return(prepared: Prepared, system: SceneSystem, period: float, most: float = RETURN) -> Return:
+    """Raises SteadyError where state or equations do not repeat after the period, the state but for `most`. Whole turns are a
+    return."""
     run = RadauIIA(SOLVER.stages, rtol=FIRST).solve(system, system.t0 + period)
     ends = prepared.states(run.t[[0, -1]], run.y[[0, -1]])
     acting = acting_states(system, run)
     off, difference = _difference(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
-    if off > RETURN:
+    if off > most:
         raise SteadyError(f"after period = {period:.9g} s {difference}: give a whole period of the motion, and start on that "
                           f"motion: pass at=(result, t) of a run whose transients have died out, or "
                           f"at=s.equilibrium(frame=...)")
@@ -111,7 +146,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
         raise SteadyError(f"the equations do not repeat after period = {period:.9g} s, although the motion does: "
                           f"{changed_equation}; give a period after which loads and prescribed motions repeat too (a force "
                           f"that grows with every turn never does)")
-    return Return(off, acting, run.stats.steps, sign, _stays_at(prepared, run, period))
+    return Return(off, acting, shares_of(run, time_free(prepared)), sign, _stays_at(prepared, run, period))
 
 
 def _stays_at(prepared: Prepared, run: Solution, period: float) -> list[tuple[str, Array]]:
@@ -293,43 +328,3 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
     if len(rigid):
         raise OptionError(f"floquet needs finite stiffnesses of all beams, and the one that belongs to {system.names[rigid[0]]} "
                           f"is infinite; give that beam a section with finite ones")
-
-
-def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
-    """dy (n, k) at the end of the orbit, from that at its start."""
-    solve = _sparse_step if system.sparse else _dense_step
-    for i, (stages, own) in enumerate(zip(orbit.t, orbit.systems, strict=True)):
-        with own.within(float(np.mean(stages))):
-            dy = dy + solve(own, orbit, i, dy)
-    return dy
-
-
-def _dense_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
-    """Change of dy over step i; dense."""
-    s, n = orbit.t.shape[1], system.n
-    K, right, A = np.zeros((s, n, s, n)), np.empty((s, n, dy.shape[1])), orbit.table.A_inv / orbit.h[i]
-    for j in range(s):
-        fy, fyp = system.jacobian_parts(orbit.t[i, j], orbit.y[i, j], orbit.yp[i, j])
-        K[j] = A[j, None, :, None] * fyp[:, None, :]
-        K[j, :, j] += fy
-        right[j] = -fy @ dy
-    M = K.reshape(s * n, s * n)
-    columns = 1 / np.max(np.abs(M), axis=0)
-    M *= columns
-    rows = 1 / np.max(np.abs(M), axis=1)
-    M *= rows[:, None]
-    Z = np.linalg.solve(M, rows[:, None] * right.reshape(s * n, -1))
-    return np.asarray(columns[-n:, None] * Z[-n:])
-
-
-def _sparse_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
-    """Change of dy over step i, with sparse matrices."""
-    s, A = orbit.t.shape[1], orbit.table.A_inv / orbit.h[i]
-    parts = [derivatives(system, orbit.t[i, j], orbit.y[i, j], orbit.yp[i, j]) for j in range(s)]
-    K = sp.bmat([[A[j, l] * parts[j][1] + (parts[j][0] if j == l else 0 * parts[j][0]) for l in range(s)] for j in range(s)])
-    columns = 1 / abs(K).max(axis=0).toarray().ravel()
-    K = K @ sp.diags(columns)
-    rows = 1 / abs(K).max(axis=1).toarray().ravel()
-    right = -np.concatenate([fy @ dy for fy, _ in parts]) * rows[:, None]
-    Z = splu((sp.diags(rows) @ K).tocsc()).solve(right)
-    return np.asarray(columns[-system.n :, None] * Z[-system.n :])

@@ -1,8 +1,8 @@
 """Periodic motions by shooting: Newton's method for the state, and of autonomous scenes the period, to which a motion returns.
 
-One period in equal steps of Radau IIA maps the departures from a state that the constraints allow to those after the period; its
-exact derivative (`orbit`) is the matrix whose eigenvalues are the multipliers. The steps are halved until the motion no longer
-changes by more than is asked: what it changed by, over GAIN, is its error.
+One period in steps of Radau IIA, equal ones or those of an adaptive run, maps the departures from a state that the constraints
+allow to those after the period; its exact derivative (`shooting`) is the matrix whose eigenvalues are the multipliers. The steps
+are halved until the motion no longer changes by more than is asked: what it changed by, over GAIN, is its error.
 """
 
 from __future__ import annotations
@@ -15,22 +15,20 @@ from typing import Any
 import numpy as np
 
 from mbdae.analysis.linearization import start_at
-from mbdae.analysis.multipliers import FEWEST, GAIN, MOST, ROUND, Floquet, floquet, prepared_from
+from mbdae.analysis.multipliers import GAIN, ROUND, Floquet, multipliers_of, prepared_from
 from mbdae.analysis.orbit import (
-    SOLVER,
-    Departures,
-    Orbit,
-    Return,
+    MOST,
     acting_states,
     angles,
     changed,
-    departures,
-    followed,
+    halved,
     later,
-    propagated,
+    shares_of,
+    time_free,
 )
 from mbdae.analysis.reduced import refuse_rolling
-from mbdae.errors import OptionError, SolverError, SteadyError, naming_arguments, warn
+from mbdae.analysis.shooting import NOT_FOUND, Shooting, Shot
+from mbdae.errors import SolverError, SteadyError, naming_arguments, warn
 from mbdae.formulations import system_for
 from mbdae.inputs.sensed import numbers_in, with_values
 from mbdae.integrators.solution import Solution
@@ -45,38 +43,50 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.threads import single_threaded
 from mbdae.values import number, option, optional
 
-LOOSE = 1e-6  #: rtol of the runs that show the number of steps, and that go on where Newton's method finds no way
-ITERATIONS, HALVINGS = 25, 5  #: largest number of corrections with one number of steps, and of halvings of one
-#: a correction that is this part of the state's scale is the last; a residual below FOUND counts as none; one below STALLED is
-#: taken, because few steps damp a motion without losses, which then returns with more steps alone
-LAST, FOUND, STALLED = 1e-6, 1e-12, 1e-3
-NOT_FOUND = ("no periodic motion was found from this start: after {:.6g} s the motion is {:.2g} of its size off where it began, "
-             "and no change of the start brings it nearer; give a start nearer to it, start=(result, t)")
 SHARE = 0.2  #: part of the accuracy that the error of the shooting may be; the rest is that of the run over the period
 PERIOD = 1e-8  #: largest relative error of a period that is found
-#: singular values of the corrections' matrix below this, over the largest, count as 0: of families of periodic motions the next
-#: one is taken
-SINGULAR = 1e-8
+#: below ALIKE (or 100 times the error), to which the motion is known, others lie beside it; a change of the start along which the
+#: share TUNES of it is of the period leads to other periods
+ALIKE, TUNES = 1e-7, 1e-4
+UNFOLLOWED = "the motion over one period cannot be followed in steps of one pattern, as its jumps do not stay where they were: {}"
+FINE = 1e-8  #: accuracy of multipliers
 WAITS = (2, 8, 32)  #: numbers of periods that a motion is followed where no correction helps
-#: spans, in characteristic times, over which the return of an autonomous motion is sought, in turn; it has returned where it is
-#: nearer to its last state than this part of its size
-SPANS, NEAR = (20.0, 80.0, 320.0), 0.1
+#: spans, in characteristic times, over which the return of an autonomous motion is sought, in turn, the later ones where those
+#: before took at most SLOW steps; it has returned where it is nearer to its last state than this part of its size
+SPANS, SLOW, NEAR = (20.0, 80.0, 320.0, 1280.0, 5120.0, 20480.0), 4000, 0.1
+RESTS = 1e-6  #: a motion that stays this near to its start, in lengths of the scene and rad, is at rest
+REST = ("the only motion found that repeats is rest, which has no period: start the scene in motion, or give start=(result, t) "
+        "of a run that has come near a periodic motion; where damping ends every motion there is none")
+LOST = ("the motion does not come near to a state in which it was before: give the period, or a start near a periodic motion, "
+        "start=(result, t)")
+#: what is told of a motion beside which others are
+FAMILY = ("one of a family of periodic motions, as of a scene without losses or with a free turn: others{} lie beside it, and "
+          "the one nearest to the start is given; another start= gives another")
+OTHER = "the scene has no drive and repeats by itself after {:.9g} s, which is its period, not the one stated, {:.9g} s"
+FAR = 1e4  #: number of lengths of the scene beyond which accuracies, which refer to it, mean nothing
+DRAWN = ("the motion goes {:.3g} m, {:.2g} times the largest distance in the drawing, to which accuracies refer: draw the scene "
+         "at the size of its motion, and start it with velocities or start=")
 SAMPLES = 4000  #: number of times at which such a return is sought
 
 
 class Periodic(Result):
     """One period of a periodic motion, a Result with its `period` (s), `multipliers` (those of `s.floquet`, all), `stable`,
     and `floquet`, which has their modes and errors. `accuracy.estimated` is the error of the periodic motion, `period_error` that
-    of a period that was found, s (0.0 for a given one)."""
+    of a period that was found, s (0.0 for that of drives). autonomous: whether nothing depends on the time; family: whether
+    other periodic motions lie beside this one, so that the start chose it."""
 
     period: float
     period_error: float
     autonomous: bool
+    family: bool
+    stated: Any  #: the period that was stated, None where it was found
+    shares: Array  #: of the period at which the steps of the shooting end
 
     @cached_property
     def floquet(self) -> Floquet:
         """The multipliers with their modes and errors."""
-        return floquet(self.prepared.model.scene, self.period, (self, float(self.t[0])))
+        off = self.accuracy.estimated or 0.0
+        return multipliers_of(self.prepared.model.scene, self.period, (self, float(self.t[0])), None, FINE, off)
 
     @property
     def multipliers(self) -> Any:
@@ -101,28 +111,6 @@ class Periodic(Result):
         return super().__call__(t)
 
 
-@dataclass(frozen=True)
-class Shot:
-    """A motion over `period` (s) from the start of `system`, with its departures: residual (k,), where it ends off its start;
-    later: sign and whole turns of unknowns after the period."""
-
-    system: SceneSystem
-    period: float
-    orbit: Orbit
-    directions: Departures
-    residual: Array
-
-    @property
-    def off(self) -> float:
-        """The length of the residual."""
-        return float(np.linalg.norm(self.residual))
-
-    @property
-    def end(self) -> Array:
-        """Unknowns (n,) after the period."""
-        return np.asarray(self.orbit.y[-1, -1])
-
-
 @naming_arguments
 @single_threaded
 def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start: Any = None, of: Any = None) -> Periodic:
@@ -141,7 +129,9 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
     prepared = prepared_from(scene, begin, length or 0.0)
     refuse_rolling(prepared.mechanics, "periodic", "simulate until transients have died out")
     found = _Search(prepared, accuracy, length, wanted_of(of, prepared)).run()
-    return _result(scene, found, accuracy, of)
+    made = _result(scene, found, accuracy, of)
+    made.stated = period
+    return made
 
 
 def _number(period: Any) -> Any:
@@ -151,44 +141,73 @@ def _number(period: Any) -> Any:
 
 @dataclass(frozen=True)
 class Found:
-    """A periodic motion: the shot, its error relative as accuracies are, that of the period (s), and whether that was found."""
+    """A periodic motion: the shot, its error relative as accuracies are, that of the period (s), whether nothing depends on the
+    time, and whether others lie beside it."""
 
     prepared: Prepared
     shot: Shot
     error: float
     period_error: float
     autonomous: bool
+    family: bool
 
 
-class _Search:
+class _Search(Shooting):
     """Newton's method from the start of a prepared scene. period: s, None where it is found too."""
 
     def __init__(self, prepared: Prepared, accuracy: float, period: float | None, wanted: Wanted) -> None:
-        self.prepared, self.accuracy, self.given = prepared, accuracy, period
-        self.system = system_for(prepared, highest_index=3)
+        super().__init__(prepared, system_for(prepared, highest_index=3), period is None or time_free(prepared))
+        self.accuracy, self.given, self.rests = accuracy, period, False
         self.measure = measure_of(self.system, prepared, wanted)
 
     def run(self) -> Found:
-        """The motion, followed in steps that are halved until it has the accuracy."""
-        system, period = self._begun()
-        run = self._run(system, period)
-        self.acting, steps = acting_states(system, run), max(FEWEST, run.stats.steps // 2)
-        shot, error = self._returning(self._shot(system, period, steps), steps), np.inf
+        """The motion of the given period; of a scene without drives the period is found, unless a family has one of each."""
+        try:
+            found, tunes = self._found()
+        except SteadyError as error:
+            if self.shrinks:
+                raise SteadyError(REST) from error
+            raise
+        if found.family and tunes and self.autonomous and self.given is not None:
+            self.free = False
+            found = self._found()[0]
+        elif self.autonomous and self.given is not None and abs(found.shot.period - self.given) > self.accuracy * self.given:
+            warn(OTHER.format(found.shot.period, self.given))
+        if found.family:
+            warn(FAMILY.format(", of other periods," if tunes else ""))
+        return found
+
+    def _found(self) -> tuple[Found, bool]:
+        """The motion, in steps that are halved until it has the accuracy; whether the period changes along its family."""
+        shot, error = self._returning(), np.inf
         while True:
-            steps *= 2
-            coarse, shot = shot, self._corrected(self._shot(shot.system, shot.period, steps))
+            coarse, shot = shot, self.corrected(self.shot(shot.system, shot.period, halved(shot.shares)))
             last, error = error, self._apart(coarse, shot) / GAIN
             of_period = abs(shot.period - coarse.period) / GAIN
             done = max(error, shot.off) <= SHARE * self.accuracy and of_period <= min(SHARE * self.accuracy, PERIOD) * shot.period
-            if done or 2 * steps > MOST or ROUND > error > last / 2:
+            if done or 2 * len(shot.shares) > MOST or ROUND > error > last / 2:
                 if shot.off > self.accuracy:
                     raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
+                self._refuse_rest(shot)
                 self._refuse_changing(shot)
-                return Found(self.prepared, shot, error, of_period, self.given is None)
+                beside = self._beside(shot, error)
+                found = Found(self.prepared, shot, error, of_period if self.free else 0.0, self.autonomous, len(beside) > 0)
+                return found, bool(np.any(np.abs(beside[:, -1]) > TUNES)) if self.free else True
+
+    def _refuse_rest(self, shot: Shot) -> None:
+        """Raise SteadyError where nothing moves although no load or drive holds it."""
+        if self.autonomous and self.extent(shot) < RESTS:
+            raise SteadyError(REST)
+
+    def _beside(self, shot: Shot, error: float) -> Array:
+        """Changes (k, departures and share of the period) of the start that lead to other periodic motions."""
+        M = self.matrix(shot)[0]
+        _, sizes, rows = np.linalg.svd(M)
+        return np.asarray(rows[sizes <= max(ALIKE, 100 * error) * sizes[0]])
 
     def _refuse_changing(self, shot: Shot) -> None:
         """Raise SteadyError where the equations are others a period later."""
-        run = self._run(shot.system, shot.period)
+        run = self.followed_from(shot.system, shot.period)
         ends = later(self.prepared, shot.system, np.stack([shot.system.y0, shot.end]), self.acting)
         if text := changed(self.prepared, shot.system, run, shot.period, ends):
             given = "give a period after which loads and prescribed motions repeat"
@@ -196,17 +215,40 @@ class _Search:
 
     # -- a beginning
 
-    def _begun(self) -> tuple[SceneSystem, float]:
-        """The system at its start with the period given; else where the motion has come near to its state a period before."""
+    def _returning(self) -> Shot:
+        """A shot that returns, from the first beginning from which one is found."""
+        failure: Exception | None = None
+        for system, period in self._beginnings():
+            try:
+                run = self.followed_from(system, period)
+                self.acting = acting_states(system, run)
+                shot = self.corrected(self.shot(system, period, shares_of(run, self.autonomous)))
+                self._refuse_rest(shot)
+                return shot
+            except (SteadyError, SolverError) as error:
+                failure = error
+        if isinstance(failure, SolverError) and not isinstance(failure, SteadyError):
+            raise SteadyError(UNFOLLOWED.format(failure)) from failure
+        raise failure or SteadyError(REST if self.rests else LOST)
+
+    def _beginnings(self) -> Iterator[tuple[SceneSystem, float]]:
+        """Systems at their start with a period: that given, now and some periods later; else where a run has come near to its
+        state a period before, after ever longer spans."""
         if self.given is not None:
-            return self.system, self.given
-        for span in SPANS:
-            run = self._run(self.system, span * self.prepared.time)
-            period = self._return(run)
-            if period is not None:
-                return self._from(run.t[-1], run.y[-1]), period
-        raise SteadyError("the motion does not come near to a state in which it was before: give the period, or a start near a "
-                          "periodic motion, start=(result, t)")
+            system = self.system
+            for wait in (0, *WAITS):
+                if wait:
+                    run = self.followed_from(system, wait * self.given)
+                    sign, turns = later(self.prepared, system, np.stack([system.y0, run.y[-1]]), self.acting)
+                    system = self.begun_at(system.t0, sign * (run.y[-1] - turns))
+                yield system, self.given
+            return
+        for i, span in enumerate(SPANS):
+            run = self.followed_from(self.system, span * self.prepared.time)
+            if (period := self._return(run)) is not None:
+                yield self.begun_at(run.t[-1], run.y[-1]), period
+            if i >= 2 and run.stats.steps > SLOW:
+                return
 
     def _return(self, run: Solution) -> float | None:
         """The time (s) since a run was last near its end, going the same way; None where it was not."""
@@ -217,6 +259,9 @@ class _Search:
         turning = angles(self.prepared)
         straight = np.delete(q, turning, axis=1)
         size = np.max(np.ptp(straight, axis=0), initial=self.prepared.length if turning else 0.0)
+        self.rests = bool(np.max(np.abs(u) / m.velocity_units) * (run.t[-1] - run.t[0]) < RESTS)
+        if self.rests:
+            return None
         x = np.hstack([straight, size * np.sin(q[:, turning]), size * np.cos(q[:, turning]), size * u / speed])
         off = x - x[-1]
         size = np.max(np.linalg.norm(off, axis=1))
@@ -225,93 +270,11 @@ class _Search:
         crossed = crossed[crossed < len(t) - 3]
         if not size > 0 or not len(crossed):
             return None
+        if (far := float(np.max(np.ptp(straight, axis=0), initial=0.0))) > FAR * self.prepared.length:
+            raise SteadyError(DRAWN.format(far, far / self.prepared.length))
         k = int(crossed[-1])
         share = -going[k] / (going[k + 1] - going[k])
         return float(t[-1] - (t[k] + share * (t[k + 1] - t[k])))
-
-    def _run(self, system: SceneSystem, span: float) -> Solution:
-        return replace(SOLVER, rtol=LOOSE).solve(system, system.t0 + span)
-
-    def _from(self, t: float, y: Array) -> SceneSystem:
-        """The system started with unknowns y at the time of its start; with a found period any time is the same."""
-        begin = self.system.t0 if self.given is None else t
-        return self.system.starting(begin, *self.system.restarted(begin, y))
-
-    # -- Newton's method
-
-    def _shot(self, system: SceneSystem, period: float, steps: int) -> Shot:
-        orbit = followed(system, period, steps)
-        end = orbit.y[-1, -1]
-        sign, turns = later(self.prepared, system, np.stack([system.y0, end]), self.acting)
-        returned = Return(0.0, self.acting, steps, sign, [])
-        directions = departures(self.prepared, system, returned, period)
-        off = end - sign * system.y0 - turns
-        return Shot(system, period, orbit, directions, directions.read(off[:, None])[:, 0])
-
-    def _returning(self, shot: Shot, steps: int) -> Shot:
-        """The shot corrected until it returns; where no correction helps, from where the motion is some periods later."""
-        failure: SteadyError | None = None
-        for wait in (0, *WAITS):
-            try:
-                if wait:
-                    shot = self._later(shot, wait, steps)
-                return self._corrected(shot)
-            except SteadyError as error:
-                failure = error
-        assert failure is not None
-        raise failure
-
-    def _later(self, shot: Shot, periods: int, steps: int) -> Shot:
-        """The shot from where the motion is some periods later."""
-        run = self._run(shot.system, periods * shot.period)
-        sign, turns = later(self.prepared, shot.system, np.stack([shot.system.y0, run.y[-1]]), self.acting)
-        return self._shot(self._from(shot.system.t0, sign * (run.y[-1] - turns)), shot.period, steps)
-
-    def _corrected(self, shot: Shot) -> Shot:
-        """The shot that returns to its start, by Newton's method with corrections that are halved where they do not help."""
-        steps = len(shot.orbit.h) if self.system.timeline is None else max(len(shot.orbit.h), FEWEST)
-        for _ in range(ITERATIONS):
-            if shot.off <= FOUND:
-                return shot
-            x, period = self._correction(shot)
-            last = float(np.linalg.norm(x)) <= LAST
-            for tried in self._tried(shot, x, period, steps):
-                if tried.off < shot.off * (1 if last else 0.9):
-                    shot = tried
-                    break
-            else:
-                if last or shot.off < STALLED:
-                    return shot
-                raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
-            if last:
-                return shot
-        raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
-
-    def _correction(self, shot: Shot) -> tuple[Array, float]:
-        """The change of the start, in the directions, and of the period (s), after which the motion returns."""
-        d, k = shot.directions, len(shot.residual)
-        M = d.read(propagated(shot.system, shot.orbit, d.start)) - np.eye(k)
-        right = -shot.residual
-        if self.given is None:
-            along = d.read((shot.orbit.yp[-1, -1])[:, None])[:, 0] * shot.period
-            way = along / max(float(np.linalg.norm(along)), 1e-300)
-            M, right = np.block([[M, along[:, None]], [way[None], np.zeros((1, 1))]]), np.append(right, 0.0)
-        x = np.linalg.lstsq(M, right, rcond=SINGULAR)[0]
-        return np.asarray(x[:k]), float(x[k] * shot.period) if self.given is None else 0.0
-
-    def _tried(self, shot: Shot, x: Array, period: float, steps: int) -> Iterator[Shot]:
-        """Shots with the whole correction, with half of it and so on, those that can be followed."""
-        for i in range(HALVINGS):
-            share = 0.5**i
-            length = shot.period + share * period
-            if length <= 0.2 * shot.period:
-                continue
-            try:
-                y = shot.directions.closed(shot.system, shot.system.y0 + shot.directions.start @ (share * x))
-                system = self._from(shot.system.t0, y)
-                yield self._shot(system, length, steps)
-            except (SolverError, OptionError):
-                continue
 
     def _apart(self, coarse: Shot, fine: Shot) -> float:
         """Largest distance of two motions, at the same shares of the period."""
@@ -328,12 +291,14 @@ def _result(scene: SceneData, found: Found, accuracy: float, of: Any) -> Periodi
     (q,), (u,), (s,) = found.prepared.states(np.array([shot.system.t0]), shot.system.y0[None])
     begin = replace(found.prepared.start, q=q, u=u, s=s)
     prepared = replace(found.prepared, start=begin)
-    run = scene.simulate(shot.system.t0 + shot.period, accuracy, start=started(prepared), of=of)  # type: ignore[attr-defined]
+    run = scene.simulate(shot.system.t0 + shot.period, max(accuracy * (1 - SHARE), 1e-9), start=started(prepared), of=of)  # type: ignore[attr-defined]
     known = run.accuracy
     estimate = None if known.estimated is None else known.estimated + found.error
     made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=replace(known, estimated=estimate, of={
         key: None if error is None else error + found.error for key, error in known.of.items()})), run.t)
-    made.period, made.period_error, made.autonomous = shot.period, found.period_error, found.autonomous
+    made.period, made.period_error = shot.period, found.period_error
+    made.shares = shot.shares
+    made.autonomous, made.family = found.autonomous, found.family
     if estimate is not None and known.estimated is not None and estimate > accuracy >= known.estimated:
         warn(f"scene '{scene.name}': the periodic motion is off by about {estimate:.1e}, where {accuracy:g} was asked")
     return made

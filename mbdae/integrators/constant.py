@@ -137,9 +137,10 @@ def _steps(loop: StepLoop, h: float, step: Stepping, t0: float) -> Iterator[tupl
         while goal - step.t > least:
             end, parts = goal, 1
             if longest is not None:
-                kink = longest.kink_after(step.t, SAME * h)
+                stretch = longest.of_stretches(step.t)
+                kink = longest.kink_after(step.t, SAME * min(h, stretch))
                 end = kink if kink < goal + (least or -SAME * h) else goal
-                parts = max(1, ceil((end - step.t) / longest.of_stretches(step.t) - SAME))
+                parts = max(1, ceil((end - step.t) / stretch - SAME))
             width = (end - step.t) / parts
             whole = abs(width - h) <= SAME * h
             yield end if parts == 1 else step.t + width, h if whole else width, whole

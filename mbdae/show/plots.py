@@ -263,6 +263,24 @@ def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequ
     return written(figure, file, "orbit")
 
 
+def plot_branch(branch: Any, sensor: str | None, path: Any) -> Any:
+    """Implements `Branch.plot`: one value per point over the number, solid where stable; rings where located."""
+    file = checked(path, what="plot") if path is not None else None
+    largest = np.array([np.max(np.abs(roots), initial=0.0) for roots in branch.roots])
+    height = largest if sensor is None else branch.peaks(sensor)
+    figure, (axis,) = new_figure(1, 6.0, 4.2)
+    x, stable = branch.values, np.array([one is True for one in branch.stable])
+    for k in range(len(x) - 1):
+        axis.plot(x[k : k + 2], height[k : k + 2], "-" if stable[k] and stable[k + 1] else "--", color=style(0)["color"])
+    for one in branch.located:
+        k = int(np.argmin(np.abs(x - one.value)))
+        axis.plot(one.value, height[k], "o", color=style(1)["color"], markerfacecolor="white")
+        axis.annotate(one.kind, (one.value, height[k]), textcoords="offset points", xytext=(5, 5), fontsize="small")
+    axis.set_xlabel(branch.name)
+    axis.set_ylabel("largest multiplier or root" if sensor is None else f"peak of {sensor}")
+    return written(figure, file, "plot")
+
+
 def _path(axis: Any, x: Array, y: Array, label: str | None) -> None:
     """Draw a line with its start (ring) and end (square) marked."""
     look = style(len(axis.lines) // 3)

@@ -37,13 +37,13 @@ class Pol(mb.Force):
         return self.mu * (1 - x**2) * ((l.v - k.v) @ k.x) * k.x, 0 * k.x
 
 
-def slider(law: Any, damper: float = 0.0, x: float = 0.0, load: Any = None) -> mb.Scene:
+def slider(law: Any, damper: float = 0.0, x: float = 0.0, load: Any = None, mu: float = 1.0) -> mb.Scene:
     """A mass of 1 kg on a line with a spring of 1 N/m and a law."""
     s = mb.Scene("slider")
     m = s.point_mass("m", 1.0, (x, 0))
     s.prismatic("J", s.ground, m, at=(x, 0), axis=(1, 0), damper=damper)
     s.spring("spring", s.ground, m, at_k=(0, 0), at_l=(x, 0), stiffness=1.0, length=0.0)
-    s.add(law("law", s.ground, m, at=(0, 0), at_l=(x, 0), **({"b": 1.0} if law is Cubic else {"mu": 1.0})))
+    s.add(law("law", s.ground, m, at=(0, 0), at_l=(x, 0), **({"b": 1.0} if law is Cubic else {"mu": mu})))
     if load is not None:
         s.force("load", m, (load, 0))
     return s
@@ -95,13 +95,72 @@ def test_van_der_pol_with_its_period(mu: float) -> None:
     assert sorted(abs(r.multipliers - 1))[0] < 1e-6
 
 
-def test_a_pendulum_is_one_of_a_family() -> None:
-    """Without losses: the motion of the amplitude at the start, 4 K(sin 45 deg) sqrt(2 l / 3 g)."""
+@pytest.mark.parametrize("mu", [10.0, pytest.param(100.0, marks=pytest.mark.slow), pytest.param(1000.0, marks=pytest.mark.slow)])
+def test_jumps_between_slow_parts(mu: float) -> None:
+    """Relaxation oscillations, whose jumps last 1 / mu^2 of the period; SciPy's period is that between two highest points."""
+    def turns(t: float, y: Any) -> Any:
+        return y[1]
+
+    turns.direction = -1  # type: ignore[attr-defined]
+    run = solve_ivp(lambda t, y: [y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]], (0, 3.6 * mu + 24), [2.0, 0.0], method="Radau",
+                    jac=lambda t, y: [[0, 1], [-2 * mu * y[0] * y[1] - 1, mu * (1 - y[0] ** 2)]], rtol=1e-9, atol=1e-11,
+                    events=turns)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)  # the accuracy of the motion is told where it is not met
+        r = slider(Pol, x=2.0, mu=mu).periodic()
+        assert r.stable
+    assert r.period == pytest.approx(np.diff(run.t_events[0])[-1], rel=1e-7)
+    assert r.period_error <= 1e-8 * r.period
+
+
+def pendulum(damper: float = 0.0) -> mb.Scene:
     s = mb.Scene("pendulum", gravity=(0, -G, 0))
-    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
-    r = s.periodic()
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), damper=damper)
+    return s
+
+
+def test_a_pendulum_is_one_of_a_family() -> None:
+    """Without losses: the motion of the amplitude at the start, 4 K(sin 45 deg) sqrt(2 l / 3 g), and others are told of."""
+    with pytest.warns(mb.AccuracyWarning, match="one of a family of periodic motions.* others, of other periods"):
+        r = pendulum().periodic()
+    assert r.family
     assert r.period == pytest.approx(4 * ellipk(0.5) * np.sqrt(2 / 3 / G), rel=1e-6)
     assert r.peak("hinge.angle").value == pytest.approx(np.pi, rel=1e-6)
+
+
+def test_a_stated_period_chooses_one_of_a_family() -> None:
+    with pytest.warns(mb.AccuracyWarning, match="one of a family"):
+        r = pendulum().periodic(2.0)
+    assert (r.period, r.period_error) == (2.0, 0.0)
+    amplitude = np.ptp(r["hinge"].angle) / 2
+    assert 4 * ellipk(np.sin(amplitude / 2) ** 2) * np.sqrt(2 / 3 / G) == pytest.approx(2.0, rel=1e-5)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-9, 1e-7, 1e-5, 1e-2])
+def test_a_stated_period_of_a_motion_without_drives_may_be_off(off: float) -> None:
+    """The period is that of the motion, and stability does not hang on the last digit of the one stated."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        r = slider(Pol, x=2.0).periodic(6.663286859323 * (1 + off))
+    assert r.period == pytest.approx(6.663286859323, rel=1e-8)
+    assert r.stable
+    assert [str(w.message)[:44] for w in told] == ["the scene has no drive and repeats by itself"] * (off > 1e-6)
+
+
+def test_stability_is_read_of_a_motion_of_low_accuracy() -> None:
+    assert slider(Pol, x=2.0).periodic(6.6633, accuracy=1e-2).stable
+
+
+@pytest.mark.parametrize("scene", [slider(Cubic), slider(Cubic, 0.1, x=1.0), pendulum(0.3)])
+def test_rest_is_no_periodic_motion(scene: mb.Scene) -> None:
+    """At rest, and coming to rest."""
+    with pytest.raises(mb.SteadyError, match="rest, which has no period"):
+        scene.periodic()
+
+
+def test_a_drawing_far_smaller_than_the_motion_is_told() -> None:
+    with pytest.raises(mb.SteadyError, match="times the largest distance in the drawing"):
+        slider(Pol, x=1e-9).periodic()
 
 
 def four_bar() -> mb.Scene:

@@ -263,6 +263,9 @@ CALLS: dict[str, Call] = {
     "Scene.periodic": Call(lambda: scene().periodic,
                            lambda: {"period": 1.0, "accuracy": 1e-6, "start": None, "of": ["hinge.angle"]},
                            "mbdae.analysis.periodic._Search"),
+    "Scene.continuation": Call(lambda: scene().continuation,
+                               lambda: {"name": "rod.mass", "over": (0.5, 2.0), "of": hanging(), "steps": 3},
+                               "mbdae.analysis.continuation._branch"),
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None,
@@ -340,6 +343,7 @@ LISTS = {"a list", "a nested list", "a range", "an array", "one entry", "a matri
 ANY = "any text may be a name"
 #: (callable, option) -> hostile values that are legitimate there, and why
 LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
+    ("Scene.continuation", "over"): ({"a list"}, "two numbers"),
     ("Scene.stepper", "inputs"): ({"a tuple of text"}, "names"),
     ("Scene.stepper", "reads"): ({"a tuple of text"}, "names"),
     **{(c, "atol"): ({"a list", "one entry", "a matrix"}, "one number per unknown")
@@ -386,7 +390,7 @@ SIZES: list[tuple[set[str], str]] = [
     ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy Stepped.at_accuracy.accuracy GeneralizedAlpha.accuracy "
                  "HHT.accuracy OneStep.accuracy Result.animate.fps"),
     ({"zero"}, "HHT.alpha Stepper.result.i"),
-    ({"much"}, "Scene.linearize.count Scene.floquet.count"),
+    ({"much"}, "Scene.linearize.count Scene.floquet.count Scene.continuation.steps"),
     (NUMBERS, "Solver.solve.begin DAE.t0 Equilibrium.__call__.t Equilibrium.states.t Block.at.value"),
 ]
 

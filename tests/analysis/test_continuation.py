@@ -1,0 +1,93 @@
+"""Branches: Duffing's folds and Mathieu's tongues against SciPy, Euler's load, refusals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
+from scipy.special import mathieu_a, mathieu_b
+
+import mbdae as mb
+
+LOSS, LOAD = 0.1, 0.3
+
+
+def slider(stiffness: Any) -> tuple[mb.Scene, Any]:
+    s = mb.Scene("slider")
+    m = s.point_mass("m", 1.0, (0, 0))
+    s.prismatic("J", s.ground, m, at=(0, 0), axis=(1, 0))
+    s.spring("k", s.ground, m, at_k=(-1, 0), at_l=(0, 0), stiffness=stiffness, length=1.0)
+    return s, m
+
+
+def duffing() -> mb.Scene:
+    w = mb.number("w", 1.2)
+    s = mb.Scene("duffing")
+    m = s.point_mass("m", 1.0, (0, 0))
+    s.prismatic("J", s.ground, m, at=(0, 0), axis=(1, 0), damper=LOSS)
+    x = s.sensor("J.displacement")
+    s.force("F", m, (-x - x**3 + LOAD * sp.cos(w * mb.t), 0))
+    return s
+
+
+def singular(z: Any) -> Any:
+    """Return of Duffing's equation, and the determinant that vanishes at a fold; z: x, v, w."""
+    def rhs(t: float, y: Any) -> Any:
+        A = np.array([[0, 1], [-1 - 3 * y[0] ** 2, -LOSS]])
+        force = LOAD * np.cos(z[2] * t)
+        return np.r_[y[1], -y[0] - y[0] ** 3 - LOSS * y[1] + force, (A @ y[2:].reshape(2, 2)).ravel()]
+
+    y = solve_ivp(rhs, (0, 2 * np.pi / z[2]), np.r_[z[:2], 1, 0, 0, 1], method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    return [y[0] - z[0], y[1] - z[1], np.linalg.det(y[2:].reshape(2, 2) - np.eye(2))]
+
+
+@pytest.mark.slow
+def test_folds_of_duffing_against_scipy() -> None:
+    s = duffing()
+    branch = s.continuation("w", (0.9, 2.0), of=s.periodic(2 * sp.pi / mb.number("w", 1.2)))
+    assert len(branch.folds) == 2
+    for fold in branch.folds:
+        near = branch.result(int(np.argmin(np.abs(branch.values - fold.value))))
+        z = fsolve(singular, [near["m"].position[0, 0], near["m"].velocity[0, 0], fold.value], xtol=1e-12)
+        assert abs(fold.value - z[2]) <= max(3 * fold.error, 1e-9) <= 1e-7
+        assert abs(fold.root - 1) < 1e-4
+    assert {True, False} == set(branch.stable)
+    assert branch.peaks("m.position").max() > 1.5
+    assert list(branch.to_dataframe().columns) == ["w", "period", "stable"]
+    assert (branch.values[0], branch.values[-1]) == (pytest.approx(0.9), pytest.approx(2.0))
+
+
+def test_tongues_of_mathieu() -> None:
+    """x'' + (a - 2 q cos 2 t) x = 0 with q = 0.2: its characteristic values."""
+    s, _ = slider(mb.number("a", 1.15) - 0.4 * sp.cos(2 * mb.t))
+    branch = s.continuation("a", (1.1, 1.3), of=s.periodic(np.pi))
+    (found,) = branch.doublings
+    assert abs(found.value - mathieu_a(1, 0.2)) <= max(3 * found.error, 1e-9)
+    assert not branch.stable[0]
+    assert branch.stable[-1]
+    assert mathieu_b(1, 0.2) < 1.1
+
+
+@pytest.mark.slow
+def test_load_of_euler_within_the_error_of_the_mesh() -> None:
+    s = mb.Scene("column")
+    column = s.beam("c", (0, 0), (1, 0), section=mb.Section.rectangular(0.01, 0.01, E=12e8, nu=0.3, rho=1e4), elements=2)
+    s.weld("w", s.ground, column, at=(0, 0))
+    s.force("F", column, (-mb.number("P", 2.2), 0), at=(1, 0))
+    branch = s.continuation("P", (2.1, 2.8))
+    (found,) = branch.branchings
+    assert 1e-4 < abs(found.value - np.pi**2 / 4) <= 2 * branch.mesh_error[0]
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"name": "w", "over": (2.0, 3.0)}, "does not contain w = 1.2"), ({"name": "w", "over": (2.0, 1.0)}, "not a smaller"),
+    ({"name": "w", "over": 1.0}, "no pair"), ({"name": "v", "over": (0.0, 1.0)}, "v"),
+    ({"name": "w", "over": (1, 2), "of": 3}, "of = 3"),
+])
+def test_what_cannot_be_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(mb.MbdaeError, match=words):
+        duffing().continuation(**options)
