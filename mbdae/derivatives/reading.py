@@ -17,7 +17,7 @@ from mbdae.errors import DerivativeError, OptionError
 from mbdae.integrators import radau_table
 from mbdae.integrators.dense import interval
 from mbdae.integrators.solution import Solution
-from mbdae.results.quantities import Quantity
+from mbdae.results.quantities import Quantity, magnitudes
 from mbdae.results.result import Result
 from mbdae.system.base import Array
 from mbdae.system.sampling import Sampling
@@ -87,8 +87,10 @@ class Objective:
         return f"{word} {self.quantity if isinstance(self.quantity, str) else shown(self.quantity)}"
 
     def read(self, run: Result, times: Array) -> Array:
-        """Values (k,) of the quantity at times (k,)."""
+        """Values (k,) of the quantity at times (k,); magnitudes of a vector where its largest value is asked for."""
         values = np.asarray(run(times).value(self.quantity))
+        if values.ndim > 1 and self.kind == "largest":
+            return magnitudes(values)
         if values.ndim > 1:
             name = self.quantity if isinstance(self.quantity, str) else "f"
             raise OptionError(f"{shown(self.quantity)} has components: name one, as in '{name}[0]', or 'norm({name})'")
@@ -123,9 +125,9 @@ def at_end(quantity: Quantity) -> Objective:
 
 
 def largest(quantity: Quantity, smooth: float | None = None) -> Objective:
-    """The largest magnitude of a quantity over the run, as `Result.peak` finds it: an objective for `Result.gradient`. smooth: a
-    mean is taken in its place in which values that are lower by this share of the largest count e times less; it has a derivative
-    also where two maxima may change places."""
+    """The largest magnitude of a quantity, also of a vector, over the run, as `Result.peak` finds it: an objective for
+    `Result.gradient`. smooth: a mean is taken in its place in which values that are lower by this share of the largest count e
+    times less; it has a derivative also where two maxima may change places."""
     optional("smooth", smooth, number, "give a share of the largest value, such as 1e-3", above=0)
     return Objective(quantity, "largest", smooth)
 

@@ -272,6 +272,37 @@ def test_wrong_questions() -> None:
             call()
 
 
+@pytest.mark.parametrize(("form", "at"), [(lambda w, t: sympy.sin(w * t), 2.0), (lambda w, t: t**w, 2.0),
+                                          (lambda w, t: t**w, 3.0)], ids=["sine", "square", "cube"])
+def test_a_number_of_a_smooth_input_moves_no_instant(form: Any, at: float) -> None:
+    """Beside these values inputs vary so much more that they bound the steps of a run, or are no whole power."""
+
+    def forced(w: Any) -> mb.Scene:
+        s = mb.Scene("forced")
+        body = s.rigid_body("body", 1.0, 0.1, at=(0, 0))
+        s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0, 0), spring=4.0, force=form(w, mb.t))
+        return s
+
+    def end(w: float) -> float:
+        return float(forced(w).simulate(1.0, solver=mb.DOP853(rtol=1e-13), outputs=2).value("P.displacement")[-1])
+
+    one = forced(mb.number("W", at)).simulate(1.0, outputs=2).gradient(mb.at_end("P.displacement"), to="W")["W"]
+    h = 1e-3
+    true = (8 * (end(at + h) - end(at - h)) - end(at + 2 * h) + end(at - 2 * h)) / (12 * h)
+    assert abs(one.value - true) < min(one.error, 1e-5 * abs(true)) + 1e-11
+
+
+def test_the_largest_value_of_a_vector_is_that_of_its_magnitude() -> None:
+    s = mb.Scene("two ways")
+    body = s.rigid_body("body", 1.0, 0.1, at=(0, 0), velocity=(3.0, 4.0))
+    s.spring("S", s.ground, body, at_k=(0, -1), at_l=(0, 0), stiffness=2.0, length=1.0)
+    r = s.simulate(1.0, outputs=2)
+    for smooth in (None, 1e-2):
+        vector = r.gradient(mb.largest("body.velocity", smooth=smooth), to="S.stiffness")["S.stiffness"]
+        size = r.gradient(mb.largest("norm(body.velocity)", smooth=smooth), to="S.stiffness")["S.stiffness"]
+        assert vector.value == pytest.approx(size.value, rel=1e-9, abs=1e-12)
+
+
 def gyroscope(across: float = 9e-4) -> mb.Scene:
     """Steady on its axis of symmetry: with another moment of inertia across it the motion would swing at 500 rad/s."""
     s = mb.Scene("gyroscope", gravity=(0, 0, -9.81))
