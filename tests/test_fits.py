@@ -49,6 +49,30 @@ def test_numbers_are_within_their_errors(fitted):
     assert "J0.spring = " in str(fitted)
 
 
+@pytest.mark.slow
+def test_twenty_numbers_of_an_arm():
+    """Masses, springs, dampers and start speeds of five links, from five angles and one force with errors."""
+    def five(p):
+        s, carrier = mb.Scene("arm", gravity=(0, -9.81, 0)), None
+        for i in range(5):
+            link = s.link(f"l{i}", (0.3 * i, 0), (0.3 * i + 0.3, 0), mass=p[i])
+            s.revolute(f"J{i}", carrier or s.ground, link, at=(0.3 * i, 0), spring=p[5 + i], damper=p[10 + i], rate0=p[15 + i])
+            carrier = link
+        return s
+
+    to = [f"l{i}.mass" for i in range(5)] + [f"J{i}.{word}" for word in ("spring", "damper", "rate0") for i in range(5)]
+    true = np.array([1.0, 0.8, 0.7, 0.5, 0.4, 6, 5, 4, 3, 2, 0.3, 0.25, 0.2, 0.15, 0.1, 0.5, -0.4, 0.3, -0.2, 0.6])
+    rng, t = np.random.default_rng(1), np.linspace(0.02, 2.0, 100)
+    sigma = {**{f"J{i}.angle": 1e-3 for i in range(5)}, "J0.force[1]": 1e-2}  # rad, N
+    r = five(true).simulate(2.0, 1e-9, outputs=np.r_[0.0, t])
+    seen = {name: (t, r.value(name)[1:] + error * rng.normal(size=100)) for name, error in sigma.items()}
+    f = mb.fit(five(true * (1 + 0.2 * rng.uniform(-1, 1, 20))), seen, to=to, sigma=sigma)
+    assert f.runs <= 30
+    assert not f.untold
+    assert 0.9 < f.spread < 1.1  # of 580 degrees of freedom, within 3.4 standard deviations
+    assert max(abs(f.values[name] - value) / f.errors[name] for name, value in zip(to, true, strict=True)) < 4.5
+
+
 def test_errors_are_those_of_repeated_measurements(data, fitted):
     """The spread of the numbers over data with other errors is what one fit says of it."""
     rng, found = np.random.default_rng(2), []
