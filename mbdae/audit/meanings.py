@@ -135,8 +135,6 @@ class Paper(TextFile):
         keys = () if letter == "0" else (name, keys_of(letter or "", name))
         for line, other in (self.stated[key] for key in keys if key in self.stated):
             raise AuditError(f"line {line} declares {other}, the same name or letter: anew it is declared after `from EQUATION:`")
-        if name in RESERVED:
-            raise AuditError(f"{name} is a name of the notation: give the letter another name, and its TeX as ${letter or name}$")
         super()._symbol(at, name, units, letter, meaning, defined)
         self.stated |= dict.fromkeys(keys, (at, name))
 

@@ -80,6 +80,7 @@ class Formula:
 
     def __init__(self, letters: Letters, line: int = 0) -> None:
         self.letters, self.line, self.bound = letters, line, dict[Key, str]()
+        self.identity: Item | None = None  #: an identity matrix as the text prints it
 
     def cases(self, items: Sequence[Item]) -> list[Case]:
         """What a display says: one case, or those of `cases`. UnreadError where it cannot be read."""
@@ -142,7 +143,7 @@ class Formula:
 
     def _sized(self, sides: Sequence[Node]) -> tuple[Node, ...]:
         """Sides in which an identity has the size with which they fit together."""
-        if not any("I" in side.free for side in sides):
+        if self.identity is None or not any("I" in side.free for side in sides):
             return tuple(sides)
         for n in SIZES:
             unit = made("block", *(made("row", *(number(float(i == j)) for j in range(n))) for i in range(n)))
@@ -151,6 +152,8 @@ class Formula:
             if len(shapes) == 1 and None not in shapes:
                 self.letters.written.setdefault(str(unit), r"\mathbf{I}")
                 return tried
+        if self.identity.accents or any(self.letters.shape(symbol(n)) for side in sides for n in side.free - {"I"}):
+            return tuple(sides)  # beside vectors or matrices it is one, whose size is wrong
         raise UnreadError("an identity matrix of no size fits to what stands beside it: if $I$ is another letter, it needs a "
                           "line in the table of meanings")
 
@@ -258,6 +261,7 @@ class Formula:
                 inner = Node("call", "slope", (inner,))
             return self.kept(inner, key)
         if not before and not sup and item.key("").partition("_")[0] in IDENTITY and _size(item.sub):
+            self.identity = item
             return symbol("I")
         if not before and not sup and item.key("") in ("\\pi", "\\mathbf{0}"):
             return symbol("pi") if item.text == "\\pi" else number(0)

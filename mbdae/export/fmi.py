@@ -50,8 +50,8 @@ def unit_program(scene: Any, form: Form | None) -> Program:
     groups = [group for group in prepared.model.groups if group.derived.reactive]
     if groups:
         named = ", ".join(dict.fromkeys(repr(one.item) for group in groups for one in group.instances))
-        raise OptionError(f"format = 'fmi': the friction of {named} follows from the joint forces, so there is no formula for "
-                          "the y' = f(t, y) of a unit: export format='c' with its residual and Jacobian")
+        raise OptionError(f"format = 'fmi': the friction of {named} follows from the joint forces, so that there is no formula "
+                          "for the y' = f(t, y) of a unit: export format='c' with its residual and Jacobian")
     given = form if form is not None else Index1(multipliers="eliminated") if prepared.rows else ODE()
     program, made = scene_program(scene, given)
     if "rates" not in program.functions:

@@ -180,7 +180,7 @@ def test_an_identity_has_the_size_of_what_stands_beside_it() -> None:
 
 @pytest.mark.parametrize("line", ["q [m] $z($: number", r"q [m] $\left.z\right|$: number", "q [m] $k$: number",
                                   "F [N]: number", "x [m]: function of time in (0, 1", "equation 9: force",
-                                  "q [m]: defined by 77", "I [1]: number",
+                                  "q [m]: defined by 77",
                                   "let q [m] = " + "(" * 500 + "x" + ")" * 500])
 def test_a_bad_line_spoils_itself_alone(line: str) -> None:
     table = f"\nx [m]: number\nk [N/m]: positive number\nlet F [N] = k*x\n{line}\n"
