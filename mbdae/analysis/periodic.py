@@ -294,7 +294,7 @@ def _result(scene: SceneData, found: Found, accuracy: float, of: Any) -> Periodi
     run = scene.simulate(shot.system.t0 + shot.period, max(accuracy * (1 - SHARE), 1e-9), start=started(prepared), of=of)  # type: ignore[attr-defined]
     known = run.accuracy
     estimate = None if known.estimated is None else known.estimated + found.error
-    made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=replace(known, estimated=estimate, of={
+    made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=replace(known, asked=accuracy, estimated=estimate, of={
         key: None if error is None else error + found.error for key, error in known.of.items()})), run.t)
     made.period, made.period_error = shot.period, found.period_error
     made.shares = shot.shares

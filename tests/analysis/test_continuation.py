@@ -91,3 +91,27 @@ def test_load_of_euler_within_the_error_of_the_mesh() -> None:
 def test_what_cannot_be_is_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(mb.MbdaeError, match=words):
         duffing().continuation(**options)
+
+
+def ziegler(damper: float) -> mb.Scene:
+    """Two light links with 2 kg and 1 kg at 1 m and 2 m, springs of 1 N m/rad, and a force along the outer link."""
+    s = mb.Scene("ziegler")
+    a, b = s.rigid_body("a", 2.0, 1e-9, at=(1, 0)), s.rigid_body("b", 1.0, 1e-9, at=(2, 0))
+    s.revolute("A", s.ground, a, at=(0, 0), spring=1.0, damper=damper)
+    s.revolute("B", a, b, at=(1, 0), spring=1.0, damper=damper)
+    s.force("F", b, (-mb.number("P", 1.4), 0), at=(2, 0), frame="body")
+    return s
+
+
+@pytest.mark.parametrize(("damper", "over", "load"), [
+    (0.1, (1.3, 1.6), 41 / 28 + 0.1**2 / 2),  # Routh-Hurwitz
+    pytest.param(0.0, (1.0, 2.5), 3.5 - 2**0.5, marks=pytest.mark.slow),  # two frequencies meet
+])
+def test_flutter_of_two_links(damper: float, over: tuple[float, float], load: float) -> None:
+    branch = ziegler(damper).continuation("P", over)
+    (found,) = branch.hopf
+    assert abs(found.value - load) <= 3 * found.error
+    assert branch.stable[0]
+    assert not branch.stable[-1]
+    assert abs(found.root.real) < 1e-4
+    assert branch.mesh_error == [0.0]
