@@ -33,6 +33,7 @@ FIRST, LONGEST, SHORTEST = 0.02, 0.1, 1e-7
 BEND = 0.2  #: largest angle (rad) between the tangents at both ends of a step
 #: corrections of a step, at most, and those up to which the next step is longer; residual below which a point is on the branch
 CORRECTIONS, QUICK, CLOSE = 8, 3, 1e-10
+LOOKS = 200  #: largest number of points between two, at which an event is sought
 NEAR = 1e-7  #: distance from the end of the range, over it, that counts as none
 KINDS = {"fold": "folds", "doubling": "doublings", "hopf": "hopf", "branching": "branchings"}
 WHOLE = "the end of the range"
@@ -257,10 +258,9 @@ class _Walk:
         for kind, function in self.along.functions(a, b).items():
             if (kind == "branching" and folds) or not function(a) * function(b) < 0:
                 continue
-            if (place := self._root(a, b, step, function)) is not None:
-                yield self._located(kind, place, a, step, function)
-        if folds and (place := self._root(a, b, step, _turning)) is not None:
-            yield self._located("fold", place, a, step, _turning)
+            yield self._located(kind, self._root(a, b, step, function), a, b, step, function)
+        if folds:
+            yield self._located("fold", self._root(a, b, step, _turning), a, b, step, _turning)
 
     def _root(self, a: Place, b: Place, step: float, function: Callable[[Place], float]) -> Place | None:
         known = {0.0: a, 1.0: b}
@@ -274,12 +274,18 @@ class _Walk:
             return function(known[share])
 
         try:
-            return known[brentq(at, 0.0, 1.0, xtol=1e-11, rtol=1e-13, maxiter=60)]
-        except (MbdaeError, ValueError, KeyError, RuntimeError):
+            share = brentq(at, 0.0, 1.0, xtol=1e-11, rtol=1e-13, maxiter=LOOKS)
+            at(share)
+            return known[share]
+        except (MbdaeError, ValueError, RuntimeError):
             return None
 
-    def _located(self, kind: str, place: Place, a: Place, step: float, function: Callable[[Place], float]) -> Located:
-        """The place with its error: of periodic motions the change with half the steps of the period, over GAIN."""
+    def _located(self, kind: str, place: Place | None, a: Place, b: Place, step: float,
+                 function: Callable[[Place], float]) -> Located:
+        """The place with its error: of periodic motions the change with half the steps of the period, over GAIN; where it was not
+        found, the point after it with the distance of both points."""
+        if place is None:
+            return Located(kind, b.p, abs(b.p - a.p), b.period, b.crossing(kind))
         value, error = place.p, 1e-9 * max(abs(place.p), self.over[1] - self.over[0])
         finer = self.along.finer()
         if finer is not None:
