@@ -186,6 +186,7 @@ WHOLE = 2_000_000
 #: NUMBERS: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
 FEWEST, MOST, NUMBERS = 200, 2000, 400_000
 KINDS = ("companion", "window", "mesh", "closer")  #: see `OtherRun`
+LATE = 2 / 3  #: fraction of a window from which on its vibrations are taken to go on after it
 
 
 def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
@@ -254,6 +255,14 @@ class OtherRun:
         """The run, whole where it is small."""
         kept = replace(run, systems=(), outputs=None) if run.y.size <= WHOLE else sampled(run, times)
         return cls(kept, times, share, prepared, kind, ratio)
+
+    def between(self, first: float, last: float) -> slice:
+        """The times that count between two times (s): those there; of a window the vibrations from LATE on too, which go on."""
+        begin, end = np.clip(np.searchsorted(self.times, [first, last]) + np.array([-1, 1]), 0, len(self.times)).tolist()
+        if self.kind == "window":
+            a, b = self.times[[0, -1]].tolist()
+            return slice(min(begin, int(np.searchsorted(self.times, a + LATE * (b - a)))), None)
+        return slice(begin, end) if end - begin > 1 else slice(None)
 
     def after(self, end: float) -> OtherRun:
         """The same run, compared after a time (s)."""

@@ -126,13 +126,20 @@ def mean(result: Any, quantity: Quantity, power: int) -> Mean:
     steps = distinct(np.r_[first, steps[(steps > first) & (steps < last)], last])
     with result._silently():
         found = [_mean(result, quantity, power, steps, points) for points in (GAUSS, GAUSS - 1)]
-    size = float(np.linalg.norm(found[0]))
+        size = float(np.max(sizes(result, quantity, np.r_[steps, (steps[1:] + steps[:-1]) / 2])))
     name = "mean" if power == 1 else "root mean square"
     read = _called(name, result)
     error = result._judge_part(quantity, read, "of_mean", size, power) if math.isfinite(size) else None
     error = None if error is None else error + float(np.linalg.norm(found[0] - found[1]))
     value = float(found[0]) if np.ndim(found[0]) == 0 else found[0]
     return Mean(value, error, unit_of(result, quantity), f"{name} of {named(quantity)}")
+
+
+def averaged(t: Array, values: Array, begin: float, length: float) -> float:
+    """The largest integral of values (k, n) at times t (k,), s, from `begin` up to any of them, over at least `length` (s)."""
+    held = np.r_[values[:1], values]
+    sums = np.cumsum((held[1:] + held[:-1]) * np.diff(np.r_[begin, t])[:, None] / 2, axis=0)
+    return float(np.max(np.linalg.norm(sums, axis=1)) / max(length, t[-1] - begin))
 
 
 def _called(read: str, result: Any) -> str:

@@ -15,9 +15,9 @@ import numpy as np
 
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
-from mbdae.results.clearance import AtTimes, OtherRun, at_the_same_times, wrenches
-from mbdae.results.contacts import fallen, largest
-from mbdae.results.quantities import Quantity, difference, differences, magnitudes, moves, named, unit_of, value
+from mbdae.results.clearance import LATE, AtTimes, OtherRun, at_the_same_times, wrenches
+from mbdae.results.contacts import averaged, fallen, largest
+from mbdae.results.quantities import Quantity, difference, differences, magnitudes, moves, named, unit_of, value, without_value
 from mbdae.results.states import states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -32,11 +32,9 @@ LEAST = 1e-6
 IDLE = 0.1
 #: rounding error of forces and what follows from them, relative to the largest force of the run
 ROUNDED = 1e-11
-
-
 #: of a peak outside of a window in which another run shows vibrations that this one leaves out counts MEETING times their
 #: amplitude from LATE (a fraction of the window) on; of one inside it the largest difference within NEAR of it
-MEETING, LATE, NEAR = 0.3, 2 / 3, 0.05
+MEETING, NEAR = 0.3, 0.05
 #: fraction of the accuracy below which the estimate of a run that leaves out vibrations stands without a closer one. Measured:
 #: peaks of a wing 5.5 times as far off as run and companion differ, where vibrations begin in mid-run; the tension of a rope that
 #: tightens 7 times, where both end a step in the same moment
@@ -79,6 +77,7 @@ class Errors:
     closer: Callable[[], OtherRun | None] | None = field(default=None, repr=False)
     wanted: tuple[Quantity, ...] = ()  #: those that the run was asked for, which are relative to their own size
     _known: dict[Any, Estimate | None] = field(default_factory=dict, repr=False)
+    endless: dict[str, float] = field(default_factory=dict, repr=False)  #: quantity that is not finite at a time, s: no error
 
     def __post_init__(self) -> None:
         self.others = at_the_same_times(self.others)
@@ -86,7 +85,7 @@ class Errors:
     def __getstate__(self) -> dict[str, Any]:
         """What `pickle` keeps: the runs and what was told; errors are computed again when they are read."""
         return {name: vars(self)[name] for name in ("prepared", "solution", "others", "asked", "told", "reactions")} | {
-            "closer": None, "_known": {}}
+            "closer": None, "_known": {}, "endless": {}}
 
     # -- reactions
 
@@ -142,14 +141,17 @@ class Errors:
         return self._once(quantity, (size, t, *result.t[[0, -1]]), lambda: self._estimated_peak(result, quantity, size, t))
 
     def of_mean(self, result: Any, quantity: Quantity, size: float, power: int) -> Estimate | None:
-        """The error of the mean (power 1), or of the root mean square `size` (2), of a quantity between the first and the last of
-        the result's times. Of a mean counts the largest integral of the difference up to any time, since what swings about 0 may
-        end at 0 by chance; of a root mean square that of the difference, which is at least as large."""
-        def mean(t: Array, own: Array, beside: Array) -> float:
+        """The error of the mean (power 1), or of the root mean square (2), of a quantity between the first and the last of
+        the result's times, relative to the largest value `size` there, as that of a peak. Of a mean counts the largest integral
+        of the difference up to any time, since what swings about 0 may end at 0 by chance; of a root mean square that of the
+        difference, which is at least as large. Beside a closer run the others count from its end on."""
+        def mean(other: OtherRun, t: Array, own: Array, beside: Array) -> float:
             apart = difference(own, beside, unit_of(result, quantity)).reshape(len(t), -1)
             apart = apart if power == 1 else np.sum(apart**2, axis=1, keepdims=True)
-            sums = np.cumsum((apart[1:] + apart[:-1]) * np.diff(t)[:, None] / 2, axis=0)
-            return float((np.max(np.linalg.norm(sums, axis=1)) / (t[-1] - t[0])) ** (1 / power))
+            end = max((one.times[-1] for one in self.others if one.kind == "closer"), default=t[0])
+            whole = other.kind != "window"  # what a window shows goes on
+            begin, length = (min(max(end, result.t[0]), t[0]), result.t[-1] - result.t[0]) if whole else (t[0], 0.0)
+            return float(averaged(t, apart, begin, length) ** (1 / power))
 
         return self._once(quantity, (size, power, *result.t[[0, -1]]), lambda: self._estimated(result, quantity, mean, size))
 
@@ -186,16 +188,17 @@ class Errors:
             for other in self._shown:
                 both = self._both(result, other)
                 own, beside = (value(one, quantity) for one in both)
+                if (at_time := without_value((result, *both), quantity)) is not None:
+                    self.endless.setdefault(named(quantity), at_time)
+                    return None
                 top = float(np.max(magnitudes(own), initial=0.0))
                 known = max(known, top) if size is None else size
-                at = slice(*np.clip(np.searchsorted(other.times, [first, last]) + np.array([-1, 1]), 0, len(own)))
-                if other.kind == "window" or len(own[at]) < 2:  # what it shows goes on elsewhere
-                    at = slice(None)
+                at = other.between(first, last)
                 if part is None or part is np.max:
                     shown = differences(*both, quantity, unit, asked * self.prepared.time, asked * top)
                     found.append((other, float(np.max(shown[at]))))
                 else:
-                    found.append((other, part(other.times[at], own[at], beside[at])))
+                    found.append((other, part(other, other.times[at], own[at], beside[at])))
         except UNREADABLE:
             return None
         return Estimate(together(found), max(known, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
@@ -220,9 +223,9 @@ class Errors:
         own, beside = self._both(result, other)
         if other.kind == "window" and not begin <= t <= end:
             # a peak elsewhere: of the vibrations that go on at the end of the window a crest may meet it
-            late = other.times >= begin + LATE * (end - begin)
-            apart = magnitudes(value(beside, quantity) - value(own, quantity))
-            over = float(np.max(magnitudes(value(beside, quantity)))) - size
+            late, apart = other.times >= begin + LATE * (end - begin), magnitudes(value(beside, quantity) - value(own, quantity))
+            asked = (other.times >= result.t[0]) & (other.times <= result.t[-1])
+            over = float(np.max(magnitudes(value(beside, quantity))[asked], initial=0.0)) - size
             return max(over, MEETING * float(np.max(apart[late])))
         first, last = max(begin, float(result.t[0])), min(end, float(result.t[-1]))
         if first > last:
@@ -292,9 +295,8 @@ class Errors:
 
     def judge_part(self, result: Any, quantity: Quantity, found: Estimate | None, read: str) -> float | None:
         """The error `found` of what was `read` of a quantity, as its "largest value"; told where it is above the accuracy."""
-        unit = unit_of(result, quantity)
-        if not result._silent and self.asked is not None and not self._covered(result, quantity, unit):
-            self.tell(named(quantity), unit, found, self.asked, read)
+        if not result._silent and self.asked is not None and not self._covered(result, quantity, unit_of(result, quantity)):
+            self.tell(named(quantity), unit_of(result, quantity), found, self.asked, read)
         return None if found is None else found.error
 
     def _covered(self, result: Any, quantity: Quantity, unit: str) -> bool:
@@ -310,9 +312,12 @@ class Errors:
         error = "an error that is not known"
         if found is not None and np.isfinite(found.error):
             share, of = f"{100 * found.error / found.size:.2g} % of ", f"{found.error:.2g}{f' {unit}' if unit else ''}"
-            error = f"an error of about {of} in its {read}, {share}that" if read else (
+            error = f"an error of about {of} in its {read}, {share}its largest value there" if read else (
                 f"an error of about {of}, {share}its largest value")
-        self.told[key] = f"{name} has {error}, where the accuracy {asked:g} was asked: {self._remedy(asked)}"
+        remedy = self._remedy(asked)
+        if found is None and name in self.endless:
+            remedy = f"it is infinite or no number at t = {self.endless[name]:.6g} s; read a quantity that is finite all along"
+        self.told[key] = f"{name} has {error}, where the accuracy {asked:g} was asked: {remedy}"
         warn(f"scene '{self.prepared.model.scene.name}': {self.told[key]}")
 
     @property

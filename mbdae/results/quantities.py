@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -53,6 +53,15 @@ def value(result: Any, quantity: Quantity) -> Array:
         raise OptionError(f"{named(quantity)} is not a quantity over time: it has the shape {found.shape}, where numbers at "
                           f"{counted(len(result.t), 'time')} are expected; {NAME_A_QUANTITY}")
     return np.asarray(found, dtype=float)
+
+
+def without_value(runs: Iterable[Any], quantity: Quantity) -> float | None:
+    """The first time of some results, s, at which a quantity is infinite or no number; None where it has values all along."""
+    found = []
+    for run in runs:
+        with run._silently():
+            found += run.t[~np.isfinite(magnitudes(value(run, quantity)))][:1].tolist()
+    return min(found, default=None)
 
 
 def magnitudes(values: Array) -> Array:

@@ -215,7 +215,8 @@ class Result(OfRun, RunStates, ListsAttributes):
 
     def mean(self, quantity: Quantity, t: Any = None) -> Mean:
         """The mean of a quantity (see `value`) over the times t = (begin, end), s, by default the result's: `.value`, of a vector
-        by component, and its `.error`."""
+        by component, and its `.error`, which is judged over the largest value of the quantity in that time: a mean near 0 of what
+        swings is as exact as what swings."""
         return mean(self._between(t), quantity, 1)
 
     def rms(self, quantity: Quantity, t: Any = None) -> Mean:

@@ -249,7 +249,9 @@ def wanted_of(of: Any, prepared: Prepared) -> Wanted:
 def _read(one: Any, start: Result) -> Quantity:
     """A quantity as results read it: symbols of sensors and expressions of them as text."""
     quantity = _SENSOR.sub(lambda found: path_of(found[0]), str(one)) if paths(one) else one
-    start.value(quantity)
+    if not np.all(np.isfinite(start.value(quantity))):
+        raise OptionError(f"{named(quantity)} is infinite or no number at the start, so that no error can be relative to its "
+                          "largest value; ask for a quantity that is finite all along")
     return quantity
 
 
@@ -307,5 +309,7 @@ def told(result: Result, known: Accuracy, wanted: Wanted) -> tuple[Accuracy, lis
     for key, quantity in wanted.items():
         estimate = errors.of(result, quantity)
         relative[key] = None if estimate is None else estimate.relative
+        if named(quantity) in errors.endless:  # told by the name that the user gave
+            errors.endless[named(key)] = errors.endless[named(quantity)]
         errors.tell(named(key), "", estimate, asked)
     return replace(known, of=relative), []

@@ -99,3 +99,13 @@ def test_a_file_keeps_what_was_asked(tmp_path: Path) -> None:
     again = mb.load(tmp_path / "run.npz")
     assert again.accuracy.of == r.accuracy.of
     assert "weight" in again.accuracy.covers
+
+
+def test_an_infinite_quantity_is_refused_at_the_start_and_told_later() -> None:
+    """It has no largest value that an error could be relative to."""
+    with pytest.raises(mb.OptionError, match=r"1/t is infinite or no number at the start"):
+        top().simulate(0.1, of=["1/t"])
+    r, told = told_by(lambda: top().simulate(0.1, accuracy=1e-4, of={"pole": "1/(t - 0.05)"}))
+    assert r.accuracy.of == {"pole": None}
+    assert r.reliable is None
+    assert any("pole" in note and "infinite or no number at t = 0.05 s" in note for note in told)

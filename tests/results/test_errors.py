@@ -15,7 +15,7 @@ from contact_scenes import ball
 
 import mbdae as mb
 from mbdae.results.clearance import OtherRun
-from mbdae.results.contacts import Peak, largest, with_error
+from mbdae.results.contacts import Peak, averaged, largest, with_error
 from mbdae.results.errors import Errors, fallen
 from mbdae.results.quantities import magnitudes
 
@@ -321,3 +321,57 @@ def test_a_stored_result_keeps_its_errors_and_what_was_told(ringing: mb.Result, 
     assert told_by(lambda: again["B"].force) == []
     assert len(told_by(lambda: again.peak("C.force"))) == 1
     assert again.accuracy.reactions == r.accuracy.reactions
+
+
+# ---- parts of a run
+
+
+def shocked() -> mb.Scene:
+    """A mass on a stiff, damped spring that starts compressed: a force of 2000 N at the start, its weight after .3 s."""
+    s = mb.Scene("shock", gravity=(0, -G, 0))
+    b = s.rigid_body("b", 1.0, 0.1, at=(0, 0, 0))
+    s.prismatic("P", s.ground, b, at=(0, 0, 0), axis=(0, 1, 0))
+    s.spring("S", s.ground, b, at_k=(0, -1, 0), at_l=(0, 0, 0), stiffness=1e5, damping=60.0, length=1.02)
+    return s
+
+
+def test_what_a_part_of_a_run_is_off_is_not_that_of_its_start() -> None:
+    """Short runs of HHT show what it leaves out of the start: a later peak does not have the start's size for its error."""
+    r = shocked().simulate(0.6, accuracy=1e-3, solver=mb.HHT())
+    late = r.peak("S.force", t=(0.4, 0.6))
+    assert late.value == pytest.approx(G, rel=0.05)
+    assert late.error is not None
+    assert abs(late.value - shocked().simulate(0.6, accuracy=1e-8).peak("S.force", t=(0.4, 0.6)).value) <= 3 * late.error <= 3.0
+
+
+def test_a_mean_has_an_error_where_a_closer_run_ends_just_before_the_run() -> None:
+    """CVODE of an elastic rod: the closer run ends .02 % before the run, and one time of the companion is left beyond it."""
+    r = slider_crank(2, 2).simulate(0.004, accuracy=1e-2, solver=mb.CVODE())
+    for read in (r.mean("A.drive"), r.rms("A.drive"), r.mean("A.drive", t=(0.0036, 0.004)), r.peak("A.drive")):
+        assert read.error is not None, read
+    assert r.mean("A.drive").error <= r.error("A.drive")
+
+
+def test_the_rest_beyond_a_closer_run_counts_for_its_duration() -> None:
+    t, apart = np.array([9.9, 10.0]), np.array([[3.0], [3.0]])
+    assert averaged(t, apart, 9.8, 10.0) == pytest.approx(3.0 * 0.2 / 10)
+    assert averaged(t[1:], apart[1:], 9.8, 10.0) == pytest.approx(3.0 * 0.2 / 10)
+    assert averaged(t, apart, 9.9, 0.0) == pytest.approx(3.0)
+
+
+def test_a_mean_near_0_is_judged_over_the_values_it_is_made_of(rigid: mb.Result) -> None:
+    """The mean torque of a drive is small beside its swings: its error is relative to these."""
+    fresh, part = pickle.loads(pickle.dumps(rigid)), (0.0, 0.5)
+    drive = rigid(np.linspace(*part, 2001))["A"].drive
+    away = float(np.mean(drive))
+    read = fresh.mean(f"A.drive - {away}", t=part)
+    assert abs(read.value) < 0.01 * np.max(np.abs(drive))
+    assert not [note for note in told_by(lambda: fresh.mean(f"A.drive - {away}", t=part)) if "mean" in note]
+    assert read.error <= 1e-4 * np.max(np.abs(drive))
+
+
+def test_what_is_not_finite_has_no_error_and_says_so(rigid: mb.Result) -> None:
+    fresh = pickle.loads(pickle.dumps(rigid))
+    told = told_by(lambda: fresh.value("1/(t - 0.25)"))
+    assert fresh.error("1/(t - 0.25)") is None
+    assert any("1/(t - 0.25) has an error that is not known" in note and "no number at t = 0.25 s" in note for note in told)
