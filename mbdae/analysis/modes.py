@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, eigsh, splu
 
 from mbdae.analysis.pencil import Pencil, acting_states
+from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.roots import parts
 from mbdae.analysis.spectrum import Spectrum, Structure, digits, exact_zeros
 from mbdae.analysis.state import NOISE
@@ -30,6 +31,7 @@ BESIDE = 1e3  #: factor for roots near the one in question, in the error that is
 APART = 1e-5  #: roots nearer to each other than this, relative to their size, are improved together
 FEW = 60  #: largest number of freedoms for which all eigenvalues are computed; with more, only as many as are asked for
 FINITE = 1e-12  #: inverse eigenvalues smaller than this, relative to the largest, belong to unknowns without inertia
+MASSLESS = 1e-13  #: inertia that counts as none, relative to the largest, where each freedom is measured by its own
 DEFAULT = 20  #: number of modes found for a scene with beams where the user gives no `count`
 
 
@@ -42,6 +44,7 @@ class Quadratic:
     K: Any
     nu: int
     freedoms: int
+    closing: Array  #: (m, nu) rows that displacements obey
 
     @property
     def conservative(self) -> bool:
@@ -73,7 +76,7 @@ def quadratic(p: Pencil, whole: Pencil) -> Quadratic:
     zeroth = A[:, at["p"]] + A[:, at["w"]] @ turn
     return Quadratic(sp.hstack([second, sp.csr_matrix((len(rows), len(others)))], format="csc"),
                      sp.hstack([first, E[:, others]], format="csc"), sp.hstack([zeroth, A[:, others]], format="csc"),
-                     len(at["p"]), len(at["p"]) + len(at["s"]) - len(at["c"]))
+                     len(at["p"]), len(at["p"]) + len(at["s"]) - len(at["c"]), whole.closing)
 
 
 def softest_beam(model: Model) -> float:
@@ -219,7 +222,10 @@ def _general(q: Quadratic, e: Quadratic, count: int, scale: float) -> tuple[Comp
 
     size = n + nu
     if q.freedoms <= FEW:
-        values, vectors = _of_inverse(solve(np.eye(size)), shift)
+        basis, coordinates = _moving(q)
+        inverse = solve(basis)
+        values, shapes = _of_inverse(coordinates @ inverse, shift)
+        vectors = inverse @ shapes
     else:
         begin = np.random.default_rng(3).normal(size=size)
         for _ in range(3):
@@ -231,6 +237,27 @@ def _general(q: Quadratic, e: Quadratic, count: int, scale: float) -> tuple[Comp
     chosen = np.argsort(np.abs(values), kind="stable")[: 2 * count + 2]
     chosen = chosen[values[chosen].imag >= 0]
     return _improved(q, e, values[chosen], vectors[:n, chosen], scale)
+
+
+def _moving(q: Quadratic) -> tuple[Array, Array]:
+    """Basis (n + nu, k) of the states (X, w p) that move, and the coordinates (k, n + nu) of a state in it: displacements that
+    obey the rows, unknowns whose rates count, velocities of what has inertia. All others belong to infinite roots, which come
+    together by twos and threes, so that rounding would turn them into large finite ones."""
+    n, nu = q.K.shape[0], q.nu
+    N = free_basis(q.closing, np.ones(nu))
+    rates = nu + np.flatnonzero(abs(q.C[:, nu:]).sum(axis=0))
+    inertia = N.T @ (q.M[:nu, :nu] @ N)
+    size = np.sqrt(np.maximum(np.diagonal(inertia), 0.0))
+    size = np.where(size > 0, size, 1.0)
+    values, Q = np.linalg.eigh(inertia / np.outer(size, size))
+    moved = Q if q.M[nu:].count_nonzero() else Q[:, values > MASSLESS * values[-1]]
+    a, s, k = N.shape[1], len(rates), moved.shape[1]
+    basis = np.zeros((n + nu, a + s + k))
+    basis[:nu, :a], basis[rates, a + np.arange(s)], basis[n:, a + s :] = N, 1.0, N @ (moved / size[:, None])
+    coordinates = np.zeros(basis.shape[::-1])
+    coordinates[:a, :nu], coordinates[a + np.arange(s), rates] = N.T, 1.0
+    coordinates[a + s :, n:] = (moved * size[:, None]).T @ N.T
+    return basis, coordinates
 
 
 def _improved(q: Quadratic, e: Quadratic, values: Complex, X: Complex, scale: float) -> tuple[Complex, Complex, Array]:

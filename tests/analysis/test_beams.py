@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 from scipy.special import ellipk
 
 import mbdae as mb
@@ -293,3 +294,23 @@ def test_multipliers_name_their_mesh_and_the_state_of_a_run_has_none_to_compare(
     rigid.revolute("hinge", rigid.ground, rigid.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), spring=1.0)
     assert (rigid.linearize().mesh, rigid.linearize().mesh_error) == ({}, None)
     assert "mesh" not in repr(rigid.linearize()) + str(rigid.linearize())
+
+
+@pytest.mark.parametrize("elements", [1, 2, 3])
+@pytest.mark.parametrize("damping", [0.0, 10.0])
+def test_a_column_under_a_load_that_follows_it_has_finite_roots_alone(elements: int, damping: float) -> None:
+    """Stiffness that is not symmetric: unknowns without inertia have no roots, however few freedoms there are. The roots are those
+    of the dense equations on the displacements that the clamp allows."""
+    s = mb.Scene("column")
+    c = s.beam("c", (0, 0), (1, 0), section=mb.Section.rectangular(0.01, 0.01, E=12e8, nu=0.3, rho=1e4), elements=elements)
+    s.weld("w", s.ground, c, at=(0, 0))
+    s.force("F", c, (-2.0, 0), at=(1, 0), frame="body")
+    s.spring("D", s.ground, c, at_k=(1, 1), at_l=(1, 0), stiffness=0.0, damping=damping, length=1.0)
+    found = s.linearize(at=s.equilibrium())
+    E, A = found.equations.first_order()
+    dense = scipy.linalg.eigvals(-A, E)
+    dense = dense[dense.imag >= 0]
+    lowest = np.sort(np.abs(found.eigenvalues))
+    assert lowest[:4] == pytest.approx(np.sort(np.abs(dense))[:4], rel=1e-4)
+    assert lowest[-1] < 1e6
+    assert found.stable is True
