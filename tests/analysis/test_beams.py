@@ -299,8 +299,8 @@ def test_multipliers_name_their_mesh_and_the_state_of_a_run_has_none_to_compare(
 @pytest.mark.parametrize("elements", [1, 2, 3])
 @pytest.mark.parametrize("damping", [0.0, 10.0])
 def test_a_column_under_a_load_that_follows_it_has_finite_roots_alone(elements: int, damping: float) -> None:
-    """Stiffness that is not symmetric: unknowns without inertia have no roots, however few freedoms there are. The roots are those
-    of the dense equations on the displacements that the clamp allows."""
+    """Stiffness that is not symmetric: unknowns without inertia have no roots, however few freedoms there are. The roots are
+    those of the dense equations on the displacements that the clamp allows."""
     s = mb.Scene("column")
     c = s.beam("c", (0, 0), (1, 0), section=mb.Section.rectangular(0.01, 0.01, E=12e8, nu=0.3, rho=1e4), elements=elements)
     s.weld("w", s.ground, c, at=(0, 0))
