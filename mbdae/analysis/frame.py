@@ -111,7 +111,7 @@ def set_velocity(node: Node, q: Array, u: Array, v: Array, omega: Array) -> None
 
 def nodes_in_space(model: Model) -> list[Node]:
     """Nodes that have a position in space: all except those whose unknown is a coordinate of a joint."""
-    return [n for n in model.nodes if n.kind is not NodeKind.COORDINATE]
+    return [n for n in model.nodes if not n.kind.of_joint]
 
 
 def steady_acceleration(model: Model, frame: RotatingFrame, q: Array, u: Array) -> Array:
@@ -159,6 +159,9 @@ def advanced(mechanics: Mechanics, frame: RotatingFrame, q: Array, u: Array, tau
     for node in mechanics.model.nodes:
         if node.kind is NodeKind.COORDINATE:
             q[node.q] += tau * u[node.u]
+            continue
+        if node.kind is NodeKind.ROTATION:
+            q[node.q : node.q + 4] = turned(q[node.q : node.q + 4], tau * u[node.u : node.u + 3])
             continue
         v, omega, n = velocity(node, u), angular_velocity(node, q, u), node.kind.translations
         q[node.q : node.q + n] += (S @ v)[:n]

@@ -109,6 +109,9 @@ def _node_blocks(kind: NodeKind, places: tuple[Array, Array], frame: RotatingFra
     one, zero = np.ones((count, 1, 1)), np.zeros((count, 1, 1))
     if kind is NodeKind.COORDINATE:
         return [((one, zero, one), (one, zero), 0, 0)]
+    if kind is NodeKind.ROTATION:  # relative to the body that carries the joint: in its axes, whatever the frame
+        P, Omega = q[places[0][:, None] + np.arange(4)], u[places[1][:, None] + np.arange(3)]
+        return [(*_rotation_blocks(P, Omega, replace(frame, rotation=np.eye(3)), np.zeros((3, 3))), 0, 0)]
     n, W = kind.translations, skew(frame.rate)
     R, dR = (np.tile(a[:n, :n], (count, 1, 1)) for a in (frame.rotation, W @ frame.rotation))
     out: list[Any] = [((R, dR, R.transpose(0, 2, 1)), (R, dR), 0, 0)]

@@ -396,3 +396,21 @@ def test_a_mode_moves_every_place_of_a_rigid_body() -> None:
     turn = mode[rod].rotation[2]
     for y in (0.0, -0.5, -1.0):
         np.testing.assert_allclose(mode[rod.at((0, y))].displacement, [-y * turn, 0, 0], atol=1e-12)
+
+
+def test_balls_as_recursive_joints_have_the_roots_of_constrained_ones() -> None:
+    """Two bodies that hang on balls, one below the other; the upper ball alone has quaternions in common with its body."""
+
+    def roots(model: Any) -> Any:
+        s = mb.Scene("balls", gravity=(0, 0, -9.81))
+        a = s.rigid_body("a", 1.0, (0.12, 0.13, 0.15), at=(0, 0, -0.5))
+        b = s.rigid_body("b", 2.0, (0.2, 0.23, 0.25), at=(0, 0, -1.5))
+        s.spherical("upper", s.ground, a, at=(0, 0, 0), model=model)
+        s.spherical("lower", a, b, at=(0, 0, -1), model=model)
+        found = s.linearize()
+        assert found.stable is True
+        return np.sort(np.abs(found.eigenvalues))
+
+    constrained, recursive = roots(mb.Kinematic()), roots(mb.Recursive())
+    assert len(recursive) == len(constrained) == 8
+    assert recursive == pytest.approx(constrained, abs=1e-9)

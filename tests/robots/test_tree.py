@@ -187,3 +187,23 @@ def test_welds_of_every_kind_leave_the_tree_as_it_is() -> None:
     assert tree.mass_matrix([0.3]) == pytest.approx(np.array([[inertia]]), abs=EXACT)
     assert tree.gravity([0.0]) == pytest.approx([-9.81 * (1 + 2 + 1 + 3 * 3)], abs=EXACT)
     assert tree.pose("c", tree.zero)[:, 3] == pytest.approx([0, 1, 0.2])
+
+
+def test_what_no_tree_carries_is_refused_by_name() -> None:
+    """Bodies that a distance alone holds, and beams, would be left out of the mass matrix."""
+    def arm() -> tuple[mb.Scene, Any]:
+        s = mb.Scene("arm", gravity=(0, 0, -9.81))
+        b = s.rigid_body("b", 1.0, (0.12, 0.13, 0.15), at=(0, 0, -0.5))
+        s.revolute("j", s.ground, b, at=(0, 0, 0), axis=(0, 1, 0))
+        return s, b
+
+    s, b = arm()
+    p = s.rigid_body("pendant", 3.0, (0.1, 0.1, 0.1), at=(0, 0, -1))
+    s.distance("rod", b, p, at_k=(0, 0, -0.5), at_l=(0, 0, -1))
+    with pytest.raises(mb.SceneError, match="'pendant'"):
+        s.tree()
+    s, b = arm()
+    c = s.beam("blade", (0, 0, -1), (1, 0, -1), section=mb.Section.rectangular(0.01, 0.01, E=1e9, nu=0.3, rho=1e3))
+    s.weld("W", b, c, at=(0, 0, -1))
+    with pytest.raises(mb.SceneError, match="'blade'"):
+        s.tree()
