@@ -263,11 +263,9 @@ def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
 def _refuse_left_out(scene: Any, model: Model, trees: list[Any]) -> None:
     """Raise SceneError where beams, or bodies that constraints without coordinates hold, are in none of the trees."""
     inside = {n.name for tree in trees for n in tree.nodes if n is not None}
-    left = [b.name for b in scene.bodies if b.name not in inside] + [line.beam.name for line in model.lines]
-    if left and trees:
-        raise SceneError([f"scene '{scene.name}': no tree of joints carries {', '.join(map(repr, dict.fromkeys(left)))}: beams, and "
-                          f"bodies that rows without coordinates hold (a distance, a weld to a beam), are no part of joint-space "
-                          f"dynamics; leave them out, or hold bodies by joints with coordinates, or by a bushing alone"])
+    if trees and (left := [b.name for b in scene.bodies if b.name not in inside] + [line.beam.name for line in model.lines]):
+        raise SceneError([f"scene '{scene.name}': no tree of joints carries {', '.join(map(repr, dict.fromkeys(left)))}; give such "
+                          f"bodies joints with coordinates, or a bushing alone, and leave beams out of joint-space dynamics"])
 
 
 def ties(scene: Any) -> list[Any]:
