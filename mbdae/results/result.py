@@ -333,8 +333,7 @@ class Result(OfRun, RunStates, ListsAttributes):
         known = f"{a.estimated:.1e}" if a.estimated is not None else "unknown"
         asked = f"{a.asked:g}" if a.asked is not None else "none"
         shorter = f" ({s.shortened} shortened for inputs of time)" if s.shortened else ""
-        shared = self.prepared.rank.sharing
-        told = f", reactions not unique: {', '.join(shared)}" if shared else ""
+        told = f", reactions not unique: {', '.join(shared)}" if (shared := self.prepared.rank.sharing) else ""
         warned = (", not reliable" if self.reliable is False else "") + (
             f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "

@@ -264,8 +264,8 @@ def _refuse_left_out(scene: Any, model: Model, trees: list[Any]) -> None:
     """Raise SceneError where beams, or bodies that constraints without coordinates hold, are in none of the trees."""
     inside = {n.name for tree in trees for n in tree.nodes if n is not None}
     if trees and (left := [b.name for b in scene.bodies if b.name not in inside] + [line.beam.name for line in model.lines]):
-        raise SceneError([f"scene '{scene.name}': no tree of joints carries {', '.join(map(repr, dict.fromkeys(left)))}; give such "
-                          f"bodies joints with coordinates, or a bushing alone, and leave beams out of joint-space dynamics"])
+        raise SceneError([f"scene '{scene.name}': no tree of joints carries {', '.join(map(repr, dict.fromkeys(left)))}; give "
+                          f"such bodies joints with coordinates, or a bushing alone, and leave beams out of these dynamics"])
 
 
 def ties(scene: Any) -> list[Any]:
