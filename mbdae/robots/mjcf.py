@@ -105,8 +105,9 @@ class _Reader:
                     self.robot.heard.append(f"joint '{name}': the limit of a ball joint is left out")
             for what, at in (("dof_dampingpoly", dof), ("jnt_stiffnesspoly", i)):
                 if np.any(self._of(what, at)):
-                    word = what[4:].removesuffix("poly")
-                    wrong.append(f"joint '{name}': a polynomial of its {word} is not modelled; make it linear")
+                    wrong.append(f"joint '{name}': a polynomial of its {what[4:-4]} is not modelled; make it linear")
+            if self._of("jnt_actgravcomp", i) and np.any(m.body_gravcomp):
+                self.robot.heard.append(f"joint '{name}': gravity is compensated in full, not within the limits of actuators")
             if self._of("jnt_springyield", i):
                 wrong.append(f"joint '{name}': a spring that yields is not modelled; remove its springyield")
         if wrong:
@@ -141,7 +142,7 @@ class _Reader:
         wrong = []
         pairs = {"inertia": (momenta, expected), "damping": (d.qfrc_damper, dampers), "spring": (d.qfrc_spring, springs)}
         for what, (one, other) in pairs.items():
-            for k in map(int, np.flatnonzero(np.abs(one - other) > SAME * np.abs(other) + ROUND * np.max(np.abs(other)))):
+            for k in map(int, np.flatnonzero(abs(one - other) > SAME * abs(other) + ROUND * max(abs(other), default=0.0))):
                 i = int(m.dof_jntid[k])
                 if what != "spring" or int(m.jnt_type[i]) in (SLIDE, HINGE):  # of others `refuse` has told
                     wrong.append(f"joint '{self.joint_names[i]}': its {what} in MuJoCo gives {one[k]:.6g} where what is read "
@@ -155,13 +156,13 @@ class _Reader:
         m, told, heard = self.m, self.robot.told, self.robot.heard
         if m.nu:
             names = ", ".join(f"'{name_of(m, 'name_actuatoradr', i) or i}'" for i in range(min(m.nu, 8)))
-            told.append(f"actuators ({m.nu}: {names}{', ...' if m.nu > 8 else ''}) are not read: state loads on the joints")
+            told.append(f"actuators ({m.nu}: {names}{', ...' if m.nu > 8 else ''}) are not read, nor controls: state loads")
         if (np.any(m.geom_contype) and np.any(m.geom_conaffinity)) or m.npair:
             told.append("contacts between geoms are not read: state them by s.contact")
         if m.opt.density or m.opt.viscosity or np.any(m.opt.wind):
             heard.append("the medium (density, viscosity, wind) around the bodies is left out")
         if m.nmocap:
-            told.append("mocap bodies stay where they are")
+            told.append("mocap bodies stay where the file has them, whatever a key frame says")
         pictures = {"planes": np.sum(m.geom_type == 0), "height fields": m.nhfield, "skins": m.nskin}
         unread = {"sensors": m.nsensor, "cameras": m.ncam, "lights": m.nlight, "custom numbers, texts and tuples":
                   m.nnumeric + m.ntext + m.ntuple} | {f"pictures of {what}": n for what, n in pictures.items()}
@@ -341,6 +342,9 @@ class _Reader:
         of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
         joints = {j.name: j for j in self.robot.joints}
         made, of_ = joints[self.joint_names[one]], joints.get(self.joint_names[other] if other >= 0 else "")
-        made.start, made.rate = a0 + (a1 * of_.start if of_ else 0.0), a1 * of_.rate if of_ else 0.0
+        before, (start, rate) = (made.start, made.rate), (of_.start, of_.rate) if of_ else (0.0, 0.0)
+        made.start, made.rate = a0 + a1 * start, a1 * rate
+        if not a0 and np.max(np.abs(np.subtract((made.start, made.rate), before))) > CLOSED:
+            self.robot.heard.append(f"'{name}': the key frame contradicts it, and '{made.name}' starts as it demands")
         self.robot.closing.append(lambda s, _: s.couple(name, of, a0))
         return []

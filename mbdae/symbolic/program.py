@@ -195,7 +195,7 @@ class Program:
             return made[key]
 
         def lowered(e: Expr) -> Expr:
-            if e in table or not e.args:
+            if e in table or not e.args or not hasattr(e, "func"):  # a division by 0 has parts, and no function
                 return table.get(e, e)
             args = [lowered(a) for a in e.args]
             if not isinstance(e, se.Add | se.Mul):

@@ -384,3 +384,22 @@ def test_robots_of_any_size_keep_their_inertia(tmp_path: Path) -> None:
     assert small.inverse_dynamics(q, v, a) - small.gravity(q) == pytest.approx(
         1e-21 * (whole.inverse_dynamics(q, v, a) - whole.gravity(q)), rel=1e-4)
     assert small.forward_dynamics(q, rest, small.gravity(q)) == pytest.approx(rest, abs=1e-3)
+
+
+@pytest.mark.parametrize(("key", "told"), [('qpos="0.5 0" qvel="1 1"', True), ('qpos="0.5 1" qvel="1 7"', True),
+                                           ('qpos="0.5 1" qvel="0.5 1"', False)])
+def test_a_key_frame_that_contradicts_a_tie_of_joints_is_told(tmp_path: Path, key: str, told: bool) -> None:
+    ball = '<geom size=".1" mass="1" pos=".2 0 0"/>'
+    bodies = "".join(f'<body name="b{i}" pos="0 0 {i}"><joint name="j{i}" axis="0 1 0"/>{ball}</body>' for i in (1, 2))
+    file = written(tmp_path, f'<mujoco><worldbody>{bodies}</worldbody><equality><joint name="tie" joint1="j1" joint2="j2" '
+                             f'polycoef="0 0.5 0 0 0"/></equality><keyframe><key name="k" {key}/></keyframe></mujoco>', "tie.xml")
+    s = mb.read_mjcf(file, key="k")
+    assert any("contradicts" in line for line in s.told) is told
+
+
+def test_compensation_by_actuators_is_told_and_empty_models_are_read(tmp_path: Path) -> None:
+    body = ('<body name="b" gravcomp="1"><joint axis="0 1 0" actuatorgravcomp="true"/>'
+            '<geom size=".1" mass="1" pos=".2 0 0"/></body>')
+    with pytest.warns(mb.AccuracyWarning, match="compensated in full"):
+        mb.read_mjcf(written(tmp_path, f"<mujoco><worldbody>{body}</worldbody></mujoco>", "comp.xml"))
+    assert not mb.read_mjcf(written(tmp_path, "<mujoco/>", "empty.xml")).bodies

@@ -207,3 +207,10 @@ def test_what_no_tree_carries_is_refused_by_name() -> None:
     s.weld("W", b, c, at=(0, 0, -1))
     with pytest.raises(mb.SceneError, match="'blade'"):
         s.tree()
+
+
+def test_a_link_that_turns_about_itself_without_inertia_is_named() -> None:
+    s = mb.Scene("spit", gravity=(0, 0, -9.81))
+    s.revolute("j", s.ground, s.link("a", (0, 0, 0), (1, 0, 0), mass=1.0), at=(0, 0, 0), axis=(1, 0, 0))
+    with pytest.raises(mb.SceneError, match=r"j\.angle: no inertia"):
+        s.tree().forward_dynamics([0.0], [0.0], [1.0])
