@@ -105,6 +105,21 @@ def test_a_cantilever_bends_as_bernoulli_says() -> None:
     np.testing.assert_allclose(found[:2], whole[[0, 2]], rtol=2e-4)
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_forces_on_interfaces_alone_leave_it_at_rest_where_it_is_held_and_nowhere_else(held: bool) -> None:
+    """Interfaces and modes have no mass: what remains of their forces by rounding is compared with what joints pass on."""
+    s = mb.Scene("cantilever")
+    s.reduced_body("beam", reduced(8))
+    if held:
+        s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (0, 0.1 * 2.1e11 * SECOND, 0))
+    if held:
+        assert s.equilibrium()["beam.tip"].position[0, 1] == pytest.approx(0.1 / 3, rel=2e-4)  # its tip turns by 0.05 rad
+    else:
+        with pytest.raises(mb.EquilibriumError):
+            s.equilibrium()
+
+
 def clamped(accelerations: bool, modes: int) -> tuple[mb.ReducedBody, float]:
     """The body between two walls under gravity across it, and how far its middle sags over w L^4 / (384 E I)."""
     body = mb.ReducedBody.craig_bampton(*beam_matrices(10), ENDS, modes, accelerations)
