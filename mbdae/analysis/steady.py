@@ -114,22 +114,24 @@ def acceleration_scale(m: Mechanics, t: Array, q: Array, u: Array, s: Array | No
     """(nu,) sizes that accelerations (in units of the scene's length and 1 rad, 1/s^2) are compared with.
 
     The absolute values of the single forces on a node (their sum vanishes at rest) over its mass, at least a thousandth of the
-    largest in the scene since joints transmit forces, and the largest where a node has no mass; plus the squared speed, and
-    SMALLEST: terms inside of a single force may cancel at rest."""
+    largest in the scene since joints transmit forces, and the largest where a node has no mass; plus the largest force on a node
+    without mass, over the largest mass, since joints transmit that too; plus the squared speed, and SMALLEST: terms inside of a
+    single force may cancel at rest."""
     units, force = m.velocity_units, np.zeros(m.nu)
     for g, p, values in m.evaluate(loads, t, q[None], u[None], None if s is None else s[None]):
         for o, target in enumerate(p.targets):
             for i in range(values.shape[1]):
                 force[m.numbering.velocity(target, g, i)] += abs(values[0, i, o])
     force = add_dead_loads(m, force)
-    heavy = m.mass.diagonal() > 0
-    force = np.where(heavy, force / m.weight.diagonal() / units, 0.0)
+    heavy, inertia = m.mass.diagonal() > 0, m.weight.diagonal() * units**2
+    carried = float(np.max((force * units)[~heavy], initial=0.0) / np.max(inertia, initial=SMALLEST))
+    force = np.where(heavy, force * units / inertia, 0.0)
     scale = np.full(m.nu, np.max(force, initial=0.0))
     for node in m.model.nodes:
         own = slice(node.u, node.u + node.kind.sizes[1])
         if np.any(heavy[own]):
             scale[own] = max(float(np.max(force[own])), 1e-3 * float(np.max(force)))
-    return np.asarray(scale + float(np.max(np.abs(u) / units, initial=0.0)) ** 2 + SMALLEST)
+    return np.asarray(scale + carried + float(np.max(np.abs(u) / units, initial=0.0)) ** 2 + SMALLEST)
 
 
 class Rest:

@@ -18,7 +18,7 @@ import numpy as np
 from mbdae.deferred import later, sp
 from mbdae.errors import NamesAttributes, OptionError
 from mbdae.notation import counted
-from mbdae.values import Array, array, option, shown, whole
+from mbdae.values import Array, array, flag, option, shown, whole
 
 if TYPE_CHECKING:
     from mbdae.inputs.reduction import FiniteElements, rigid_motions
@@ -127,17 +127,20 @@ class ReducedBody(NamesAttributes):
         return np.asarray(np.einsum("kfn,...n->...kf", self.shapes, _modes_given(coordinates, self.shapes.shape[2])))
 
     @classmethod
-    def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None) -> ReducedBody:
+    def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
+                       accelerations: bool = False) -> ReducedBody:
         """Reduce a free body with mass matrix M and stiffness K (both (f k, f k), kg and N/m, full or SciPy sparse) of k nodes,
         f = 6 freedoms each (ux uy uz rx ry rz, node by node) or 3 (ux uy uz).
 
         nodes (k, 3), m; interfaces: {name: numbers of its nodes, from 0}, each of which moves as a rigid body; modes: number of
-        modes with held interfaces that are kept, None: as many as make `left_out` 1e-3 or less. OptionError where the matrices
-        are not those of such a body, with the reason."""
+        modes with held interfaces that are kept, None: as many as make `left_out` 1e-3 or less; accelerations: whether the
+        static deformations by uniform accelerations along and about axes, with held interfaces, are kept too, as far as the modes
+        do not show them, so that nothing of these is left out. OptionError where the matrices are not those of such a body, with
+        the reason."""
         body = FiniteElements(M, K, nodes, interfaces)
         count = None if modes is None else option("modes", modes, whole, "give the number of modes to be kept, or None",
                                                   least=0, most=body.inner.shape[1])
-        found = body.reduced(count)
+        found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"))
         return cls(**found, points=inertia_points(body.M, **found))
 
 

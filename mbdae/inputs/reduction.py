@@ -129,8 +129,9 @@ class FiniteElements:
         inner = sp.csc_matrix((np.ones(len(self.kept)), (self.kept, np.arange(len(self.kept)))), shape=(n, len(self.kept)))
         return sp.csc_matrix(held), inner
 
-    def reduced(self, modes: int | None) -> dict[str, Any]:
-        """The fields of `ReducedBody` with a number of modes with held interfaces."""
+    def reduced(self, modes: int | None, accelerations: bool = False) -> dict[str, Any]:
+        """The fields of `ReducedBody` with a number of modes with held interfaces; accelerations: with the static deformations by
+        uniform accelerations too."""
         held, inner = self.held, self.inner
         _positive("M", self.M, self._freedom)
         basis, frequencies, left_out = held.toarray(), np.zeros(0), 0.0
@@ -140,6 +141,8 @@ class FiniteElements:
             static = -factors.solve((inner.T @ (self.K @ held)).toarray())
             values, vectors, left_out = self._held_modes(K, M, factors, static, modes)
             frequencies = np.sqrt(values) / (2 * np.pi)
+            if accelerations:
+                vectors, left_out = self._with_accelerations(M, factors, vectors), 0.0
             basis[self.kept] += static
             basis = np.hstack([basis, inner @ vectors])
         M, K = (basis.T @ (A @ basis) for A in (self.M, self.K))
@@ -180,7 +183,7 @@ class FiniteElements:
     def _held_modes(self, K: Any, M: Any, factors: Any, static: Array, modes: int | None) -> tuple[Array, Array, float]:
         """Squared angular frequencies (m,) and modes (inner, m) with held interfaces, lowest first, and the share left out."""
         n, count = K.shape[0], 6 if modes is None else modes
-        loads = M @ self.rigid[self.kept]
+        loads = self.inner.T @ (self.M @ self.rigid)
         whole_ = np.einsum("ia,ia->a", loads, factors.solve(loads))
         seen = whole_ > 0  # a rotation about the line of a beam may have no inertia
         while True:
@@ -190,6 +193,18 @@ class FiniteElements:
             if modes is not None or left_out <= LEAVES or len(values) >= n or len(values) < count:
                 return values, vectors, left_out
             count *= 2
+
+    def _with_accelerations(self, M: Any, factors: Any, vectors: Array) -> Array:
+        """The modes with held interfaces and, orthogonal to them by M and K, what they leave out of the deformations by uniform
+        accelerations along and about axes: of six those that do not follow from the others."""
+        loads = self.inner.T @ (self.M @ self.rigid)
+        whole_ = np.einsum("ia,ia->a", loads, factors.solve(loads))
+        loads = loads[:, whole_ > 0] / np.sqrt(whole_[whole_ > 0])
+        loads = loads - M @ (vectors @ (vectors.T @ loads))
+        found = factors.solve(loads)
+        energy, turned = np.linalg.eigh(found.T @ loads)
+        turned = turned[:, energy > SHOWN]
+        return np.hstack([vectors, found @ turned / np.sqrt(energy[energy > SHOWN])])
 
     def _modes(self, K: Any, M: Any, factors: Any, count: int) -> tuple[Array, Array]:
         from scipy.linalg import eigh
@@ -235,6 +250,8 @@ class FiniteElements:
         return values, elastic @ vectors / size[:, None]
 
 
+#: share of the elastic energy by a uniform acceleration below which no shape is added for what the modes leave out of it
+SHOWN = 1e-9
 LEAVES = 1e-3  #: largest `left_out` of modes=None
 
 

@@ -80,6 +80,7 @@ NEGATIVE = sp.csc_matrix(M + sp.csc_matrix(([-5e-3, -5e-3], ([9, 15], [15, 9])),
     ((M, K, NODES, {"a": []}), "interfaces['a'] has no nodes"), ((M, K, NODES, {"a": [5]}), "0 to 4"),
     ((M, K, NODES, {"a": [0], "b": [0]}), "which interface 'a' has too"), ((M, K, NODES, None), "interfaces = None"),
     ((M, sp.triu(K), NODES, {"a": [0]}), "K is not symmetric"), ((M, K, NODES, {"a": [0]}, 99), "modes = 99"),
+    ((M, K, NODES, {"a": [0]}, 2, "all"), "accelerations = 'all'"),
     ((M, K, NODES[:4], {"a": [0]}), "for 4 nodes"), ((M, K, "nodes", {"a": [0]}), "nodes = 'nodes'"),
 ], ids=lambda part: part if isinstance(part, str) else "")
 def test_what_is_no_free_body_is_refused_with_the_reason(given: Any, words: str) -> None:
@@ -102,6 +103,67 @@ def test_a_cantilever_bends_as_bernoulli_says() -> None:
     whole = np.sqrt(eigh(K.toarray()[6:, 6:], M.toarray()[6:, 6:], eigvals_only=True))
     found = np.unique(np.round(np.abs(s.linearize().eigenvalues.imag), 3))
     np.testing.assert_allclose(found[:2], whole[[0, 2]], rtol=2e-4)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_forces_on_interfaces_alone_leave_it_at_rest_where_it_is_held_and_nowhere_else(held: bool) -> None:
+    """Interfaces and modes have no mass: what remains of their forces by rounding is compared with what joints pass on."""
+    s = mb.Scene("cantilever")
+    s.reduced_body("beam", reduced(8))
+    if held:
+        s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (0, 0.1 * 2.1e11 * SECOND, 0))
+    if held:
+        assert s.equilibrium()["beam.tip"].position[0, 1] == pytest.approx(0.1 / 3, rel=2e-4)  # its tip turns by 0.05 rad
+    else:
+        with pytest.raises(mb.EquilibriumError):
+            s.equilibrium()
+
+
+def clamped(accelerations: bool, modes: int) -> tuple[mb.ReducedBody, float]:
+    """The body between two walls under gravity across it, and how far its middle sags over w L^4 / (384 E I)."""
+    body = mb.ReducedBody.craig_bampton(*beam_matrices(10), ENDS, modes, accelerations)
+    s = mb.Scene("clamped", gravity=(0, -9.81, 0))
+    s.reduced_body("beam", body)
+    for end, at in (("root", 0.0), ("tip", LENGTH)):
+        s.weld(end, s.ground, f"beam.{end}", at=(at, 0, 0))
+    r = s.equilibrium()
+    moved = body.displacement([getattr(r["beam.modes"], f"mode{i + 1}")[0] for i in range(len(body.modal_mass))])
+    middle = r["beam"].position[0] + body.nodes[5] + moved[5, :3] - body.center
+    return body, -float(middle[1]) / (9.81 * PER_LENGTH * LENGTH**4 / (384 * 2.1e11 * SECOND))
+
+
+@pytest.mark.parametrize("modes", [0, 3, 8])
+def test_with_accelerations_nothing_is_left_out_of_what_a_weight_does(modes: int) -> None:
+    body, sag = clamped(True, modes)
+    assert body.left_out == 0.0
+    assert sag == pytest.approx(1, rel=1e-5)
+    # the modes kept stay those with held interfaces, and free frequencies fall towards those of the whole matrices, not below
+    M, K, _ = beam_matrices(10)
+    whole = np.sqrt(eigh(K.toarray(), M.toarray(), eigvals_only=True)[6:]) / (2 * np.pi)
+    without = reduced(modes)
+    assert len(body.held_frequencies) == modes
+    assert len(without.frequencies) < len(body.frequencies) <= len(without.frequencies) + 6
+    assert np.all(body.frequencies >= whole[: len(body.frequencies)] * (1 - 1e-9))
+    assert np.all(body.frequencies[: len(without.frequencies)] <= without.frequencies * (1 + 1e-9))
+
+
+def test_without_accelerations_a_weight_is_shown_by_the_modes_alone() -> None:
+    assert clamped(False, 0)[1] == pytest.approx(0, abs=1e-6)
+
+
+def test_what_is_left_out_is_the_share_of_whole_accelerations_that_the_modes_do_not_show() -> None:
+    """Loads by accelerations act on inner nodes through the mass between them and the interfaces, too."""
+    M, K, nodes = (np.asarray(A.todense()) if sp.issparse(A) else A for A in beam_matrices(10))
+    R, inner = np.zeros((66, 6)), slice(6, 60)
+    for i, x in enumerate(nodes - reduced(0).center):
+        R[6 * i : 6 * i + 6] = np.block([[np.eye(3), np.cross(np.eye(3), x)], [np.zeros((3, 3)), np.eye(3)]])
+    loads = (M @ R)[inner]
+    energy = np.einsum("ia,ia->a", loads, np.linalg.solve(K[inner, inner], loads))
+    for modes in (4, 16, 30):
+        values, vectors = eigh(K[inner, inner], M[inner, inner], subset_by_index=(0, modes - 1))
+        shown = np.sum((vectors.T @ loads) ** 2 / values[:, None], axis=0)
+        assert reduced(modes).left_out == pytest.approx(np.max(1 - shown / energy), rel=1e-6)
 
 
 def thrown(s: mb.Scene, add: Any) -> Any:
