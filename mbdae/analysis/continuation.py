@@ -19,7 +19,7 @@ from mbdae.analysis.equilibrium import Equilibrium, equilibrium
 from mbdae.analysis.followed import Along, Orbits, Place, Rests
 from mbdae.analysis.multipliers import GAIN
 from mbdae.analysis.periodic import Periodic
-from mbdae.errors import MbdaeError, OptionError, SolverError, SteadyError, naming_arguments, warn
+from mbdae.errors import MbdaeError, OptionError, SteadyError, naming_arguments, warn
 from mbdae.run.verification import with_finer_beams
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
@@ -219,7 +219,7 @@ class _Walk:
         """The next point in the direction of the tangent, and the number of corrections; None where the step is too long."""
         try:
             there = self.corrected(self.along.moved(place, step * place.tangent), place.tangent)
-        except (SolverError, SteadyError, OptionError, MbdaeError):
+        except MbdaeError:
             return None
         if there is None or there.tangent @ place.tangent < np.cos(BEND):
             return None
@@ -242,11 +242,11 @@ class _Walk:
         return None
 
     def _finished(self, place: Place, J: Array, before: Array | None, count: int) -> Place:
-        tangent = np.linalg.svd(J)[2][-1]
+        _, sizes, rows = np.linalg.svd(J)
+        tangent = rows[-1]
         if before is not None:
-            if J.shape[0] > 1 and before is not None:  # of several directions the one that goes on
-                rows = np.linalg.svd(J)
-                null = rows[2][np.r_[rows[1] <= 1e-9 * rows[1][0], np.ones(J.shape[1] - len(rows[1]), dtype=bool)]]
+            if J.shape[0] > 1:  # of several directions the one that goes on
+                null = rows[np.r_[sizes <= 1e-9 * sizes[0], np.ones(J.shape[1] - len(sizes), dtype=bool)]]
                 along = null.T @ (null @ before)
                 tangent = along / np.linalg.norm(along) if np.linalg.norm(along) > 0 else tangent
             tangent = tangent * (np.sign(tangent @ before) or 1.0)
@@ -292,7 +292,7 @@ class _Walk:
             walk = _Walk(finer, self.over, self.most)
             error = abs(place.p)
             try:
-                near = walk.corrected(finer.again(place, a.tangent * 0), place.tangent)
+                near = walk.corrected(finer.again(place), place.tangent)
                 sides = [walk.corrected(finer.moved(near, s * step * near.tangent), near.tangent) if near else None
                          for s in (-0.1, 0.1)]
                 if near and sides[0] and sides[1]:

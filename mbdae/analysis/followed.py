@@ -86,7 +86,7 @@ class Along(Protocol):
     def finer(self) -> Along | None:
         """The same equations in half the steps; None where there are no steps, or this is the finer one."""
 
-    def again(self, place: Place, z: Array) -> Place:
+    def again(self, place: Place) -> Place:
         """A place of the coarser equations."""
 
 
@@ -113,6 +113,14 @@ class _Varied:
     def prepared(self, scene: SceneData) -> Prepared:
         return prepared_from(scene, None, 0.0)
 
+    def unknowns(self, p: float, start: Any) -> Array:
+        """Unknowns (n,) of the state of a start, at a value of the number."""
+        prepared, system = self.at(p)
+        y = system.y0.copy()
+        parts = np.concatenate([*(x[0] for x in prepared.all_bodies.reduced(start.q[None], start.u[None])), start.s])
+        y[: len(parts)] = parts
+        return y
+
 
 class Orbits(_Varied):
     """Periodic motions. Starts are departures from that of a place, and where the period is free its relative change."""
@@ -132,30 +140,19 @@ class Orbits(_Varied):
         return float(with_values(e.subs(own)))
 
     def begin(self, p: float) -> Place:
-        prepared, system = self.at(p)
-        start = self.orbit.prepared.start
-        y = self._unknowns(prepared, system, start)
-        return self._place(p, y, self.orbit.period)
-
-    def _unknowns(self, prepared: Prepared, system: SceneSystem, start: Any) -> Array:
-        """Unknowns (n,) of the state of a start."""
-        y = system.y0.copy()
-        parts = np.concatenate([*(x[0] for x in prepared.all_bodies.reduced(start.q[None], start.u[None])), start.s])
-        y[: len(parts)] = parts
-        return y
+        return self._place(p, self.unknowns(p, self.orbit.prepared.start), self.orbit.period)
 
     def _place(self, p: float, y: Array, period: float) -> Place:
-        prepared, system = self.at(p)
-        shooting = self._shooting(prepared, system)
-        shot = shooting.shot(system.starting(system.t0, *system.restarted(system.t0, y)), period, self.shares)
+        shooting, shot = self._shot(p, y, period)
         J, right = shooting.matrix(shot)
-        return Place(p, period, -right, J, shot, partial(self._result, prepared, shot))
+        return Place(p, period, -right, J, shot, partial(self._result, shooting.prepared, shot))
 
-    def _shooting(self, prepared: Prepared, system: SceneSystem) -> Shooting:
-        shooting = Shooting(prepared, system, self.free)
-        shooting.acting = np.arange(system.numbering.nq + system.numbering.nu, system.numbering.nq + system.numbering.nu
-                                    + len(system.numbering.states))
-        return shooting
+    def _shot(self, p: float, y: Array, period: float) -> tuple[Shooting, Shot]:
+        """The motion over a period (s) from unknowns y (n,), at a value of the number."""
+        prepared, system = self.at(p)
+        shooting, nb = Shooting(prepared, system, self.free), system.numbering
+        shooting.acting = nb.nq + nb.nu + np.arange(len(nb.states))
+        return shooting, shooting.shot(system.starting(system.t0, *system.restarted(system.t0, y)), period, self.shares)
 
     def moved(self, place: Place, z: Array) -> Place:
         p, shot = place.p + self.unit * float(z[-1]), place.made
@@ -168,11 +165,8 @@ class Orbits(_Varied):
         shot, ends = place.made, []
         for way in (-1.0, 1.0):
             p = place.p + way * DIFFERENCE * self.unit
-            prepared, system = self.at(p)
-            y = shot.directions.closed(system, shot.system.y0)
-            there = self._shooting(prepared, system).shot(system.starting(system.t0, *system.restarted(system.t0, y)),
-                                                          place.period if self.free else self.length(p), self.shares)
-            ends.append(there.residual)
+            y = shot.directions.closed(self.at(p)[1], shot.system.y0)
+            ends.append(self._shot(p, y, place.period if self.free else self.length(p))[1].residual)
         found = (ends[1] - ends[0]) / (2 * DIFFERENCE)
         return np.append(found, 0.0) if self.free else np.asarray(found)
 
@@ -202,7 +196,7 @@ class Orbits(_Varied):
     def finer(self) -> Orbits | None:
         return None if self.halved else Orbits(self.scene, self.name, self.unit, self.orbit, halved(self.shares))
 
-    def again(self, place: Place, z: Array) -> Place:
+    def again(self, place: Place) -> Place:
         return self._place(place.p, place.made.system.y0, place.period)
 
     def _result(self, prepared: Prepared, shot: Shot) -> Result:
@@ -224,11 +218,8 @@ class Rests(_Varied):
         return prepare(scene)
 
     def begin(self, p: float) -> Place:
-        prepared, system = self.at(p)
-        y, start = system.y0.copy(), self.rest.prepared.start
-        parts = np.concatenate([*(x[0] for x in prepared.all_bodies.reduced(start.q[None], start.u[None])), start.s])
-        y[: len(parts)] = parts
-        return self._place(p, system.restarted(system.t0, y)[0])
+        system = self.at(p)[1]
+        return self._place(p, system.restarted(system.t0, self.unknowns(p, self.rest.prepared.start))[0])
 
     def _place(self, p: float, y: Array) -> Place:
         system = self.at(p)[1]
@@ -280,5 +271,5 @@ class Rests(_Varied):
     def finer(self) -> None:
         return None
 
-    def again(self, place: Place, z: Array) -> Place:
+    def again(self, place: Place) -> Place:
         return place

@@ -37,8 +37,7 @@ SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a
 @dataclass(frozen=True)
 class Shot:
     """A motion over `period` (s) from the start of `system`, with its departures: residual (k,), where it ends off its start;
-    shares: of the period, at which steps end;
-    later: sign and whole turns of unknowns after the period."""
+    shares (steps + 1,): of the period, at which steps end."""
 
     system: SceneSystem
     period: float

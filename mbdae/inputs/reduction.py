@@ -183,8 +183,7 @@ class FiniteElements:
     def _held_modes(self, K: Any, M: Any, factors: Any, static: Array, modes: int | None) -> tuple[Array, Array, float]:
         """Squared angular frequencies (m,) and modes (inner, m) with held interfaces, lowest first, and the share left out."""
         n, count = K.shape[0], 6 if modes is None else modes
-        loads = self.inner.T @ (self.M @ self.rigid)
-        whole_ = np.einsum("ia,ia->a", loads, factors.solve(loads))
+        loads, whole_ = self._accelerated(factors)
         seen = whole_ > 0  # a rotation about the line of a beam may have no inertia
         while True:
             values, vectors = self._modes(K, M, factors, min(count, n))
@@ -194,11 +193,16 @@ class FiniteElements:
                 return values, vectors, left_out
             count *= 2
 
+    def _accelerated(self, factors: Any) -> tuple[Array, Array]:
+        """Inertia forces (inner, 6) of uniform accelerations along and about axes, with held interfaces, and what each puts into
+        the elastic energy, twice (6,)."""
+        loads = self.inner.T @ (self.M @ self.rigid)
+        return loads, np.einsum("ia,ia->a", loads, factors.solve(loads))
+
     def _with_accelerations(self, M: Any, factors: Any, vectors: Array) -> Array:
         """The modes with held interfaces and, orthogonal to them by M and K, what they leave out of the deformations by uniform
         accelerations along and about axes: of six those that do not follow from the others."""
-        loads = self.inner.T @ (self.M @ self.rigid)
-        whole_ = np.einsum("ia,ia->a", loads, factors.solve(loads))
+        loads, whole_ = self._accelerated(factors)
         loads = loads[:, whole_ > 0] / np.sqrt(whole_[whole_ > 0])
         loads = loads - M @ (vectors @ (vectors.T @ loads))
         found = factors.solve(loads)

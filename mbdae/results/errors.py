@@ -188,7 +188,7 @@ class Errors:
             for other in self._shown:
                 both = self._both(result, other)
                 own, beside = (value(one, quantity) for one in both)
-                if (at_time := without_value((result, *both), quantity)) is not None:
+                if (at_time := without_value(result, quantity, [(other.times, one) for one in (own, beside)])) is not None:
                     self.endless.setdefault(named(quantity), at_time)
                     return None
                 top = float(np.max(magnitudes(own), initial=0.0))

@@ -55,13 +55,12 @@ def value(result: Any, quantity: Quantity) -> Array:
     return np.asarray(found, dtype=float)
 
 
-def without_value(runs: Iterable[Any], quantity: Quantity) -> float | None:
-    """The first time of some results, s, at which a quantity is infinite or no number; None where it has values all along."""
-    found = []
-    for run in runs:
-        with run._silently():
-            found += run.t[~np.isfinite(magnitudes(value(run, quantity)))][:1].tolist()
-    return min(found, default=None)
+def without_value(result: Any, quantity: Quantity, read: Iterable[tuple[Array, Array]]) -> float | None:
+    """The first time, s, at which a quantity is infinite or no number, in a result or in what was read of it: times (k,) and
+    values (k, ...); None where it is finite all along."""
+    with result._silently():
+        own = result.t, value(result, quantity)
+    return min((float(t) for times, values in (own, *read) for t in times[~np.isfinite(magnitudes(values))][:1]), default=None)
 
 
 def magnitudes(values: Array) -> Array:

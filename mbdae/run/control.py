@@ -46,9 +46,9 @@ from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.values import number, option
 
+LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
 #: largest number of runs from the last of the first companions on, failed ones included, further companions not; for batches
 #: largest number of estimates
-LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
 ATTEMPTS = 5
 FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
 #: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
