@@ -12,6 +12,7 @@ energy it dissipated.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,12 +23,12 @@ from mbdae.integrators.solution import rejecting, systems_at
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
-from mbdae.results.contacts import contacts_at
+from mbdae.results.contacts import Contacts, contacts_of_each
 from mbdae.results.result import Result
 from mbdae.results.states import Energy, has_power
 from mbdae.run.contacts import RESOLVED, reversing, slowest_velocities, stepped_over, typical_speed
 from mbdae.run.estimate import Controlled
-from mbdae.system.motion.mechanics import row_sizes
+from mbdae.system.motion.mechanics import InstanceNumber, row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.system.start_with_contacts import ExpectedContact
 from mbdae.values import largest
@@ -154,10 +155,11 @@ def reliability(result: Result, run: Controlled) -> Assessment:
         return Assessment(tuple(made), False)
     if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
         return Assessment()
-    energy = _of_energy(result, run)
+    touched = contacts_of_each(prepared, result.solution, prepared.contacts)
+    energy = _of_energy(result, run, _stored(prepared, touched))
     notes, reliable = list(energy), not energy
     for contact in prepared.contacts:
-        notes += _of_contact(result, run, contact)
+        notes += _of_contact(result, run, contact, touched[contact.place])
         sensor = result[contact.item]
         if isinstance(sensor, ClearanceSensor):
             whirl = _whirl(result, sensor, contact.item)
@@ -167,26 +169,26 @@ def reliability(result: Result, run: Controlled) -> Assessment:
     return Assessment((*notes, *_of_friction(result, run)), reliable)
 
 
-def _of_energy(result: Result, run: Controlled) -> list[str]:
+def _of_energy(result: Result, run: Controlled, stored: float) -> list[str]:
     """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or by more than a
     hundredth of what a contact stores, where that is larger; nor is there one where the error that was estimated explains it: a
-    speed that is off by the fraction a changes a kinetic energy by 2 a of it."""
+    speed that is off by the fraction a changes a kinetic energy by 2 a of it. stored: the largest energy of a contact, J."""
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
     explained = 2 * run.estimate * moving if compared(run, result.info.accuracy.asked) else 0.0
-    allowed = ALARM * max(lost, MOVING * moving, STORED * _stored(result))
+    allowed = ALARM * max(lost, MOVING * moving, STORED * stored)
     if off <= max(allowed, explained, round_off(result.prepared, e)):
         return []
     return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
             f"a smaller accuracy, or rtol"]
 
 
-def _stored(result: Result) -> float:
-    """The largest energy (J) stored by a contact of a run."""
+def _stored(prepared: Prepared, made: Mapping[InstanceNumber, Contacts]) -> float:
+    """The largest energy (J) stored by a contact of a run. made: the contacts of every law."""
     found = [0.0]
-    for contact in result.prepared.contacts:
-        deepest = contacts_at(result.prepared, result.solution, [contact]).deepest
+    for contact in prepared.contacts:
+        deepest = made[contact.place].deepest
         load = contact.law.elastic_load(deepest) if deepest > 0 else None
         found.append(load[1] if load is not None else 0.0)
     return max(found)
@@ -203,10 +205,9 @@ def _of_constant_steps(result: Result) -> list[str]:
             f"{moved:.2g} J were exchanged: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]
 
 
-def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> list[str]:
+def _of_contact(result: Result, run: Controlled, expected: ExpectedContact, contacts: Contacts) -> list[str]:
     """Warnings where penetrations are small compared with the tolerance, or beyond the range of validity of the contact law."""
     law, item, unit = expected.law, expected.item, expected.unit
-    contacts = contacts_at(result.prepared, result.solution, [expected])
     if not len(contacts):
         return []
     found = []
