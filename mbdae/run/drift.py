@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdae.deferred import median
-from mbdae.integrators.solution import rejecting, systems_at
+from mbdae.integrators.solution import rejecting
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
@@ -28,6 +28,7 @@ from mbdae.results.result import Result
 from mbdae.results.states import Energy, has_power
 from mbdae.run.contacts import RESOLVED, reversing, slowest_velocities, stepped_over, typical_speed
 from mbdae.run.estimate import Controlled
+from mbdae.run.growth_roots import held_by_stability
 from mbdae.system.motion.mechanics import InstanceNumber, row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.system.start_with_contacts import ExpectedContact
@@ -158,8 +159,9 @@ def reliability(result: Result, run: Controlled) -> Assessment:
     touched = contacts_of_each(prepared, result.solution, prepared.contacts)
     energy = _of_energy(result, run, _stored(prepared, touched))
     notes, reliable = list(energy), not energy
+    told = [one for contact in prepared.contacts for one in _of_contact(result, run, contact, touched[contact.place])]
+    notes += [_worst([one for one in told if one.kind == kind]) for kind in dict.fromkeys(one.kind for one in told)]
     for contact in prepared.contacts:
-        notes += _of_contact(result, run, contact, touched[contact.place])
         sensor = result[contact.item]
         if isinstance(sensor, ClearanceSensor):
             whirl = _whirl(result, sensor, contact.item)
@@ -205,7 +207,26 @@ def _of_constant_steps(result: Result) -> list[str]:
             f"{moved:.2g} J were exchanged: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]
 
 
-def _of_contact(result: Result, run: Controlled, expected: ExpectedContact, contacts: Contacts) -> list[str]:
+ALSO = 3  #: number of further contacts whose names a warning gives that is the same for all
+
+
+class _Told(NamedTuple):
+    """A warning of one contact: what it is of, how far it is exceeded, the contact's name, and the words after it."""
+
+    kind: str
+    excess: float
+    item: str
+    words: str
+
+
+def _worst(told: list[_Told]) -> str:
+    """The warning of the contact that exceeds most, with the names of the others of which the same is to be said."""
+    first, *others = sorted(told, key=lambda one: -one.excess)
+    names = ", ".join(f"'{one.item}'" for one in others[:ALSO]) + (", ..." if len(others) > ALSO else "")
+    return f"'{first.item}' {first.words}" + (f" (the same of {counted(len(others), 'other')}: {names})" if others else "")
+
+
+def _of_contact(result: Result, run: Controlled, expected: ExpectedContact, contacts: Contacts) -> list[_Told]:
     """Warnings where penetrations are small compared with the tolerance, or beyond the range of validity of the contact law."""
     law, item, unit = expected.law, expected.item, expected.unit
     if not len(contacts):
@@ -216,13 +237,14 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact, cont
     coarse = tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical and typical > ROUNDED * expected.size
     if coarse and not compared(run, result.info.accuracy.asked):
         wanted = run.solver.penetration_share * typical / expected.size
-        found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median of its contacts), {run.solver.label} with its rtol "
-                     f"resolves only {tolerance:.2g} {unit}: "
-                     f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}")
+        found.append(_Told("resolved", tolerance / typical, item,
+                           f"penetrates by {typical:.2g} {unit} (median of its contacts), {run.solver.label} with its rtol "
+                           f"resolves only {tolerance:.2g} {unit}: "
+                           f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}"))
     limit, limit_in_words, likely_cause = law.doubtful_depth()
     if deepest > limit:
-        found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} "
-                     f"({limit_in_words}): {likely_cause}")
+        found.append(_Told(limit_in_words, deepest / limit, item, f"penetrates by up to {deepest:.2g} {unit}, more than "
+                           f"{limit:.2g} {unit} ({limit_in_words}): {likely_cause}"))
     return found
 
 
@@ -308,31 +330,4 @@ def doubts_of_steps(run: Controlled, asked: float | None = None) -> list[str]:
     if 0 < stats.shortest_contact < FEW_STEPS and not compared(run, asked):
         found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
                      f"smaller rtol or step")
-    return [*found, *(text for text in (rejecting(run.solution), held_by_stability(run)) if text)]
-
-
-#: HELD: decay within a step (rate times step, median over some steps of the run) from which on stability and not the error test
-#: held the steps, where MANY_STEPS or more were made. Measured with CVODE (Adams) and DOP853 at 1e-3 to 1e-9: 4.5 to 150 on
-#: Robertson's reaction, HIRES, the Oregonator and a decay at 1e4 1/s; at most 1.9 where the decay is not faster than ten times
-#: what drives it
-HELD, MANY_STEPS, SOME, LARGE_MATRIX = 3.0, 1000, 8, 100
-
-
-def held_by_stability(run: Controlled) -> str:
-    """The hint that a method for equations that are not stiff was stepped through stiff ones; "" where it was not."""
-    solution = run.solution
-    if run.solver.highest_index or run.solver.bdf_order or solution.stats.steps < MANY_STEPS or not solution.systems:
-        return ""
-    at = solution.t[np.linspace(0, len(solution.t) - 1, SOME + 1).astype(int)[1:] - 1]
-    h, decays = solution.t[np.searchsorted(solution.t, at) + 1] - at, []
-    for system, t, y, yp in zip(systems_at(solution, at, solution.systems[0][1]), at, solution(at), solution.derivative(at),
-                                strict=True):
-        if system.n > LARGE_MATRIX or system.guards is not None or system.sampled is not None:
-            return ""
-        A, E = system.dense_parts(float(t), y, yp)
-        rates = np.linalg.eigvals(-np.linalg.solve(E, A))
-        decays.append(float(np.max(-rates.real, where=np.abs(rates.real) > np.abs(rates.imag), initial=0.0)))
-    if not median(h * decays) > HELD:
-        return ""
-    return (f"the equations are stiff: what decays within a fraction of a step held the {solution.stats.steps} steps of "
-            f"{run.solver.label} short, and not its error; mb.RadauIIA(3), or mb.CVODE(method='BDF'), takes far fewer")
+    return [*found, *(text for text in (rejecting(run.solution), held_by_stability(run.solver, run.solution)) if text)]
