@@ -20,7 +20,7 @@ from mbdae.system.base import Array, System
 from mbdae.system.sampling import motion_distance
 from mbdae.values import option, several, shown, text
 
-SPARSE = 5  #: forces and energies are compared at every fifth of the times of the motion
+SPARSE = 4  #: forces and energies are compared at every fourth of the times of the motion
 
 
 class Measure(ABC):

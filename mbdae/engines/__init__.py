@@ -36,7 +36,7 @@ from mbdae.values import shown
 
 OWN = {"exudyn": "Exudyn", "mujoco": "MuJoCo", "scipy": "SciPy"}  #: engines of this package: module and class
 GROUP = "mbdae.engines"  #: entry points of other packages
-INTERVALS = 1000  #: of the times at which motions are compared; an engine gives its motion at all of them, or at every k-th
+INTERVALS = 1024  #: of the times at which motions are compared; an engine gives its motion at all of them, or at every k-th
 STARTS = 60.0  #: wall time (s) in which a program has to start and to state the scene
 #: columns of a motion: position of the centre of mass (or of the node of a beam), m; quaternion, scalar part first; velocity,
 #: m/s; angular velocity, rad/s; all of them in inertial axes
@@ -161,7 +161,7 @@ def fixed_steps(case: Case, levels: int = 8, finer: float = 1.0) -> tuple[float,
     """Constant steps, each half of the last, with which all or every k-th of the times of a comparison are met. finer: factor by
     which the first one is shorter than `Case.step`."""
     span = float(case.times[-1] - case.times[0])
-    counts = [n for n in (125 * 2**k for k in range(24)) if n * case.step >= span * finer]
+    counts = [n for n in (16 * 2**k for k in range(24)) if n * case.step >= span * finer]
     return tuple(span / n for n in counts[:levels])
 
 
@@ -271,8 +271,8 @@ def _named(one: Any, python: Any, remedy: str) -> Named:
     except (OSError, ValueError, IndexError, subprocess.SubprocessError) as error:
         versions, said = None, str(error)
     if versions is None:
-        raise OptionError(f"engines: '{one.name}' does not run in {os.fspath(where)}: {said}; name an interpreter that has the "
-                          f"package '{one.package}'")
+        stated = shown(f"{one.name}={os.fspath(where)}")
+        raise OptionError(f"engines: {stated} does not run: {said}; name an interpreter that has the package '{one.package}'")
     return Named(one(), os.fspath(where), versions)
 
 
@@ -285,6 +285,7 @@ def environment() -> dict[str, str]:
 # -- what a ladder comes to
 
 STAYS = 2.0  #: the error of a ladder stays where the last of its runs has at least 1/STAYS of that of the one before it
+ROUNDING = 1e-6  #: an error that stays below this is that of a program's arithmetic
 RESOLVED = 3.0  #: errors below so many times the uncertainty of the reference say no order
 
 
@@ -315,8 +316,11 @@ def converged(label: str, ladder: Sequence[Any], uncertainty: float) -> Converge
     if len(last) > 1 and ladder[0].order is not None:
         (h, e), (h2, e2) = last[max(-3, -len(last))], last[-1]
         order = float(np.log(e / e2) / np.log(h / h2))
-    if stays:
-        why = ladder[0].soft or "though it should: it moves another scene, or at the limit of its own arithmetic"
-        return Converged(label, best, order, known[-1][1], f"{label} does not converge, {why}; its error stays at {best:.1e}")
     with_order = f" with order {order:.1f} ({ladder[0].order:g} in theory)" if order is not None else ""
-    return Converged(label, best, order, None, f"{label} converges{with_order} down to {best:.1e}")
+    if not stays:
+        return Converged(label, best, order, None, f"{label} converges{with_order} down to {best:.1e}")
+    soft = ladder[0].soft
+    if best < ROUNDING and not soft:
+        return Converged(label, best, order, best, f"{label} converges{with_order} down to {best:.1e}, where its rounding begins")
+    why = soft or "though it should: it moves another scene"
+    return Converged(label, best, order, best, f"{label} does not converge, {why}; its error stays at {best:.1e}")
