@@ -185,6 +185,7 @@ class ModalElasticity(Force):
 
     params = params(stiffness=("N/m", "modal stiffness"), damping=("N s/m", "modal damping"))
     frames = ()
+    elastic = True
 
     def __init__(self, name: str, of: tuple[str, str], **values: Any) -> None:
         super().__init__(name, **values)

@@ -77,6 +77,8 @@ class Law:
     sticks: ClassVar[bool | None] = None
     follows: ClassVar[str] = ""  #: name of the internal state that follows the joint's angle to count whole turns, if any
     keeps_states: ClassVar[bool] = False  #: whether its states are unknowns although nothing that it states depends on them
+    #: whether its stiffness is that of a body's material, over whose fast vibrations steps may pass
+    elastic: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
