@@ -37,8 +37,8 @@ MotionRows = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
 def motion_distance(prepared: Prepared, a: MotionRows, b: MotionRows) -> Array:
     """(nt,) distance of two motions at the same times: the largest difference of a position over the scene's length, or of an
     angle in rad. In scenes without elastic bodies (their velocities contain vibrations) also of velocities, over the larger of
-    length / characteristic time and the speed reached; but not while one of the motions is in contact, because an impact that is slightly
-    later would count as a large error of velocity."""
+    length / characteristic time and the speed reached; but not while one of the motions is in contact, because an impact that is
+    slightly later would count as a large error of velocity."""
     m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
     worst = np.zeros(len(q_a))
     apart = np.ones(len(q_a), dtype=bool)
