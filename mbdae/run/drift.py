@@ -48,12 +48,12 @@ SAMPLES = 200  #: largest number of steps of a run at which constraint rows are 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
     """A warning where the energy balance drifts; none if the run met its accuracy and energy is dissipated or supplied.
 
-    Constant steps, contacts and friction have a check of their own (`reliability`). Beams lose the energy of vibrations that long
-    steps damp away (`lost_vibrations`), so that with beams only BDF is checked."""
+    Constant steps, contacts and friction have a check of their own (`reliability`). Elastic bodies lose the energy of vibrations
+    that long steps damp away (`lost_vibrations`), so that with them only BDF is checked."""
     prepared, order = result.prepared, run.solver.bdf_order
     supplied = has_power(prepared.mechanics)
     met = asked is not None and run.estimate <= asked
-    elsewhere = prepared.contacts or prepared.mechanics.reactive or (prepared.model.lines and order <= 2)
+    elsewhere = prepared.contacts or prepared.mechanics.reactive or (prepared.model.elastic and order <= 2)
     if run.solver.fixed or elsewhere or (met and supplied):
         return []
     t = result.solution.t
