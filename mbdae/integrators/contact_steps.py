@@ -123,7 +123,7 @@ class ContactSteps:
 
     def _contacts(self, t: float, y: Array) -> Array:
         assert self.system.guards is not None
-        return np.stack([np.asarray(part, dtype=float) for part in self.system.guards(t, y)], axis=1)
+        return np.array(self.system.guards(t, y), dtype=float).T
 
     def _gaps(self, t: float, y: Array) -> Array:
         """The gaps alone, which take much less time where the system has a function for them."""

@@ -141,11 +141,12 @@ NUMBERS = ("impact", "approach", "rest", "margin", "slope", "change", "near", "r
 
 def durations_at(logarithms: Array, speeds: Array) -> Array:
     """Durations (k,) of impacts at speeds (k,), by the rule of contacts.c. logarithms (k, speeds): of the durations at SPEEDS."""
-    with np.errstate(divide="ignore"):
-        place = np.clip(8 * (np.log10(np.abs(speeds)) + 14), 0, len(SPEEDS) - 1.001)
-    i, each = place.astype(np.intp), np.arange(len(place))
-    low = logarithms[each, i]
-    return np.where(speeds == 0, 0.0, np.exp(low + (place - i) * (logarithms[each, i + 1] - low)))
+    size, width = np.abs(speeds), len(SPEEDS)
+    place = np.minimum(np.maximum(8 * (np.log10(np.maximum(size, 1e-300)) + 14), 0.0), width - 1.001)
+    i = place.astype(np.intp)
+    at = i + np.arange(0, width * len(i), width)
+    low = logarithms.take(at)
+    return np.asarray(np.exp(low + (place - i) * (logarithms.take(at + 1) - low)) * (size > 0))
 
 
 class ContactTable(ctypes.Structure):
