@@ -284,7 +284,7 @@ def environment() -> dict[str, str]:
 
 # -- what a ladder comes to
 
-STAYS = 2.0  #: the error of a ladder stays where the last of its runs has at least 1/STAYS of that of the one before it
+FALLS = 0.5  #: the error of a ladder falls where it does so with more than this power of the setting, else it stays
 ROUNDING = 1e-6  #: an error that stays below this is that of a program's arithmetic
 RESOLVED = 3.0  #: errors below so many times the uncertainty of the reference say no order
 
@@ -309,13 +309,10 @@ def converged(label: str, ladder: Sequence[Any], uncertainty: float) -> Converge
         reason = next((row.failure for row in ladder if row.failure), "no run was made")
         return Converged(label, None, None, None, f"{label}: {reason}")
     best, known = min(error for _, error in runs), [run for run in runs if run[1] > RESOLVED * uncertainty]
-    stays = len(known) > 1 and known[-1] == runs[-1] and known[-1][1] * STAYS > known[-2][1] and best * STAYS > known[-1][1]
-    falls = [one for one, after in pairwise(known) if after[1] * STAYS < one[1]]
-    last = known[: known.index(falls[-1]) + 2] if falls else []
-    order = None
-    if len(last) > 1 and ladder[0].order is not None:
-        (h, e), (h2, e2) = last[max(-3, -len(last))], last[-1]
-        order = float(np.log(e / e2) / np.log(h / h2))
+    slopes = [_slope(before, after) for before, after in pairwise(known)]
+    falling = [slope for slope in slopes if slope > FALLS]
+    stays = bool(slopes) and known[-1] == runs[-1] and slopes[-1] <= FALLS and best * 2 > known[-1][1]
+    order = float(np.median(falling[-4:])) if falling and ladder[0].order is not None else None
     with_order = f" with order {order:.1f} ({ladder[0].order:g} in theory)" if order is not None else ""
     if not stays:
         return Converged(label, best, order, None, f"{label} converges{with_order} down to {best:.1e}")
@@ -324,3 +321,8 @@ def converged(label: str, ladder: Sequence[Any], uncertainty: float) -> Converge
         return Converged(label, best, order, best, f"{label} converges{with_order} down to {best:.1e}, where its rounding begins")
     why = soft or "though it should: it moves another scene"
     return Converged(label, best, order, best, f"{label} does not converge, {why}; its error stays at {best:.1e}")
+
+
+def _slope(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Power of the setting with which the error falls between two runs, (setting, error) each."""
+    return float(np.log(a[1] / b[1]) / np.log(a[0] / b[0]))

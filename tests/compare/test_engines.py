@@ -139,10 +139,10 @@ class Mutant(SciPy):
         return Case(type(self).make(), case.prepared, case.times)
 
 
-def arm(mass: float = 1.0, axis: Any = (0, 0, 1), rate: float = 1.0, damper: float = 0.1) -> mb.Scene:
+def arm(mass: float = 1.0, axis: Any = (0, 0, 1), rate: float = 1.0, damper: float = 0.1, at: float = 0.7) -> mb.Scene:
     s = mb.Scene("arm", gravity=(0, -9.81, 0), space="spatial")
     one = s.link("one", (0, 0, 0), (0.5, 0, 0), mass=1.0)
-    two = s.rigid_body("two", mass, (0.05, 0.05, 0.05), at=(0.7, 0, 0.1))
+    two = s.rigid_body("two", mass, (0.05, 0.05, 0.05), at=(at, 0, 0.1))
     s.revolute("A", s.ground, one, at=(0, 0, 0), axis=(0, 0, 1), rate0=rate)
     s.revolute("B", one, two, at=(0.5, 0, 0), axis=axis, damper=damper)
     return s
@@ -236,6 +236,55 @@ def test_what_exudyn_cannot_state() -> None:
     s.screw("thread", s.ground, s.rigid_body("nut", 1.0, (1, 1, 1), at=(0, 0, 0)), at=(0, 0, 0), axis=(0, 0, 1), lead=0.1)
     (row,) = of_engine(compared(s, {"exudyn": PYTHONS["exudyn"]}))
     assert row.failure == "cannot state: joint 'thread': Screw"
+
+
+def top() -> mb.Scene:
+    s = mb.Scene("top", gravity=(0, 0, -9.81))
+    s.spherical("tip", s.ground, s.rigid_body("top", 1.0, (0.1, 0.1, 0.05), at=(0, 0.3, 0), angular_velocity=(0, 20, 1),
+                                              velocity=(-0.3, 0, 0)), at=(0, 0, 0))
+    return s
+
+
+@needs("mujoco")
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", [pendulum, mixed, top], ids=lambda make: make.__name__)
+def test_mujoco_converges_on_trees_with_its_orders(scene: Any) -> None:
+    w = compared(scene(), {"mujoco": PYTHONS["mujoco"]}, 0.2)
+    found = {one.label.split(" ", 2)[2]: one for one in w.converged}
+    for method, order in {"Euler": 1.0, "implicitfast": 1.0, "RK4": 4.0}.items():
+        measured = found[method].order  # None: one run only is above what is known of the reference
+        assert measured == pytest.approx(order, abs=0.3) or (measured is None and method == "RK4"), found[method].text
+    assert found["RK4"].error < 1e-7
+
+
+@needs("mujoco")
+@pytest.mark.slow
+def test_what_keeps_mujoco_off_a_loop_is_named_with_the_error_that_stays() -> None:
+    found = {one.label.split(" ", 2)[2]: one for one in compared(loop(), {"mujoco": PYTHONS["mujoco"]}).converged}
+    assert "does not converge, because its loops are soft constraints; its error stays at" in found["RK4"].text
+    assert found["RK4"].floor > 1e-4
+
+
+@needs("mujoco")
+def test_what_mjcf_does_not_say_is_no_row_of_mujoco() -> None:
+    (row,) = of_engine(compared(driven(), {"mujoco": PYTHONS["mujoco"]}))
+    assert "cannot state: joint 'A': a prescribed motion is not said by MJCF" in row.failure
+
+
+@needs("mujoco")
+@pytest.mark.slow
+@pytest.mark.parametrize(("wrong", "said"), [
+    ({"mass": 1.1}, "mass of 'two'"), ({"axis": (0, 0.02, 1)}, "acceleration of 'two'"), ({"damper": 0.11}, "does not converge"),
+    ({"at": 0.72}, "position of 'two'")], ids=["mass", "axis", "damper", "start"])
+def test_a_wrong_exporter_to_mujoco_is_found(wrong: dict[str, Any], said: str) -> None:
+    from mbdae.engines.mujoco import MuJoCo
+
+    class Wrong(MuJoCo):
+        def state(self, case: Case) -> Statement:
+            return super().state(Case(arm(**wrong), case.prepared, case.times))
+
+    found = {one.label.split(" ", 2)[2]: one for one in compared(arm(), {Wrong: PYTHONS["mujoco"]}).converged}
+    assert said in found["RK4"].text, found["RK4"].text
 
 
 # -- what is asked for

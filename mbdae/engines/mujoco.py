@@ -1,0 +1,166 @@
+"""MuJoCo on the MJCF that `Scene.write_mjcf` writes: trees exactly, loops as its soft constraints."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdae.engines import INTERVALS, Case, Engine, Method, Statement, fixed_steps, script
+from mbdae.errors import MbdaeError, SceneError
+from mbdae.scene.record import encode
+from mbdae.scene.replay import Known, replay
+from mbdae.scene.scene import SceneData
+from mbdae.system.base import Array
+from mbdae.system.prepare import prepare
+
+#: moment of inertia (share of the largest of a body) that a thin rod gets about its axis, since MuJoCo wants one
+THIN = 1e-9
+SOFT = "because its loops are soft constraints"
+
+
+class MuJoCo(Engine):
+    """`mujoco.mj_step` with its integrators over constant steps; of loops as they are by default, and as stiff as the step
+    allows."""
+
+    name, package = "mujoco", "mujoco"
+
+    def state(self, case: Case) -> Statement:
+        with tempfile.TemporaryDirectory(prefix="mbdae-") as folder:
+            path = Path(folder) / "scene.xml"
+            told = written(case.scene).write_mjcf(path)
+            text = path.read_text(encoding="utf-8")
+        start, soft = case.start()["motion"], SOFT if "<equality>" in text else ""
+        names = [node.body.name for node in case.nodes if node.body is not None]
+        drawn = [b.drawn.rotation.tolist() for b in (node.body for node in case.nodes) if b is not None]
+        data = {"names": names, "drawn": drawn, "start": start.tolist(), "t": case.times[[0, -1]].tolist(),
+                "intervals": INTERVALS, "h": 1e-6 * case.prepared.time}
+        steps = fixed_steps(case)
+        orders = {"Euler": 1.0, "implicitfast": 1.0, "RK4": 4.0}
+        methods = [Method(name, "step", steps, None if soft else order) for name, order in orders.items()]
+        if soft:
+            methods += [Method(f"{name}, stiffest", "step", steps) for name in ("implicitfast", "RK4")]
+        files = {"scene.xml": text.encode(), "scene.json": json.dumps(data).encode()}
+        text = script("if __name__ == '__main__':\n    serve(*mujoco_runs())", mujoco_runs)
+        return Statement(text, files, tuple(methods), soft, told)
+
+
+def written(scene: SceneData) -> Any:
+    """The scene as MJCF can say it: in space, its joints as a tree where they form one, rods with a little thickness, and without
+    the velocities of bodies, which the script gives to the joints."""
+    bodies = {b.name: b for b in scene.bodies}
+    planar = scene.space == "planar" or _flat(scene)
+    statements = []
+    for method, args, kwargs in scene.statements:
+        b = bodies.get(args[0]) if method in ("link", "rigid_body") and args else None
+        if b is not None and b.inertia is not None:
+            kept = {name: value for name, value in kwargs.items() if name in ("shape", "color", "gravity")}
+            placed = {"at": encode(b.drawn.position), "rotation": encode(b.drawn.rotation), "as_given": True}
+            method, args, kwargs = "rigid_body", [b.name, b.mass, encode(_solid(b.inertia, planar))], kept | placed
+        statements.append([method, args, kwargs])
+    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": "spatial", "statements": statements}
+    try:
+        made = replay(data, type(scene), Known(dict(scene.own)))
+        return made.recursive() if any(c.has_models for c in made.joints) else made
+    except MbdaeError as error:
+        raise SceneError([str(error)]) from error
+
+
+def _flat(scene: SceneData) -> bool:
+    return all(node.kind.flat for node in prepare(scene).model.nodes)
+
+
+def _solid(inertia: Array, planar: bool) -> Array:
+    """An inertia that MuJoCo takes and that moves alike: in the plane the moment about its normal alone matters."""
+    if planar:
+        return np.asarray(np.eye(3) * inertia[2, 2])
+    moments, axes = np.linalg.eigh(inertia)
+    return np.asarray(axes @ np.diag(np.maximum(moments, THIN * moments[-1])) @ axes.T)
+
+
+def mujoco_runs() -> Any:
+    """The scene of `scene.xml` in MuJoCo: its start, and runs."""
+    import json
+
+    import mujoco
+    import numpy as np
+
+    with open("scene.json", encoding="utf-8") as file:
+        s = json.load(file)
+    m, (t0, t_end) = mujoco.MjModel.from_xml_path("scene.xml"), s["t"]
+    ids = [mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, name) for name in s["names"]]
+    if missing := [name for name, i in zip(s["names"], ids, strict=True) if i < 0]:
+        raise ValueError(f"{missing[0]} is no body of the model")
+    d = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, d)  # as drawn
+    turn = [d.xmat[i].reshape(3, 3).T @ np.array(R) for i, R in zip(ids, s["drawn"], strict=True)]
+    wanted = np.array(s["start"])[:, 7:13].ravel()
+
+    def motion(q: Any, v: Any) -> Any:
+        """(nodes, 13) of a state."""
+        d.qpos[:], d.qvel[:] = q, v
+        mujoco.mj_fwdPosition(m, d)
+        mujoco.mj_fwdVelocity(m, d)
+        out, both, P = np.zeros((len(ids), 13)), np.zeros(6), np.zeros(4)
+        for k, i in enumerate(ids):
+            mujoco.mj_objectVelocity(m, d, mujoco.mjtObj.mjOBJ_BODY, i, both, 0)
+            mujoco.mju_mat2Quat(P, (d.xmat[i].reshape(3, 3) @ turn[k]).ravel())
+            out[k] = [*d.xipos[i], *P, *both[3:], *both[:3]]
+        return out
+
+    def state() -> Any:
+        """Coordinates of the start, and speeds that give the bodies theirs."""
+        mujoco.mj_resetData(m, d)
+        if m.nkey:
+            mujoco.mj_resetDataKeyframe(m, d, 0)
+        q, J, part = d.qpos.copy(), [], np.zeros((2, 3, m.nv))
+        mujoco.mj_fwdPosition(m, d)
+        for i in ids:
+            mujoco.mj_jacBodyCom(m, d, part[0], part[1], i)
+            J.append(part.reshape(6, -1).copy())
+        v = np.linalg.lstsq(np.vstack(J), wanted, rcond=None)[0]
+        return q, v
+
+    def start() -> dict[str, Any]:
+        q, v = state()
+        found = {"motion": motion(q, v), "mass": m.body_mass[ids]}
+        if not m.neq:  # what holds loops together is soft
+            d.qpos[:], d.qvel[:] = q, v
+            mujoco.mj_forward(m, d)
+            a, ends = d.qacc.copy(), []
+            for h in (-s["h"], s["h"]):
+                at = q.copy()
+                mujoco.mj_integratePos(m, at, v, h)
+                ends.append(motion(at, v + h * a))
+            found["acceleration"] = (ends[1] - ends[0])[:, 7:10] / (2 * s["h"])
+        return found
+
+    soft = m.eq_solref.copy(), m.eq_solimp.copy()
+
+    def solve(method: str, setting: float) -> Any:
+        name, _, stiffest = method.partition(", ")
+        steps = round((t_end - t0) / setting)
+        m.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}")
+        m.opt.timestep, m.opt.tolerance, m.opt.iterations = (t_end - t0) / steps, 1e-12, 200
+        m.eq_solref[:], m.eq_solimp[:] = soft
+        if stiffest:
+            m.eq_solref[:] = 2 * m.opt.timestep, 1.0
+            m.eq_solimp[:] = 0.9999, 0.9999, 0.001, 0.5, 2.0
+        outputs = min(steps, s["intervals"])
+        q, v = state()
+        mujoco.mj_resetData(m, d)
+        d.qpos[:], d.qvel[:] = q, v
+        found = [(q, v)]
+
+        def run() -> Any:
+            for _ in range(outputs):
+                mujoco.mj_step(m, d, nstep=steps // outputs)
+                found.append((d.qpos.copy(), d.qvel.copy()))
+            return lambda: (np.array([motion(*one) for one in found]), {"steps": steps})
+
+        return run
+
+    return start, solve
