@@ -91,8 +91,8 @@ def read_fe(path: Any, mass: Any = None, nodes: Any = None, E: float | None = No
     rho = option("density", density, number, "give the density, kg/m^3: a mesh alone has no mass", above=0)
     poisson = option("nu", nu, number, "give Poisson's ratio, up to 0.499", above=-1, most=0.499)
     length = option("unit", unit, number, "give the length of the unit of the mesh, m", above=0)
-    M, K, places, sets, solid = assembled(_mesh(where), young, poisson, rho, length,
-                                          option("order", order, whole, "give 1 or 2", least=1, most=2), where.name)
+    degree = option("order", order, whole, "give 1 or 2", least=1, most=2)
+    M, K, places, sets, solid = assembled(_mesh(where), young, poisson, rho, length, degree, where.name)
     return FiniteElementModel(M, K, places, sets, solid)
 
 
