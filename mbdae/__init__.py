@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from mbdae.fits.designs import design, mass
     from mbdae.fits.functions import function
     from mbdae.formulations import GGL, ODE, Index1, Index3
+    from mbdae.inputs.finite_elements import read_fe
     from mbdae.inputs.measured import curve, read_table, table
     from mbdae.inputs.reduced import ReducedBody
     from mbdae.inputs.sensed import number
@@ -88,8 +89,9 @@ _HOME = {
     "fit": "mbdae.fits", "function": "mbdae.fits.functions", "integral": "mbdae.derivatives", "largest": "mbdae.derivatives",
     "load": "mbdae.api", "mass": "mbdae.fits.designs", "measure_order": "mbdae.integrators.named",
     "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "rate": "mbdae.symbolic.variation",
-    "read_mjcf": "mbdae.api", "read_table": "mbdae.inputs.measured", "read_urdf": "mbdae.api", "report": "mbdae.reports",
-    "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
+    "read_fe": "mbdae.inputs.finite_elements", "read_mjcf": "mbdae.api", "read_table": "mbdae.inputs.measured",
+    "read_urdf": "mbdae.api", "report": "mbdae.reports", "selftest": "mbdae.contracts", "sweep": "mbdae.sweep",
+    "table": "mbdae.inputs.measured",
 }
 
 __all__ = [
@@ -101,8 +103,8 @@ __all__ = [
     "Section",
     "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
     "at_end", "audit", "compare", "curve", "design", "export", "extremes", "fit", "function", "integral", "largest", "load",
-    "mass", "measure_order", "number", "params", "rate", "read_mjcf", "read_table", "read_urdf", "report", "selftest", "sweep",
-    "t", "table",
+    "mass", "measure_order", "number", "params", "rate", "read_fe", "read_mjcf", "read_table", "read_urdf", "report", "selftest",
+    "sweep", "t", "table",
 ]
 
 

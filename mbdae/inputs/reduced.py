@@ -63,13 +63,16 @@ class ReducedBody(NamesAttributes):
     bends: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
     stretches: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     interface_bends: dict[str, Array] = field(default_factory=dict)
+    #: (k, 6, n) stresses at the nodes by the modes, Pa/m, xx yy zz yz xz xy; none where they are not known
+    stresses: Array = field(default_factory=lambda: np.zeros((0, 6, 0)))
 
     def __post_init__(self) -> None:
         n, k, s = np.size(self.modal_mass), len(self.nodes), len(self.bends)
         wanted = {"mass": (), "left_out": (), "center": (3,), "inertia": (3, 3), "nodes": (k, 3), "modal_mass": (n,),
                   "shapes": (k, 3 if len(self.shapes) and np.shape(self.shapes)[1] == 3 else 6, n), "modal_stiffness": (n,),
                   "held_frequencies": (np.size(self.held_frequencies),), "points": (len(self.points), 3, 1 + n),
-                  "bends": (s, n, n) if s else (0, 0, 0), "stretches": (s, 3, 3)}
+                  "bends": (s, n, n) if s else (0, 0, 0), "stretches": (s, 3, 3),
+                  "stresses": (k, 6, n) if len(self.stresses) else (0, 6, 0)}
         found = {name: np.asarray(getattr(self, name), dtype=float) for name in wanted}
         found |= {name: x.reshape(wanted[name]) for name, x in found.items() if not x.size and not np.prod(wanted[name])}
         places = {name: np.asarray(x, dtype=float) for name, x in dict(self.interfaces).items()}
@@ -157,12 +160,13 @@ class ReducedBody(NamesAttributes):
                 f"{'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
 
     def displacement(self, coordinates: Any) -> Array:
-        """(..., k, 6 or 3) displacements of all nodes in the body's frame, m and rad, from coordinates (..., n), m."""
+        """(..., k, 6 or 3) displacements of all nodes in the body's frame, m and rad, from coordinates (..., n), m, or from
+        r["<name>.modes"] of a result."""
         return np.asarray(np.einsum("kfn,...n->...kf", self.shapes, _modes_given(coordinates, self.shapes.shape[2])))
 
     @classmethod
     def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
-                       accelerations: bool = False, stiffening: Any = False) -> ReducedBody:
+                       accelerations: bool = False, stiffening: Any = False, stress: Any = None) -> ReducedBody:
         """Reduce a free body with mass matrix M and stiffness K (both (f k, f k), kg and N/m, full or SciPy sparse) of k nodes,
         f = 6 freedoms each (ux uy uz rx ry rz, node by node) or 3 (ux uy uz).
 
@@ -172,18 +176,45 @@ class ReducedBody(NamesAttributes):
         do not show them, so that nothing of these is left out; stiffening: whether loads stiffen and soften it (geometric
         stiffness by centrifugal forces, weight and forces at interfaces): True where K is of elements between two nodes with six
         freedoms, else a function of two displacements u and v (f k,) that returns the internal force of the second order (f k,),
-        N, symmetric in both: K of the body strained by a small u, times v, is K v + that. OptionError where the matrices are not
-        those of such a body, with the reason."""
+        N, symmetric in both: K of the body strained by a small u, times v, is K v + that; stress: function of displacements
+        (f k,) that returns the stresses at the nodes (k, 6), Pa, xx yy zz yz xz xy, or None. OptionError where the matrices are
+        not those of such a body, with the reason."""
         body = FiniteElements(M, K, nodes, interfaces)
         count = None if modes is None else option("modes", modes, whole, "give the number of modes to be kept, or None",
                                                   least=0, most=body.inner.shape[1])
         stiffening = stiffening if callable(stiffening) else option("stiffening", stiffening, flag,
                                                                     "give True, False, or a function of two displacements")
         found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening)
+        if stress is not None:
+            found["stresses"] = _stresses(stress, found["shapes"])
         return cls(**found, points=inertia_points(body.M, **found))
+
+    def stress(self, coordinates: Any) -> Array:
+        """(..., k, 6) stresses at the nodes, Pa, xx yy zz yz xz xy in the body's axes, from coordinates of the modes (..., n), m,
+        or r["<name>.modes"] of a result; those by the modes: what the reduction leaves out has stresses too."""
+        if not len(self.stresses):
+            raise OptionError("the stresses of this body are not known: give craig_bampton(stress=...), or reduce a mesh that "
+                              "mb.read_fe assembled")
+        return np.asarray(np.einsum("ksn,...n->...ks", self.stresses, _modes_given(coordinates, self.stresses.shape[2])))
+
+    def von_mises(self, coordinates: Any) -> Array:
+        """(..., k) von Mises stress at the nodes, Pa; coordinates as in `stress`."""
+        xx, yy, zz, yz, xz, xy = np.moveaxis(self.stress(coordinates), -1, 0)
+        return np.asarray(np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2)))
+
+
+def _stresses(stress: Any, shapes: Array) -> Array:
+    """(k, 6, n) stresses by the modes, by a function of displacements."""
+    if not callable(stress):
+        raise OptionError(f"stress = {shown(stress)}: give a function of displacements ({shapes[:, :, 0].size},), or None")
+    return np.stack([option("stress", stress(shapes[:, :, i].ravel()), lambda x: array(x, (len(shapes), 6)),
+                            f"give a function that returns the stresses ({len(shapes)}, 6), Pa") for i in range(shapes.shape[2])],
+                    axis=2) if shapes.shape[2] else np.zeros((len(shapes), 6, 0))
 
 
 def _modes_given(coordinates: Any, n: int) -> Array:
+    if n and hasattr(coordinates, "mode1"):
+        coordinates = np.stack([getattr(coordinates, f"mode{i + 1}") for i in range(n)], axis=-1)
     found = option("coordinates", coordinates, array, f"give {n} coordinates, m")
     if found.ndim == 0 or found.shape[-1] != n:
         raise OptionError(f"coordinates = {shown(coordinates)}: give {n} in the last dimension, one for each mode, m")

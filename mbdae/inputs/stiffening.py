@@ -41,22 +41,48 @@ def second_displacements(body: FiniteElements, found: dict[str, Any], solve: Cal
     by_pairs = _TwoNodes(body)(shapes, *pairs) if force is None else np.column_stack(
         [option("stiffening", force(shapes[:, i], shapes[:, k]), lambda x: array(x, (len(shapes),)),
                 f"give a function that returns {len(shapes)} forces, N") for i, k in pairs.T])
+    turned, more = _turned_interfaces(body, found, shapes, pairs)
+    by_pairs = by_pairs + body.K @ turned + more
     inertia = body.M @ body.rigid
     of_modes = shapes.T @ by_pairs
     relieved = by_pairs - inertia @ np.linalg.solve(body.rigid.T @ inertia, body.rigid.T @ by_pairs)
     second = body.inner @ solve(body.inner.T @ relieved)
     second += static @ np.linalg.lstsq(static.T @ (body.K @ static), static.T @ relieved, rcond=1e-10)[0]
     second -= shapes @ (of_modes / stiffness[:, None])
-    second -= body.rigid @ np.linalg.solve(body.rigid.T @ inertia, inertia.T @ second)
     second += shapes @ (of_modes / (stiffness[:, None] + np.sum(stiffness[pairs], axis=0)))
-    return _coordinates(body, found, -second, pairs, n)
+    second += body.rigid @ np.linalg.solve(body.rigid.T @ inertia, inertia.T @ (turned - second))
+    return _coordinates(body, found, -second, turned, pairs)
 
 
-def _coordinates(body: FiniteElements, found: dict[str, Any], second: Array, pairs: Any, n: int) -> dict[str, Any]:
+def _turned_interfaces(body: FiniteElements, found: dict[str, Any], shapes: Array, pairs: Any) -> tuple[Array, Array]:
+    """(f k, pairs) displacements of the second order of the nodes of interfaces, which keep their distances as these turn; and
+    the forces of the second order by what further turns of the interfaces move these nodes."""
+    i, k = pairs
+    moved = np.zeros((len(body.nodes), body.freedoms, len(i)))
+    forces = (body.K @ shapes).reshape(len(body.nodes), body.freedoms, -1)
+    inverse = np.linalg.inv((body.held.T @ body.held).toarray())
+    torques = np.zeros((len(body.names), 6, len(i)))
+    for number, (name, nodes, place) in enumerate(zip(body.names, body.members, body.places, strict=True)):
+        turns = found["interface_shapes"][name][3:].T
+        arms = (body.nodes[nodes] - place)[:, None]
+        one, other = turns[i], turns[k]
+        moved[nodes, :3] = _both(one, other, arms).transpose(0, 2, 1)
+        for turn, f in ((one, forces[nodes, :3][:, :, k]), (other, forces[nodes, :3][:, :, i])):
+            F = f.transpose(0, 2, 1)
+            torques[number, 3:] += np.sum(np.cross(arms, np.cross(F, turn)) + np.cross(np.cross(turn, arms), F), axis=0).T / 2
+    return moved.reshape(-1, len(i)), body.held @ (inverse @ torques.reshape(-1, len(i)))
+
+
+def _both(a: Array, b: Array, arms: Array) -> Array:
+    """Displacement of the second order, symmetric in two rotations."""
+    return np.asarray(np.cross(a, np.cross(b, arms)) + np.cross(b, np.cross(a, arms))) / 2
+
+
+def _coordinates(body: FiniteElements, found: dict[str, Any], second: Array, turned: Array, pairs: Any) -> dict[str, Any]:
     """The displacements (f k, pairs) of the second order as few coordinates: what moves the inertia (six sums of mass times place
-    times displacement) and the interfaces."""
-    fields = _stretches(body)
-    moments = np.stack([fields[a, b].T @ (body.M @ second) for a in range(3) for b in range(3)]) / (body.mass * body.size)
+    times displacement) and the interfaces. turned: what is added by turns of the interfaces."""
+    fields, n, whole = _stretches(body), len(found["modal_stiffness"]), second + turned
+    moments = np.stack([fields[a, b].T @ (body.M @ whole) for a in range(3) for b in range(3)]) / (body.mass * body.size)
     held = np.linalg.lstsq((body.held.T @ body.held).toarray(), body.held.T @ second, rcond=None)[0]
     units = np.tile(np.repeat([1.0, body.size], 3), len(body.names))
     left, sigma, right = np.linalg.svd(np.vstack([moments, held * units[:, None]]), full_matrices=False)

@@ -1,0 +1,159 @@
+"""Solids of linear elastic material from meshes of tetrahedra and hexahedra: matrices, stresses at nodes, and the force of the
+second order, assembled with the shape functions of scikit-fem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from mbdae.deferred import sp
+from mbdae.errors import OptionError
+from mbdae.values import Array
+
+#: cells of meshio -> mesh and elements of scikit-fem of order 1 and 2
+SOLIDS = {"tetra": ("MeshTet", ("ElementTetP1", "ElementTetP2")), "hexahedron": ("MeshHex", ("ElementHex1", "ElementHex2"))}
+QUADRATIC = {"tetra10": ("tetra", 4), "hexahedron20": ("hexahedron", 8), "hexahedron27": ("hexahedron", 8)}
+SIX = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  #: xx, yy, zz, yz, xz, xy
+
+
+def package(name: str) -> Any:
+    """A module of the extra `fe`."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise OptionError(f"{name} cannot be imported: pip install 'mbdae[fe]'") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Shape functions of a mesh. gradients: (local, 3, elements, points) of them; weights: (elements, points), m^3;
+    numbers: (local, elements) of nodes; lame: Pa; at_nodes: three matrices (k, k) that take values at nodes to their derivatives
+    along x, y, z there, the mean over the elements of the node."""
+
+    gradients: Array
+    weights: Array
+    numbers: Any
+    lame: tuple[float, float]
+    at_nodes: tuple[Any, Any, Any]
+
+    def _stress(self, strain: Array) -> Array:
+        """(3, 3, ...) stress, Pa, by a strain (3, 3, ...)."""
+        return np.asarray(self.lame[0] * np.einsum("aa...->...", strain) * np.eye(3).reshape(3, 3, *(1,) * (strain.ndim - 2))
+                          + 2 * self.lame[1] * strain)
+
+    def stress(self, u: Array) -> Array:
+        """(k, 6) stress at the nodes, Pa, xx yy zz yz xz xy, by displacements (3 k,), m."""
+        moved = u.reshape(-1, 3)
+        gradient = np.stack([D @ moved for D in self.at_nodes], axis=0)  # (derivative, k, component)
+        found = self._stress(np.moveaxis(gradient + gradient.transpose(2, 1, 0), 1, 2) / 2)
+        return np.stack([found[a, b] for a, b in SIX], axis=1)
+
+    def _gradient(self, u: Array) -> Array:
+        """(component, derivative, elements, points) of a displacement (3 k,)."""
+        return np.asarray(np.einsum("iec,iaeq->caeq", u.reshape(-1, 3)[self.numbers], self.gradients))
+
+    def second_force(self, u: Array, v: Array) -> Array:
+        """(3 k,) internal force of the second order by displacements u and v (3 k,), N, by Green's strain."""
+        du, dv = self._gradient(u), self._gradient(v)
+        both = np.einsum("caeq,cbeq->abeq", du, dv)
+        P = self._stress((both + both.transpose(1, 0, 2, 3)) / 2)
+        for one, other in ((du, dv), (dv, du)):
+            P = P + np.einsum("caeq,abeq->cbeq", one, self._stress((other + other.transpose(1, 0, 2, 3)) / 2))
+        by_elements = np.einsum("cbeq,ibeq,eq->iec", P, self.gradients, self.weights)
+        out = np.zeros((self.at_nodes[0].shape[0], 3))
+        np.add.at(out, self.numbers, by_elements)
+        return out.ravel()
+
+
+def assembled(read: Any, E: float, nu: float, density: float, unit: float, order: int, called: str) -> Any:
+    """M, K, nodes, sets and the `Solid` of a mesh that meshio has read."""
+    fem = package("skfem")
+    kind, corners = _solid_cells(read, called)
+    used, inverse = np.unique(corners, return_inverse=True)
+    mesh_class, elements = SOLIDS[kind]
+    points = np.asarray(read.points, dtype=float)[used] * unit
+    cells = inverse.reshape(corners.shape)
+    if kind == "hexahedron":  # corners as scikit-fem counts them
+        cells = cells[:, [0, 1, 3, 4, 2, 5, 7, 6]]
+    mesh = getattr(fem, mesh_class)(points.T.copy(), cells.T.copy())
+    element = getattr(fem, elements[order - 1])()
+    basis = fem.Basis(mesh, element)
+    k, numbers = basis.N, np.asarray(basis.element_dofs)
+    gradients = np.stack([np.asarray(one[0].grad) for one in basis.basis])
+    values = np.stack([np.broadcast_to(np.asarray(one[0]), basis.dx.shape) for one in basis.basis])
+    weights = np.asarray(basis.dx)
+    volumes = np.broadcast_to(np.asarray(basis.mapping.detDF(basis.X)), weights.shape)
+    if (bad := ~(np.min(volumes, axis=1) * np.max(volumes, axis=1) > 0)).any():
+        raise OptionError(f"{called}: {int(np.sum(bad))} of its elements are folded or have no volume: give a valid mesh")
+    lame = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    A = [[_scattered(np.einsum("ieq,jeq,eq->ije", gradients[:, a], gradients[:, b], weights), numbers, k)
+          for b in range(3)] for a in range(3)]
+    trace = A[0][0] + A[1][1] + A[2][2]
+    blocks = [[lame[0] * A[a][b] + lame[1] * A[b][a] + (lame[1] * trace if a == b else 0 * trace) for b in range(3)]
+              for a in range(3)]
+    by_nodes = np.arange(3 * k).reshape(3, k).T.ravel()
+    K = sp.csr_matrix(sp.bmat(blocks))[by_nodes][:, by_nodes]
+    M = sp.kron(density * _scattered(np.einsum("ieq,jeq,eq->ije", values, values, weights), numbers, k), sp.identity(3))
+    places = np.asarray(basis.doflocs).T.copy()
+    solid = Solid(gradients, weights, numbers, lame, _derivatives(fem, mesh, element, numbers, k))
+    return sp.csc_matrix(M), sp.csc_matrix(K), places, _sets(read, used, mesh, basis), solid
+
+
+def _solid_cells(read: Any, called: str) -> tuple[str, Any]:
+    """Kind and corners (elements, 4 or 8) of the solid cells of a mesh, which are of one kind."""
+    found: dict[str, list[Any]] = {}
+    for block in read.cells:
+        kind, corners = QUADRATIC.get(block.type, (block.type, None))
+        if kind in SOLIDS and len(block.data):
+            found.setdefault(kind, []).append(np.asarray(block.data)[:, :corners])
+    if len(found) != 1:
+        other = ", ".join(sorted({block.type for block in read.cells})) or "no cells"
+        raise OptionError(f"{called}: {'tetrahedra and hexahedra are mixed' if found else 'it has no solid cells'} ({other}): "
+                          f"give a mesh of tetrahedra or of hexahedra")
+    kind, blocks = next(iter(found.items()))
+    return kind, np.concatenate(blocks)
+
+
+def _scattered(local: Array, numbers: Any, k: int) -> Any:
+    """The sparse matrix (k, k) of element matrices (local, local, elements)."""
+    rows, columns = (np.broadcast_to(x, local.shape) for x in (numbers[:, None], numbers[None]))
+    return sp.csr_matrix((local.ravel(), (rows.ravel(), columns.ravel())), shape=(k, k))
+
+
+def _derivatives(fem: Any, mesh: Any, element: Any, numbers: Any, k: int) -> tuple[Any, Any, Any]:
+    """Three matrices (k, k): derivatives at nodes along x, y, z, the mean over the elements that meet there."""
+    places = np.asarray(element.doflocs).T
+    basis = fem.Basis(mesh, element, quadrature=(places, np.ones(places.shape[1])))
+    gradients = np.stack([np.asarray(one[0].grad) for one in basis.basis])  # (shape function, 3, elements, local node)
+    count = np.bincount(numbers.ravel(), minlength=k)
+    found = [_scattered((gradients[:, a] / count[numbers.T]).transpose(2, 0, 1), numbers, k) for a in range(3)]
+    return found[0], found[1], found[2]
+
+
+def _sets(read: Any, used: Any, mesh: Any, basis: Any) -> dict[str, Array]:
+    """Sets of nodes by name: those of the mesh, and of its named groups of faces, edges and points; nodes on edges, faces and
+    in cells belong where all corners do."""
+    corners: dict[str, Any] = {str(name): np.asarray(members, dtype=int) for name, members in read.point_sets.items()}
+    for name, blocks in read.cell_sets.items():
+        if ":" not in str(name):
+            parts = [np.asarray(block.data)[np.asarray(members, dtype=int)].ravel() for block, members in
+                     zip(read.cells, blocks, strict=False) if members is not None and len(members)]
+            corners.setdefault(str(name), np.concatenate(parts) if parts else np.zeros(0, dtype=int))
+    for name, (tag, dimension) in ((n, np.ravel(x)[:2]) for n, x in read.field_data.items()):
+        tags = read.cell_data.get("gmsh:physical", [])
+        parts = [np.asarray(block.data)[np.asarray(t) == tag].ravel() for block, t in zip(read.cells, tags, strict=False)
+                 if block.dim == dimension]
+        if parts:
+            corners.setdefault(str(name), np.concatenate(parts))
+    found = {}
+    for name, members in corners.items():
+        inside = np.isin(used, members)
+        mine = [np.asarray(basis.nodal_dofs)[:, inside].ravel()]
+        for dofs, ends in ((basis.edge_dofs, mesh.edges), (basis.facet_dofs, mesh.facets), (basis.interior_dofs, mesh.t)):
+            if np.size(dofs):
+                mine.append(np.asarray(dofs)[:, np.all(inside[ends], axis=0)].ravel())
+        found[name] = np.unique(np.concatenate(mine)).astype(int)
+    return {name: members for name, members in found.items() if len(members)}
