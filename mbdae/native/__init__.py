@@ -78,7 +78,7 @@ from mbdae.native import build
 from mbdae.native.equations import Number, Pointer, Whole
 
 #: version number of the interface between C and Python. It has to equal `mbdae_interface` of version.c, or the library is refused
-INTERFACE = 15
+INTERFACE = 16
 
 
 @cache

@@ -116,6 +116,10 @@ class SceneSystem(System):
         return self.assembly.dense_stages(t, y, yp)
 
     @alone
+    def linear_stages(self, t: Array, y: Array, yp: Array) -> tuple[Any, Array, Array]:
+        return self.assembly, *self.assembly.evaluation.jacobians(t, y, yp)
+
+    @alone
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return self.assembly.jacobian_values(t, y, yp)
 
