@@ -10,8 +10,9 @@ static inline Pair minus(Pair x, Pair y) { return (Pair){x.re - y.re, x.im - y.i
 static inline Pair plus(Pair x, Pair y) { return (Pair){x.re + y.re, x.im + y.im}; }
 static inline Pair scaled(double f, Pair x) { return (Pair){f * x.re, f * x.im}; }
 static inline double size(Pair x) { return hypot(x.re, x.im); }
+static inline double about(Pair x) { return fabs(x.re) + fabs(x.im); }
 static inline Pair over(Pair x, Pair y) { /* without overflow of squares */
-  const double s = 1 / (fabs(y.re) + fabs(y.im)), a = y.re * s, b = y.im * s, q = s / (a * a + b * b);
+  const double s = 1 / about(y), a = y.re * s, b = y.im * s, q = s / (a * a + b * b);
   return times(x, (Pair){a * q, -b * q});
 }
 
@@ -60,13 +61,13 @@ static void shifted(I n, const double *H, Pair value, Pair *U, Pair *l, I *swap)
   for (I i = 0; i < n; i++) U[i * n + i] = minus(U[i * n + i], value);
   for (I i = 0; i < n; i++) {
     Pair *a = U + i * n, *b = a + n;
-    swap[i] = i + 1 < n && size(b[i]) > size(a[i]);
+    swap[i] = i + 1 < n && about(b[i]) > about(a[i]);
     if (swap[i])
       for (I j = i; j < n; j++) {
         const Pair x = a[j];
         a[j] = b[j], b[j] = x;
       }
-    if (size(a[i]) <= DBL_EPSILON * 1e-3 * largest) a[i] = (Pair){DBL_EPSILON * 1e-3 * (largest > 0 ? largest : 1), 0};
+    if (about(a[i]) <= DBL_EPSILON * 1e-3 * largest) a[i] = (Pair){DBL_EPSILON * 1e-3 * (largest > 0 ? largest : 1), 0};
     if (i + 1 == n) break;
     l[i] = over(b[i], a[i]);
     if (l[i].re != 0 || l[i].im != 0)
@@ -74,7 +75,7 @@ static void shifted(I n, const double *H, Pair value, Pair *U, Pair *l, I *swap)
   }
 }
 
-/* x (n), solved with these, or with their transposed ones; then its largest number is 1 */
+/* x (n), solved with these, or with their transposed ones; then its largest number is about 1 */
 static void solved_with(I n, const Pair *U, const Pair *l, const I *swap, I transposed, Pair *x) {
   for (I i = 0; i < n && transposed; i++) {
     x[i] = over(x[i], U[i * n + i]);
@@ -94,7 +95,7 @@ static void solved_with(I n, const Pair *U, const Pair *l, const I *swap, I tran
     x[i] = over(x[i], U[i * n + i]);
   }
   double top = 0;
-  for (I i = 0; i < n; i++) top = fmax(top, size(x[i]));
+  for (I i = 0; i < n; i++) top = fmax(top, about(x[i]));
   for (I i = 0; i < n && top > 0; i++) x[i] = scaled(1 / top, x[i]);
 }
 
@@ -114,8 +115,8 @@ static int eliminated(I n, Pair *a, Pair *b) {
   for (I k = 0; k < n; k++) {
     I best = k;
     for (I i = k + 1; i < n; i++)
-      if (size(a[i * n + k]) > size(a[best * n + k])) best = i;
-    if (!(size(a[best * n + k]) > 0)) return 1;
+      if (about(a[i * n + k]) > about(a[best * n + k])) best = i;
+    if (!(about(a[best * n + k]) > 0)) return 1;
     for (I j = k; j < n && best != k; j++) {
       const Pair x = a[k * n + j];
       a[k * n + j] = a[best * n + j], a[best * n + j] = x;

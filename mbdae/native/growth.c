@@ -170,13 +170,15 @@ API void growth_rates(const Looks *s) {
     }
 }
 
-/* all (n): the disturbance of all unknowns to an eigenvalue, from its numbers x in the core; z (n): room */
+/* all (n): the disturbance of positions and moved unknowns to an eigenvalue, from its numbers x in the core; z (n): room */
 static void all_of(const Looks *s, I i, Pair value, const Pair *x, Pair *all, Pair *z) {
   const Matrix *m = s->matrix;
   const I c = s->core[i], *list = s->unknowns + i * s->n;
   const double *S = s->solved + i * s->n * s->most, *fy = s->fy + i * m->nnz, *fyp = s->fyp + i * m->nnz, h = s->h[i] / s->shift;
-  for (I p = 0; p < s->n; p++) {
+  for (I k = 0; k < s->moved[i] + s->places; k++) {
+    const I p = k < s->moved[i] ? list[c + k] : s->place[k - s->moved[i]];
     Pair sum = {0, 0};
+    if (s->kind[p] == CORE) continue;
     for (I j = 0; j < c; j++) sum = plus(sum, scaled(S[p * c + j], x[j]));
     all[p] = over(sum, value), z[p] = (Pair){0, 0};
   }

@@ -231,7 +231,10 @@ class Matrix:
 
     def factor(self, h: float) -> None:
         """Scale and factorise the iteration matrices of all lambda for a step of h (s)."""
-        bad = self._factor(self.address, h, 0)
+        self.renewed(self._factor(self.address, h, 0), h)
+
+    def renewed(self, bad: int, h: float) -> None:
+        """Go on with the factors number `bad`, which need another order of elimination; -1: none do."""
         while bad >= 0:
             self.factors[bad].renew()
             bad = self._factor(self.address, h, bad + 1)

@@ -101,24 +101,29 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
     wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
-    steps = sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist()))
-    times, h, y, yp = run.t[steps], np.diff(run.t)[steps], run.y[steps], run.yp[steps]
-    looks = Looks(systems_at(run, times, system), times, y, yp, h, t1 - t0)
+    steps = np.array(sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist())))
+    times = run.t[steps]
+    looks = Looks(systems_at(run, times, system), times, run.y[steps], run.yp[steps], run.t[steps + 1] - times, t1 - t0)
     ends = [t0, *((times[1:] + times[:-1]) / 2).tolist(), t1]
     spectra = roots_at(looks)
     found, late = spectra.found(VISIBLE), [0.0] * len(times)
-    if any(one.unseen for one in found):
+    if _any_unseen(found):
         found = _persistent(run, looks, found, ends)
-    if any(one.unseen for one in found) and not _carried(system, run, found):
-        found = [_seen(one) for one in found]
-    if any(one.unseen for one in found):
+        if _any_unseen(found) and not _carried(system, run, found):
+            found = [_seen(one) for one in found]
+    if _any_unseen(found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
     elif varying and system.n <= SMALL and _varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * step > FOLLOWED else 0.0)
-              for step, one, asked in zip(h.tolist(), found, late, strict=True)]
-    return _while_unseen([Growth(a, b, one.rate, one.unseen, asked)
-                          for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)])
+              for step, one, asked in zip(looks.h.tolist(), found, late, strict=True)]
+    parts = [Growth(a, b, one.rate, one.unseen, asked)
+             for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)]
+    return _while_unseen(parts) if _any_unseen(found) else parts
+
+
+def _any_unseen(found: list[GrowthFound]) -> bool:
+    return any(one.unseen for one in found)
 
 
 def _persistent(run: Solution, looks: Looks, found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
@@ -208,8 +213,8 @@ def _varies(system: System, run: Solution) -> bool:
     t0, t1 = float(run.t[0]), float(run.t[-1])
     if system.timeline is not None:
         return system.timeline(t0, t1) is not None
-    y, yp = run.y[0], run.yp[0]
-    there = [np.hstack(system.dense_parts(t0 + part * (t1 - t0), y, yp)) for part in (0.0, *BETWEEN)]
+    times = t0 + (t1 - t0) * np.array([0.0, *BETWEEN])
+    there = np.hstack(system.linear_stages(times, *(np.tile(part[0], (len(times), 1)) for part in (run.y, run.yp)))[1:])
     return bool(np.max(np.ptp(there, axis=0)) > CHANGED * np.max(np.abs(there)))
 
 

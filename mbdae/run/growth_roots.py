@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
-from mbdae.integrators.matrices import searches
-from mbdae.native import Entries, address, declared, largest_pivots
+from mbdae.native import address, declared
 from mbdae.native.equations import Number, Pointer, Whole
-from mbdae.native.sparse import Matrix, SingularMatrixError, functions
-from mbdae.run.amplification import SMALL
+from mbdae.native.sparse import SingularMatrixError
+from mbdae.run.amplification import SMALL, entries_of, kept, matrix_of
 from mbdae.system.base import Array, System
 
 #: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
@@ -89,14 +88,10 @@ class Reader:
     """What finding roots of a system needs at all states alike: the iteration matrix of its linearised equations."""
 
     def __init__(self, system: System, equations: Any) -> None:
-        n, pattern, self.size = equations.n, equations.pattern, system.n
-        few, scale = (largest_pivots,) if n <= SMALL else (), np.ones(n)
-        scale[: system.n] = system.scale
-        self.entries = Entries.full(n) if pattern is None else Entries(n, pattern.indptr, pattern.indices)
-        self.matrix = Matrix(self.entries, scale, np.asarray(equations.index) - 1.0, np.ones(1), np.zeros(0, complex),
-                             few if pattern is None else searches(equations.kinds))
+        self.entries, self.matrix = entries_of(equations), matrix_of(system, equations, np.ones(1), np.zeros(0, complex))
         self.many, self.dense = system.n > SMALL, system.n <= MOST
         self.place = np.flatnonzero(positions(system))
+        self.first_at, self.place_at = address(self.entries.indptr), address(self.place)
 
 
 def positions(system: System) -> NDArray[np.bool_]:
@@ -112,10 +107,7 @@ class Spectrum:
         system, k = looks.systems[0], len(looks.t)
         equations, *parts = system.linear_stages(looks.t, looks.y, looks.yp)
         values = [np.ascontiguousarray(part) for part in parts]
-        kept = {} if system.kept is None else system.kept
-        if "roots" not in kept:
-            kept["roots"] = Reader(system, equations)
-        self.looks, self.by = looks, kept["roots"]
+        self.looks, self.by = looks, kept(system, "roots", lambda: Reader(system, equations))
         by, entries, most = self.by, self.by.entries, system.n if self.by.dense else 1
         n, places = entries.n, len(by.place)
         motion = np.zeros((k, n))
@@ -132,7 +124,7 @@ class Spectrum:
             at.append(at[-1] + 8 * size)
         self.table = LooksTable(
             by.matrix.address, k, n, most, places, by.many, by.dense, ROUNDS, SHIFT, RESOLVED, GROWS, FASTER,
-            address(entries.indptr), address(by.place), address(self._kept[-1]), address(motion), address(values[0]),
+            by.first_at, by.place_at, address(self._kept[-1]), address(motion), address(values[0]),
             address(values[1]), core, moved, unknowns, unknowns + 8 * k * n, unknowns + 8 * (k + 1) * n, *at[:3],
             address(self.values), at[3], address(self.rate), at[4], rises)
         self._reduce()
@@ -150,7 +142,7 @@ class Spectrum:
         at = spectra(here, 0, False)
         while at < self.table.looks:
             try:
-                matrix.factors[0].renew()
+                matrix.renewed(0, float(self.looks.h[at] / SHIFT))
                 at = spectra(here, at, True)
             except SingularMatrixError:
                 at = spectra(here, at + 1, False)
