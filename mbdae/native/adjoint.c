@@ -204,11 +204,12 @@ API int stages_along(const Stages *a, const Path *p, I *m, I steps, I ready, I c
   return DONE;
 }
 
-/* Small disturbances x (n, CARRIED) of a run, over the scales of the unknowns, carried along pieces of it by steps of a collocation
-   method. nnz entries of dF/dy and dF/dy' at every state, the columns of a state beginning at `first`. Where `stages` is above 1,
-   equations at all stages are solved together for the rates there, by the matrix (stages n, stages n); A, b: its table. Else those in
-   the middle of a piece are solved for every eigenvalue of A^-1, and `weights` of these solutions, real ones and then complex ones, are
-   added up. kind (n): 0 what moves slowly, 1 velocities, 2 what follows from the others, whose disturbance is 0. */
+/* Small disturbances x (n, CARRIED) of a run, over the scales of the unknowns, carried along pieces of it by steps of a
+   collocation method. nnz entries of dF/dy and dF/dy' at every state, the columns of a state beginning at `first`. Where
+   `stages` is above 1, equations at all stages are solved together for the rates there, by the matrix (stages n, stages n); A,
+   b: its table. Else those in the middle of a piece are solved for every eigenvalue of A^-1, and `weights` of these solutions,
+   real ones and then complex ones, are added up. kind (n): 0 what moves slowly, 1 velocities, 2 what follows from the others,
+   whose disturbance is 0. */
 enum { CARRIED = 2 };
 typedef struct {
   Matrix *matrix;
@@ -273,9 +274,9 @@ static void by_middle(const Carry *a, double h, const double *fyp) {
     for (I c = 0; c < CARRIED; c++) a->x[i * CARRIED + c] *= m->column[i] / a->scale[i];
 }
 
-/* Pieces of lengths h (s) from number `from` on, fy and fyp (pieces, stages, nnz): size (pieces, 2), the sizes of slow unknowns and of
-   velocities at their ends, natural logarithms. The number of pieces, or of that at which it ended (`bad`, `ended`); ready: the factors
-   are those of the first one. */
+/* Pieces of lengths h (s) from number `from` on, fy and fyp (pieces, stages, nnz): size (pieces, 2), the sizes of slow unknowns
+   and of velocities at their ends, natural logarithms. The number of pieces, or of that at which it ended (`bad`, `ended`);
+   ready: the factors are those of the first one. */
 API I stages_carry(Carry *a, I pieces, I from, I ready, const double *h, const double *fy, const double *fyp, double *size) {
   Matrix *m = a->matrix;
   const I each = a->stages * a->nnz;

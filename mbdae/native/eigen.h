@@ -1,5 +1,5 @@
-/* Eigenvectors of full matrices, row by row, to known eigenvalues: inverse iteration with their Hessenberg form (Golub and Van Loan,
-   Matrix Computations, chapter 7). */
+/* Eigenvectors of full matrices, row by row, to known eigenvalues: inverse iteration with their Hessenberg form (Golub and Van
+   Loan, Matrix Computations, chapter 7). */
 #ifndef MBDAE_EIGEN_H
 #define MBDAE_EIGEN_H
 #include "sparse.h"
@@ -24,7 +24,8 @@ WIDE static void hessenberg(I n, double *restrict a, double *restrict beta, doub
     beta[k] = 0;
     for (I i = k + 2; i < n; i++) rest += a[i * n + k] * a[i * n + k];
     if (!(rest > 0)) continue;
-    const double length = sqrt(head * head + rest), to = head > 0 ? -length : length, b = (to - head) / to, inverse = 1 / (head - to);
+    const double length = sqrt(head * head + rest), to = head > 0 ? -length : length;
+    const double b = (to - head) / to, inverse = 1 / (head - to);
     for (I i = k + 2; i < n; i++) a[i * n + k] *= inverse;
     a[(k + 1) * n + k] = to, beta[k] = b;
     memcpy(w + k + 1, a + (k + 1) * n + k + 1, sizeof(double) * (size_t)(n - k - 1));

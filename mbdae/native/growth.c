@@ -1,9 +1,10 @@
-/* Roots of the linearised equations E x' + A x = 0 at states of a run (looks), with frozen coefficients, and which of the disturbances
-   that belong to them are small in the motion. A = dF/dy, E = dF/dy', unknowns over their scales.
+/* Roots of the linearised equations E x' + A x = 0 at states of a run (looks), with frozen coefficients, and which of the
+   disturbances that belong to them are small in the motion. A = dF/dy, E = dF/dy', unknowns over their scales.
 
-   With h = step / shift the matrix S = (E + h A)^-1 E has the eigenvalue 1 / (1 - h r) for a root r, 0 for an infinite one. Columns of
-   S are 0 for algebraic unknowns; and an unknown on which no equation depends but those that such unknowns move (a place on which no
-   force depends, then its velocity) has the root 0 and moves nothing else. The other ones, the core, have all other roots:
+   With h = step / shift the matrix S = (E + h A)^-1 E has the eigenvalue 1 / (1 - h r) for a root r, 0 for an infinite one.
+   Columns of S are 0 for algebraic unknowns; and an unknown on which no equation depends but those that such unknowns move (a
+   place on which no force depends, then its velocity) has the root 0 and moves nothing else. The other ones, the core, have all
+   other roots:
 
      S = [ core      0      ]     core (c, c), moved unknowns (d, d) with the eigenvalue 1 alone
          [ reached   moved  ]
@@ -16,12 +17,13 @@ enum { COPIES = 2 };
 /* A relative distance from an eigenvalue at which inverse iteration is well determined; relative distance of equal roots */
 static const double BESIDE = 1e-11, ALIKE = 1e-5;
 
-/* k looks at n unknowns, of which `most` at most have rates. h, motion (y' over scales, (k, n)), fy, fyp (k, nnz), in the pattern of
-   the matrix, whose columns begin at `first`; place: the `places` unknowns that are positions. Results: core, moved (k): how many, in
-   this order in unknowns (k, n); solved (k, n, most): S, columns of the core; H (k, most, most), beta (k, most): the core, later its
-   Hessenberg form with its reflections; root (k, most), of eigenvalues value: 1/s, -inf where infinite; rate (k): the largest real
-   part, or 0; rises (k): whether something grows. `many`: this is asked first, by `rising`; `dense`: then roots are sought, else the
-   rate is 1 over the step. room: see `spectrum`, `rising` and `growth_unseen`. */
+/* k looks at n unknowns, of which `most` at most have rates. h, motion (y' over scales, (k, n)), fy, fyp (k, nnz), in the
+   pattern of the matrix, whose columns begin at `first`; place: the `places` unknowns that are positions. Results: core, moved
+   (k): how many, in this order in unknowns (k, n); solved (k, n, most): S, columns of the core; H (k, most, most), beta (k,
+   most): the core, later its Hessenberg form with its reflections; root (k, most), of eigenvalues value: 1/s, -inf where
+   infinite; rate (k): the largest real part, or 0; rises (k): whether something grows. `many`: this is asked first, by
+   `rising`; `dense`: then roots are sought, else the rate is 1 over the step. room: see `spectrum`, `rising` and
+   `growth_unseen`. */
 typedef struct {
   Matrix *matrix;
   I looks, n, most, places, many, dense, rounds;
@@ -137,8 +139,8 @@ static I rising(const Looks *s, I i) {
   return 0;
 }
 
-/* All looks from number `from` on; ready: whether the factors are those of that one. The number of looks, or of the one whose matrix
-   needs another order of elimination. */
+/* All looks from number `from` on; ready: whether the factors are those of that one. The number of looks, or of the one whose
+   matrix needs another order of elimination. */
 API I growth_spectra(const Looks *s, I from, I ready) {
   Matrix *m = s->matrix;
   for (I i = from; i < s->looks; i++, ready = 0) {
@@ -156,11 +158,25 @@ API I growth_spectra(const Looks *s, I from, I ready) {
   return s->looks;
 }
 
-/* Roots and rates from the eigenvalues of the cores. */
+/* The eigenvalues of a matrix a (n, n), n = 1 or 2 */
+static void closed(I n, const double *a, Pair *value) {
+  value[0] = (Pair){a[0], 0};
+  if (n == 1) return;
+  const double half = (a[0] - a[3]) / 2, mean = (a[0] + a[3]) / 2, square = half * half + a[1] * a[2], root = sqrt(fabs(square));
+  if (square < 0) value[0] = (Pair){mean, root}, value[1] = (Pair){mean, -root};
+  else { /* the larger one, and the other without cancellation */
+    const double far = mean + (mean < 0 ? -root : root);
+    value[0] = (Pair){far, 0}, value[1] = (Pair){far != 0 ? (a[0] * a[3] - a[1] * a[2]) / far : 0, 0};
+  }
+}
+
+/* Roots and rates from the eigenvalues of the cores, those of small ones are found here. */
 API void growth_rates(const Looks *s) {
-  for (I i = 0; i < s->looks; i++)
+  for (I i = 0; i < s->looks; i++) {
+    Pair *values = s->value + i * s->most;
+    if (s->core[i] == 1 || s->core[i] == 2) closed(s->core[i], s->H + i * s->most * s->most, values);
     for (I j = 0; j < s->core[i]; j++) {
-      const Pair value = s->value[i * s->most + j];
+      const Pair value = values[j];
       Pair *root = s->root + i * s->most + j;
       *root = (Pair){-INFINITY, 0};
       if (!(size(value) * s->resolved > 1)) continue;
@@ -168,6 +184,7 @@ API void growth_rates(const Looks *s) {
       *root = (Pair){s->shift / s->h[i] * (1 - one.re), -s->shift / s->h[i] * one.im};
       s->rate[i] = fmax(s->rate[i], root->re);
     }
+  }
 }
 
 /* all (n): the disturbance of positions and moved unknowns to an eigenvalue, from its numbers x in the core; z (n): room */
@@ -198,10 +215,10 @@ static void all_of(const Looks *s, I i, Pair value, const Pair *x, Pair *all, Pa
   }
 }
 
-/* Of the roots that grow by more than `least` (natural logarithm) over `span` (s), or, with `idle`, that vibrate and neither grow nor
-   decay, up to `excited` over the step, those whose disturbances in the motion are smaller than `seen`. Of every look their largest
-   magnitude (k), 0: there are none; their number (k), roots (k, most) and disturbances at the places (k, most, places). room holds
-   complex numbers: (4, n) + (2, most, n) + (2, most, most), and 2 most of whole ones. */
+/* Of the roots that grow by more than `least` (natural logarithm) over `span` (s), or, with `idle`, that vibrate and neither
+   grow nor decay, up to `excited` over the step, those whose disturbances in the motion are smaller than `seen`. Of every look
+   their largest magnitude (k), 0: there are none; their number (k), roots (k, most) and disturbances at the places (k, most,
+   places). room holds complex numbers: (4, n) + (2, most, n) + (2, most, most), and 2 most of whole ones. */
 API void growth_unseen(const Looks *s, I idle, double span, double least, double excited, double seen, double *magnitude, I *count,
                        Pair *roots, Pair *parts) {
   const I n = s->n, most = s->most;

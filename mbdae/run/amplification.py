@@ -12,7 +12,7 @@ import ctypes
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from itertools import pairwise
 from typing import Any, TypeVar, cast
 
@@ -106,7 +106,7 @@ class Disturbances:
                     last += 1
                 times = np.minimum((ends[done:last, None] + c * h[done:last, None]).ravel(), run.t[-1])
                 equations, *values = system.linear_stages(times, run(times), run.derivative(times))
-                carrier = kept(system, "carrier", lambda system=system, of=equations: Carrier(system, of, self._kind))
+                carrier = kept(system, "carrier", partial(Carrier, system, equations, self._kind))
                 count, ended, state = carrier.carry(state, enough + SLACK, h[done:last], values, sizes[done:last])
                 done += count
         except SingularMatrixError:
@@ -145,7 +145,8 @@ class CarryTable(ctypes.Structure):
     """The C struct `Carry` of adjoint.c, with the same members in the same order."""
 
     _fields_ = (("matrix", Pointer), *((name, Whole) for name in ("n", "nnz", "stages")),
-                *((name, Pointer) for name in ("first", "row_of", "column_of", "kind", "scale", "A", "b", "weights", "x", "r", "w")),
+                *((name, Pointer) for name in ("first", "row_of", "column_of", "kind", "scale", "A", "b", "weights", "x", "r",
+                                               "w")),
                 *((name, Number) for name in ("size", "least", "most", "vanished")), ("bad", Whole), ("ended", Whole))
 
 

@@ -4,12 +4,12 @@ are too small to be seen by the error test of a solver. The Python side of nativ
 from __future__ import annotations
 
 import ctypes
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import distinct
 from mbdae.native import address, declared
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.sparse import SingularMatrixError
@@ -29,6 +29,7 @@ MOST = 300
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
+CLOSED = 2  #: eigenvalues of matrices up to this size are computed by growth.c
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
 #: their end: the largest that vibrations alone gave was 1.1. What moves freely grows by 2 there, as a number proportional to the
 #: time does, and by 2 again in as many multiplications more as there were; what grows at a rate does by the square of the ratio
@@ -107,7 +108,7 @@ class Spectrum:
         system, k = looks.systems[0], len(looks.t)
         equations, *parts = system.linear_stages(looks.t, looks.y, looks.yp)
         values = [np.ascontiguousarray(part) for part in parts]
-        self.looks, self.by = looks, kept(system, "roots", lambda: Reader(system, equations))
+        self.looks, self.by = looks, kept(system, "roots", partial(Reader, system, equations))
         by, entries, most = self.by, self.by.entries, system.n if self.by.dense else 1
         n, places = entries.n, len(by.place)
         motion = np.zeros((k, n))
@@ -129,11 +130,10 @@ class Spectrum:
             address(self.values), at[3], address(self.rate), at[4], rises)
         self._reduce()
         if by.dense:
-            first, size = sizes[0], most * most
-            for c in {c for c in whole[:k].tolist() if c}:
-                these = np.flatnonzero(whole[:k] == c)
-                cores = numbers[first : first + k * size].reshape(k, size)[these, : c * c].reshape(-1, c, c)
-                self.values[these, :c] = np.linalg.eigvals(cores)
+            cores = numbers[sizes[0] : sizes[0] + k * most * most].reshape(k, -1)
+            for c, these in _alike(whole[:k].tolist()):
+                if c > CLOSED:
+                    self.values[these, :c] = np.linalg.eigvals(cores[these, : c * c].reshape(-1, c, c))
             growth().growth_rates(ctypes.addressof(self.table))
 
     def _reduce(self) -> None:
@@ -160,8 +160,17 @@ class Spectrum:
         roots, parts = np.empty((k, most), complex), np.empty((k, most, places), complex)
         growth().growth_unseen(ctypes.addressof(self.table), idle, span, HARMLESS, EXCITED, seen,
                                *map(address, (magnitude, count, roots, parts)))
-        return [GrowthFound(rate, size, parts[i, :some].T, roots[i, :some]) if some else GrowthFound(rate)
-                for i, (rate, size, some) in enumerate(zip(rates, magnitude.tolist(), count.tolist(), strict=True))]
+        found = [GrowthFound(rate) for rate in rates]
+        for i in np.flatnonzero(count).tolist():
+            found[i] = GrowthFound(rates[i], float(magnitude[i]), parts[i, : count[i]].T, roots[i, : count[i]])
+        return found
+
+
+def _alike(sizes: list[int]) -> list[tuple[int, Any]]:
+    """The different sizes, each with the places that it has in the list."""
+    if len(set(sizes)) == 1:
+        return [(sizes[0], slice(None))]
+    return [(size, [i for i, one in enumerate(sizes) if one == size]) for size in set(sizes)]
 
 
 class Spectra(NamedTuple):
@@ -173,6 +182,8 @@ class Spectra(NamedTuple):
     @property
     def rates(self) -> Array:
         """The largest real part of a root at every state (k,), 1/s, at least 0."""
+        if len(self.parts) == 1:
+            return self.parts[0][1].rate
         found = np.zeros(len(self.looks.t))
         for these, spectrum in self.parts:
             found[these] = spectrum.rate
@@ -189,6 +200,8 @@ class Spectra(NamedTuple):
         return self._unseen(True, seen)
 
     def _unseen(self, idle: bool, seen: float) -> list[GrowthFound]:
+        if len(self.parts) == 1:
+            return self.parts[0][1].unseen(idle, seen)
         found = [GrowthFound()] * len(self.looks.t)
         for these, spectrum in self.parts:
             for i, one in zip(these, spectrum.unseen(idle, seen), strict=True):
@@ -201,6 +214,9 @@ def roots_at(looks: Looks) -> Spectra:
     systems = list(dict.fromkeys(looks.systems))
     if len(systems) == 1:
         return Spectra(looks, [(list(range(len(looks.t))), Spectrum(looks))])
-    parts = [[i for i, one in enumerate(looks.systems) if one is system] for system in systems]
-    return Spectra(looks, [(these, Spectrum(Looks([looks.systems[i] for i in these],
-                                                  *(part[these] for part in looks[1:5]), looks.span))) for these in parts])
+    found = []
+    for system in systems:
+        these = [i for i, one in enumerate(looks.systems) if one is system]
+        t, y, yp, h = (part[these] for part in (looks.t, looks.y, looks.yp, looks.h))
+        found.append((these, Spectrum(Looks([system] * len(these), t, y, yp, h, looks.span))))
+    return Spectra(looks, found)

@@ -284,11 +284,6 @@ class System:
         full[0, rows, columns], full[1, rows, columns] = fy, fyp
         return full[0], full[1]
 
-    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' as full matrices (k, n, n) at k states, t (k,), y and yp (k, n)."""
-        fy, fyp = zip(*(self.dense_parts(*state) for state in zip(t.tolist(), y, yp, strict=True)), strict=True)
-        return np.array(fy), np.array(fyp)
-
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays (nnz,) of data of `pattern`, for systems that have one."""
         raise NotImplementedError

@@ -182,21 +182,12 @@ class WithoutMultipliers(SceneSystem):
         System.residual_stages(self, t, y, yp, out)
 
     def linear_stages(self, t: Array, y: Array, yp: Array) -> tuple[Any, Array, Array]:
-        return self.full, *self.full.evaluation.jacobians(t, *self._with_multipliers(t, y))
-
-    def _with_multipliers(self, t: Array, y: Array) -> tuple[Array, Array]:
-        """The unknowns of the full equations at k states, t (k,), y (k, n), and their rates, those of multipliers 0."""
         Y, Yp = np.zeros((2, len(t), self.full.n))
         Y[:, : self.n] = y
         for i, time in enumerate(t.tolist()):
             self.rhs(time, y[i], Yp[i, : self.n])
             Y[i, self.n :] = self.multipliers
-        return Y, Yp
-
-    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
-        if self.full.sparse:
-            return System.dense_stages(self, t, y, yp)
-        return -self._rates.jacobians(t, *self._with_multipliers(t, y)), np.tile(np.eye(self.n), (len(t), 1, 1))
+        return self.full, *self.full.evaluation.jacobians(t, Y, Yp)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return -self.rate_jacobian(t, y), np.eye(self.n)
