@@ -107,7 +107,8 @@ class Disturbances:
                 times = np.minimum((ends[done:last, None] + c * h[done:last, None]).ravel(), run.t[-1])
                 equations, *values = system.linear_stages(times, run(times), run.derivative(times))
                 carrier = kept(system, "carrier", partial(Carrier, system, equations, self._kind))
-                count, ended, state = carrier.carry(state, enough + SLACK, h[done:last], values, sizes[done:last])
+                count, ended, state = system.owner.waiting(
+                    carrier.carry, state, enough + SLACK, h[done:last], values, sizes[done:last])
                 done += count
         except SingularMatrixError:
             return None

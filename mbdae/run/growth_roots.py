@@ -128,7 +128,7 @@ class Spectrum:
             by.first_at, by.place_at, address(self._kept[-1]), address(motion), address(values[0]),
             address(values[1]), core, moved, unknowns, unknowns + 8 * k * n, unknowns + 8 * (k + 1) * n, *at[:3],
             address(self.values), at[3], address(self.rate), at[4], rises)
-        self._reduce()
+        system.owner.waiting(self._reduce)  # other threads share the matrix
         if by.dense:
             cores = numbers[sizes[0] : sizes[0] + k * most * most].reshape(k, -1)
             for c, these in _alike(whole[:k].tolist()):

@@ -181,6 +181,7 @@ class WithoutMultipliers(SceneSystem):
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         System.residual_stages(self, t, y, yp, out)
 
+    @alone
     def linear_stages(self, t: Array, y: Array, yp: Array) -> tuple[Any, Array, Array]:
         Y, Yp = np.zeros((2, len(t), self.full.n))
         Y[:, : self.n] = y

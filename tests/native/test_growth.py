@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -156,3 +159,14 @@ def test_carried_disturbances_grow_as_the_equations_do(staged: int, monkeypatch:
     looks = Looks([system], run.t[1:2], run.y[1:2], run.yp[1:2], run.t[2:3] - run.t[1:2], 4.0)
     rate, half = float(np.max(dense(looks, 0)[0].real)), len(t) // 2
     assert (size[-1] - size[half]) / (t[-1] - t[half]) == pytest.approx(rate, rel=0.01)
+
+
+def test_threads_that_ask_about_one_scene_wait_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each waits a little before C is called, after its disturbances are put where C reads them."""
+    run = linkage().simulate(0.5, accuracy=1e-4, solver=mb.DOP853()).solution
+    asked = Disturbances(run.systems[0][1], run)
+    known, carry = asked.growth(), amplification.carrying().stages_carry
+    monkeypatch.setattr(amplification, "carrying", lambda: SimpleNamespace(
+        stages_carry=lambda *args: (time.sleep(2e-3), carry(*args))[1]))
+    with ThreadPoolExecutor(4) as threads:
+        assert set(threads.map(lambda _: asked.growth(), range(8))) == {known}
