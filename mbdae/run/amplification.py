@@ -19,6 +19,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.errors import internal
 from mbdae.integrators import radau_table
 from mbdae.integrators.matrices import searches
 from mbdae.integrators.solution import Solution, systems_at
@@ -164,7 +165,7 @@ class Carrier:
         stages = len(table.c) if system.n <= STAGED else 1
         real, pairs, weights = _weights()
         self._matrix = matrix_of(system, equations, *((np.ones(1), pairs[:0], stages) if stages > 1 else (real, pairs)))
-        entries = entries_of(equations)
+        self._entries = entries = entries_of(equations)
         kinds, scale = np.full(n, OTHER), np.ones(n)
         kinds[: system.n], scale[: system.n] = kind, system.scale
         self._x, r, w = np.zeros((n, COPIES)), np.empty(stages * n * COPIES), np.empty(4 * stages * n * COPIES)
@@ -181,7 +182,7 @@ class Carrier:
         table, matrix, at = self._table, self._matrix, ctypes.addressof(self._table)
         self._x[: self._own], table.size, table.least = state
         table.most, table.ended = most, 0
-        given = [np.ascontiguousarray(part) for part in (h, *values)]
+        given = [np.ascontiguousarray(h), *in_pattern(values, len(h) * table.stages, self._entries)]
         rest = *map(address, given), address(sizes)
         done = carrying().stages_carry(at, len(h), 0, False, *rest)
         while done < len(h) and not table.ended:
@@ -251,10 +252,24 @@ def rise(course: tuple[Array, Array]) -> tuple[float, float]:
     return float(rises[i]), float(t[i])
 
 
+def pattern_of(equations: Any) -> Any:
+    """The pattern of the derivatives of equations (a System, or an Assembly) by columns, None where they are full."""
+    return equations.sparsity if equations.pattern is None else equations.pattern
+
+
 def entries_of(equations: Any) -> Entries:
-    """The pattern of the derivatives of equations (a System, or an Assembly)."""
-    pattern = equations.pattern
+    """The entries of the derivatives of equations."""
+    pattern = pattern_of(equations)
     return Entries.full(equations.n) if pattern is None else Entries(equations.n, pattern.indptr, pattern.indices)
+
+
+def in_pattern(values: list[Array], states: int, entries: Entries) -> list[Array]:
+    """Derivatives at states as C reads them: entry after entry, state after state."""
+    given = [np.ascontiguousarray(part, dtype=float) for part in values]
+    if any(part.shape != (states, entries.nnz) for part in given):
+        raise internal(f"derivatives of shapes {[part.shape for part in given]} were given at {states} states in a pattern of "
+                       f"{entries.nnz} entries")
+    return given
 
 
 def matrix_of(system: System, equations: Any, real: Array, pairs: NDArray[np.complex128], stages: int = 1) -> Matrix:
@@ -266,7 +281,7 @@ def matrix_of(system: System, equations: Any, real: Array, pairs: NDArray[np.com
         rows = [entries.row_of[a:b] + i * n for a, b in pairwise(entries.indptr.tolist()) for i in range(stages)]
         counts = np.tile(np.diff(entries.indptr) * stages, stages)
         entries = Entries(n * stages, np.concatenate([[0], np.cumsum(counts)]), np.concatenate(rows * stages))
-    searched = () if equations.pattern is None else searches(tuple(equations.kinds) * stages)
+    searched = () if pattern_of(equations) is None else searches(tuple(equations.kinds) * stages)
     power = np.tile(np.asarray(equations.index) - 1.0, stages)
     made = Matrix(entries, np.tile(scale, stages), power, real, pairs, searched)
     if searched and stages == 1 and n == system.n and system.kept is not None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mbdae.native import address, declared
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.sparse import SingularMatrixError
-from mbdae.run.amplification import SMALL, entries_of, kept, matrix_of
+from mbdae.run.amplification import SMALL, entries_of, in_pattern, kept, matrix_of
 from mbdae.system.base import Array, System
 
 #: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
@@ -107,8 +107,8 @@ class Spectrum:
     def __init__(self, looks: Looks) -> None:
         system, k = looks.systems[0], len(looks.t)
         equations, *parts = system.linear_stages(looks.t, looks.y, looks.yp)
-        values = [np.ascontiguousarray(part) for part in parts]
         self.looks, self.by = looks, kept(system, "roots", partial(Reader, system, equations))
+        values = in_pattern(parts, k, self.by.entries)
         by, entries, most = self.by, self.by.entries, system.n if self.by.dense else 1
         n, places = entries.n, len(by.place)
         motion = np.zeros((k, n))

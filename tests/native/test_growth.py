@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
+from scipy.sparse import csc_matrix
 
 import mbdae as mb
 from mbdae.integrators import radau_table
@@ -134,6 +135,22 @@ def test_an_unknown_whose_rate_stands_in_two_equations_takes_none() -> None:
     assert found[0] == pytest.approx(1.0, rel=1e-6)
 
 
+def test_own_equations_with_a_pattern() -> None:
+    """A chain of growing unknowns, each with its own Jacobian entries by columns."""
+    n = 12
+    J = np.diag(np.linspace(-1, 2, n)) + np.diag(np.ones(n - 1), 1)
+    pattern = csc_matrix(np.eye(n) + np.abs(J))
+
+    def jacobian(t: float, y: Any, yp: Any, cj: float, out: Any) -> None:
+        out[:] = (cj * np.eye(n) - J)[pattern.indices, np.repeat(np.arange(n), np.diff(pattern.indptr))]
+
+    dae = mb.DAE(lambda t, y, yp, out: np.subtract(yp, J @ y, out=out), np.zeros(n), np.zeros(n), jacobian=jacobian,
+                 sparsity=pattern)
+    still = np.zeros((3, n))
+    found = roots_at(Looks([dae] * 3, np.zeros(3), still, still, np.array([0.1, 0.2, 0.3]), 10.0)).rates
+    np.testing.assert_allclose(found, 2.0, rtol=1e-6)
+
+
 @pytest.mark.parametrize("stages", [1, 3])
 def test_a_piece_is_carried_as_radau_does(stages: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(amplification, "STAGED", 24 if stages > 1 else 0)
@@ -153,6 +170,7 @@ def test_a_piece_is_carried_as_radau_does(stages: int, monkeypatch: pytest.Monke
 def test_carried_disturbances_grow_as_the_equations_do(staged: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """With equations at all stages, and with those in the middle: rods that hardly move have one matrix all the way."""
     monkeypatch.setattr(amplification, "STAGED", staged)
+    monkeypatch.setattr(amplification, "LARGEST_KEPT", 0)
     run = tree().simulate(4.0, accuracy=1e-4, solver=mb.DOP853()).solution
     system = run.systems[0][1]
     t, size = Disturbances(system, run).course() or (np.zeros(2), np.zeros(2))
