@@ -60,6 +60,7 @@ class Branch:
     `hopf` and `branchings` are lists of `Located`. `ends`: why the branch ends on either side."""
 
     _finer: Callable[[], Branch] | None = None
+    _plane = ""  #: what a print says of a planar scene
 
     def __init__(self, name: str, places: list[Place], located: list[Located], ends: tuple[str, str]) -> None:
         self.name, self._places, self.located, self.ends = name, places, located, ends
@@ -115,7 +116,8 @@ class Branch:
 
     def __repr__(self) -> str:
         found = "".join(f", {one.kind} at {one.value:.9g} +- {one.error:.1g}" for one in self.located)
-        return f"<Branch along '{self.name}': {len(self)} points from {self.values[0]:.6g} to {self.values[-1]:.6g}{found}>"
+        over = f"{len(self)} points from {self.values[0]:.6g} to {self.values[-1]:.6g}"
+        return f"<Branch along '{self.name}': {over}{self._plane}{found}>"
 
 
 @naming_arguments
@@ -143,6 +145,7 @@ def continuation(scene: SceneData, name: str, over: Any, of: Any = None, steps: 
     start = scene.equilibrium() if of is None else of  # type: ignore[attr-defined]
     kind = Orbits if isinstance(start, Periodic) else Rests
     branch = _branch(kind(scene, called, high - low, start), begin, (low, high), most)
+    branch._plane = start._plane
     for end in branch.ends:
         if end != WHOLE:
             warn(f"the branch along {called} ends inside its range: {end}")

@@ -203,3 +203,115 @@ API int stages_along(const Stages *a, const Path *p, I *m, I steps, I ready, I c
   }
   return DONE;
 }
+
+/* Small disturbances x (n, CARRIED) of a run, over the scales of the unknowns, carried along pieces of it by steps of a
+   collocation method. nnz entries of dF/dy and dF/dy' at every state, the columns of a state beginning at `first`. Where
+   `stages` is above 1, equations at all stages are solved together for the rates there, by the matrix (stages n, stages n); A,
+   b: its table. Else those in the middle of a piece are solved for every eigenvalue of A^-1, and `weights` of these solutions,
+   real ones and then complex ones, are added up. kind (n): 0 what moves slowly, 1 velocities, 2 what follows from the others,
+   whose disturbance is 0. */
+enum { CARRIED = 2 };
+typedef struct {
+  Matrix *matrix;
+  I n, nnz, stages;
+  const I *first, *row_of, *column_of, *kind;
+  const double *scale, *A, *b, *weights;
+  double *x, *r, *w;      /* (n, CARRIED), (stages, n, CARRIED), (2, stages, n, CARRIED) */
+  double size, least;     /* natural logarithm of the factor by which they grew, and the least of it so far */
+  double most, vanished;  /* it ends where size exceeds the least by `most`, or where less than `vanished` is left in a piece */
+  I bad, ended;           /* results: which factors need another order of elimination; 1: grown enough, 2: nothing left */
+} Carry;
+
+/* The matrix for all stages of a piece of h */
+static void together(const Carry *a, double h, const double *fy, const double *fyp) {
+  const I s = a->stages;
+  double *to = a->matrix->fy;
+  for (I j = 0; j < s; j++)
+    for (I c = 0; c < a->n; c++)
+      for (I i = 0; i < s; i++)
+        for (I e = a->first[c]; e < a->first[c + 1]; e++)
+          *to++ = h * a->A[i * s + j] * fy[i * a->nnz + e] + (i == j ? fyp[i * a->nnz + e] : 0);
+}
+
+/* r (stages, n, CARRIED) = -dF/dy x, solved for the rates: x at the end of the piece */
+static void by_stages(const Carry *a, double h, const double *fy) {
+  const Matrix *m = a->matrix;
+  const I s = a->stages, n = a->n;
+  memset(a->r, 0, sizeof(double) * (size_t)(s * n * CARRIED));
+  for (I i = 0; i < s; i++, fy += a->nnz)
+    for (I e = 0; e < a->nnz; e++)
+      add(CARRIED, -fy[e] * a->scale[a->column_of[e]], a->x + a->column_of[e] * CARRIED, a->r + (i * n + a->row_of[e]) * CARRIED);
+  scale(s * n, CARRIED, m->row, a->r);
+  lu_solve_columns(m->factors[0], CARRIED, a->r, a->w);
+  scale(s * n, CARRIED, m->column, a->r);
+  for (I j = 0; j < s; j++)
+    for (I i = 0; i < n; i++) add(CARRIED, h * a->b[j] / a->scale[i], a->r + (j * n + i) * CARRIED, a->x + i * CARRIED);
+}
+
+/* The same with the equations in the middle of the piece */
+static void by_middle(const Carry *a, double h, const double *fyp) {
+  const Matrix *m = a->matrix;
+  const I size = a->n * CARRIED;
+  double *right = a->r, *one = a->w;
+  Pair *z = (Pair *)a->w;
+  memset(right, 0, sizeof(double) * (size_t)size);
+  for (I e = 0; e < a->nnz; e++)
+    add(CARRIED, fyp[e] * a->scale[a->column_of[e]] / h, a->x + a->column_of[e] * CARRIED, right + a->row_of[e] * CARRIED);
+  scale(a->n, CARRIED, m->row, right);
+  memset(a->x, 0, sizeof(double) * (size_t)size);
+  for (I j = 0; j < m->reals; j++) {
+    memcpy(one, right, sizeof(double) * (size_t)size);
+    lu_solve_columns(m->factors[j], CARRIED, one, one + size);
+    for (I i = 0; i < size; i++) a->x[i] += a->weights[j] * one[i];
+  }
+  for (I j = 0; j < m->pairs; j++) {
+    const double *weight = a->weights + m->reals + 2 * j;
+    for (I i = 0; i < size; i++) z[i] = (Pair){right[i], 0};
+    lu_solve_columns(m->factors[m->reals + j], CARRIED, z, z + size);
+    for (I i = 0; i < size; i++) a->x[i] += 2 * (weight[0] * z[i].re - weight[1] * z[i].im);
+  }
+  for (I i = 0; i < a->n; i++)
+    for (I c = 0; c < CARRIED; c++) a->x[i * CARRIED + c] *= m->column[i] / a->scale[i];
+}
+
+/* Pieces of lengths h (s) from number `from` on, fy and fyp (pieces, stages, nnz): size (pieces, 2), the sizes of slow unknowns
+   and of velocities at their ends, natural logarithms. The number of pieces, or of that at which it ended (`bad`, `ended`);
+   ready: the factors are those of the first one. */
+API I stages_carry(Carry *a, I pieces, I from, I ready, const double *h, const double *fy, const double *fyp, double *size) {
+  Matrix *m = a->matrix;
+  const I each = a->stages * a->nnz;
+  for (I k = from; k < pieces; k++, ready = 0) {
+    if (!ready) {
+      if (a->stages > 1) together(a, h[k], fy + k * each, fyp + k * each);
+      else {
+        memcpy(m->fy, fy + k * each, sizeof(double) * (size_t)each);
+        memcpy(m->fyp, fyp + k * each, sizeof(double) * (size_t)each);
+      }
+      a->bad = matrix_factor(m, h[k], 0);
+      if (a->bad >= 0) return k;
+    }
+    if (a->stages > 1) by_stages(a, h[k], fy + k * each);
+    else by_middle(a, h[k], fyp + k * each);
+    double sums[3] = {0, 0, 0};
+    for (I i = 0; i < a->n; i++)
+      for (I c = 0; c < CARRIED; c++) {
+        double *x = a->x + i * CARRIED + c;
+        if (a->kind[i] == 2) *x = 0;
+        sums[a->kind[i]] += *x * *x;
+      }
+    const double now = sqrt(sums[0] + sums[1]);
+    if (!(isfinite(now) && now > a->vanished)) {
+      a->ended = 2;
+      return k;
+    }
+    for (I kind = 0; kind < 2; kind++) size[2 * k + kind] = log(fmax(sqrt(sums[kind]), 1e-300)) + a->size;
+    for (I i = 0; i < a->n * CARRIED; i++) a->x[i] /= now;
+    a->size += log(now);
+    a->least = fmin(a->least, a->size);
+    if (a->size - a->least > a->most) {
+      a->ended = 1;
+      return k + 1;
+    }
+  }
+  return pieces;
+}

@@ -67,7 +67,6 @@ functions = declared(
     ("lu_solve_each", None, (Pointer, Whole, Pointer)),
     ("lu_correct", None, (Pointer, Pointer, Pointer)),
     ("matrix_factor", Whole, (Pointer, Number, Whole)),
-    ("matrix_mass", None, (Pointer, Pointer, Pointer)),
     ("matrix_correct", None, (Pointer, Pointer)),
     ("matrix_noise", None, (Pointer, Pointer, Pointer, Pointer)),
 )
@@ -231,7 +230,10 @@ class Matrix:
 
     def factor(self, h: float) -> None:
         """Scale and factorise the iteration matrices of all lambda for a step of h (s)."""
-        bad = self._factor(self.address, h, 0)
+        self.renewed(self._factor(self.address, h, 0), h)
+
+    def renewed(self, bad: int, h: float) -> None:
+        """Go on with the factors number `bad`, which need another order of elimination; -1: none do."""
         while bad >= 0:
             self.factors[bad].renew()
             bad = self._factor(self.address, h, bad + 1)
@@ -244,12 +246,6 @@ class Matrix:
         x = np.ascontiguousarray(right * self.row)
         functions().lu_solve_each(ctypes.addressof(self.factors[0].table), len(x), address(x))
         return np.asarray(x * self.column)
-
-    def mass(self, x: Array) -> Array:
-        """The product dF/dy' x, shape (n,)."""
-        given, out = self._vector(x), np.empty(self.entries.n)
-        functions().matrix_mass(self.address, address(given), address(out))
-        return out
 
     def noise(self, y: Array, yp: Array) -> Array:
         """Magnitudes (n,) of the corrections of the unknowns that round-off of the residual alone causes at (y, y')."""

@@ -8,23 +8,31 @@ grows.
 
 from __future__ import annotations
 
+import ctypes
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
+from itertools import pairwise
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.errors import internal
 from mbdae.integrators import radau_table
-from mbdae.integrators.matrices import IterationMatrix
+from mbdae.integrators.matrices import searches
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.native.sparse import SingularMatrixError
+from mbdae.native import Entries, Index, address, declared, whole
+from mbdae.native.equations import Number, Pointer, Whole
+from mbdae.native.sparse import Matrix, SingularMatrixError
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.threads import check, single_threaded
 from mbdae.values import largest
 
+T = TypeVar("T")
+State = tuple[Array, float, float]
 ROUNDED = 1e-16  #: relative round-off of a coordinate
 #: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked
 DECIDES = 1.0
@@ -32,6 +40,7 @@ LEAST = 10.0  #: growth with frozen coefficients below which round-off decides n
 #: largest number of unknowns for which all stages of a step are solved together, and for which all roots are computed at once:
 #: with 54 to 58 unknowns of beams the first took .7 ms a piece, and equations of its middle .2
 STAGED, SMALL = 24, 60
+LARGEST_KEPT = 300  #: number of unknowns up to which matrices are kept with a system, because they take little memory
 COPIES = 2  #: number of disturbances, drawn at random, that are carried along
 MOST = 50_000  #: largest number of pieces of a run along which disturbances are carried
 #: largest numbers of steps of the run in one piece that are tried one after the other, each where the pieces are FEWER times more
@@ -39,9 +48,10 @@ MOST = 50_000  #: largest number of pieces of a run along which disturbances are
 #: CLEAR of its distance from the value on which a decision depends
 TOGETHER, FEWER, SURE, CLEAR = (32, 16, 8, 4, 2, 1), 1.5, 0.5, 0.3
 DIGITS = 3  #: decimals with which a growth (natural logarithm) is told: it is sure to SURE
-BLOCK = 2**13  #: number of pieces whose matrices, or states, are computed together, times the size of one of them
+BLOCK = 2**13  #: number of pieces whose states are computed together, times the number of unknowns
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
-TINY = 1e-300
+#: disturbances of positions and other slow unknowns, of velocities, and those that follow from them; that nothing of them is left
+SLOW, FAST, OTHER, NOTHING = 0, 1, 2, 2
 VANISHED = 1e-150  #: size of a disturbance, after a step from size 1, below which nothing is left of it: no motion is free
 #: largest change of a position in a piece, in pieces of several steps up to WIDER times as large; largest number of parts of a
 #: step
@@ -55,11 +65,8 @@ class Disturbances:
     def __init__(self, system: System, run: Solution, longest: float = math.inf) -> None:
         """longest: of the pieces of the run along which they are carried, s."""
         self._system, self._run, self._longest = system, run, longest
-        self._matrix: IterationMatrix | None = None
         kinds = np.array(system.kinds)
-        self._fast = kinds == "v"
-        self._slow = ~np.isin(kinds, ("v", "lambda", "mu", "z"))
-        self._others = ~(self._slow | self._fast)  # they follow from the positions and velocities
+        self._kind = np.select([kinds == "v", np.isin(kinds, ("lambda", "mu", "z"))], [FAST, OTHER], SLOW)
 
     def growth(self, enough: float = math.inf) -> tuple[float, float] | None:
         """(natural logarithm of the largest factor by which a disturbance grows from one time of the run to a later one, time of
@@ -87,25 +94,27 @@ class Disturbances:
 
     def _along(self, ends: Array, enough: float) -> tuple[Array, Array] | None:
         """`course` by the pieces of the run between `ends` (s)."""
-        x = np.where(self._others[:, None], 0.0, spread((COPIES, self._system.n)).T)
-        carried, sizes, size, least = list[Array](), list[float](), 0.0, 0.0
+        h, run, n = np.diff(ends), self._run, self._system.n
+        systems = systems_at(run, (ends[1:] + ends[:-1]) / 2, self._system)
+        c = radau_table(3).c if n <= STAGED else np.array([0.5])
+        x = np.where(self._kind[:, None] == OTHER, 0.0, spread((COPIES, n)).T)
+        sizes, state, done, ended = np.empty((len(h), 2)), (x, 0.0, math.inf), 0, False
         try:
-            for step in self._steps(ends):
-                x = step(x)
-                now = math.sqrt(float(np.vdot(x, x)))
-                if not (math.isfinite(now) and now > VANISHED):
-                    return None
-                carried.append(x)
-                sizes.append(size)
-                x, size = x / now, size + math.log(now)
-                least = min(least, size) if len(sizes) > 1 else size
-                if size - least > enough + SLACK:
-                    break
-        except (SingularMatrixError, np.linalg.LinAlgError):
+            while done < len(h) and not ended:
+                check("the growth of small disturbances was computed")
+                system, last = systems[done], done + 1
+                while last < min(len(h), done + BLOCK // n + 1) and systems[last] is system:
+                    last += 1
+                times = np.minimum((ends[done:last, None] + c * h[done:last, None]).ravel(), run.t[-1])
+                equations, *values = system.linear_stages(times, run(times), run.derivative(times))
+                carrier = kept(system, "carrier", partial(Carrier, system, equations, self._kind))
+                count, ended, state = system.owner.waiting(
+                    carrier.carry, state, enough + SLACK, h[done:last], values, sizes[done:last])
+                done += count
+        except SingularMatrixError:
             return None
-        slow, fast = (np.log(np.maximum(np.linalg.norm(np.array(carried)[:, kind], axis=(1, 2)), TINY)) + sizes
-                      for kind in (self._slow, self._fast))
-        return ends[1 : 1 + len(slow)], np.logaddexp(2 * slow, 2 * (fast + np.median(slow - fast))) / 2
+        slow, fast = sizes[:done].T
+        return ends[1 : 1 + done], np.logaddexp(2 * slow, 2 * (fast + np.median(slow - fast))) / 2
 
     def _pieces(self, together: int) -> Array:
         """Times (s) that divide the run into pieces in which no position changes by more than TURNED (over its scale): of at most
@@ -133,59 +142,55 @@ class Disturbances:
         line = None if self._system.timeline is None else self._system.timeline(t0, t1)
         return np.zeros(0) if line is None else np.concatenate([line.edges, line.stretches.edges, line.stretches.kinks])
 
-    def _steps(self, ends: Array) -> Iterator[Callable[[Array], Array]]:
-        """For every piece of the run the function that takes disturbances (n, k), over the scales of the unknowns, from its begin
-        to its end."""
-        middle, h = (ends[1:] + ends[:-1]) / 2, np.diff(ends)
-        systems = systems_at(self._run, middle, self._system)
-        n, together = self._system.n, self._system.n <= STAGED
-        block = BLOCK // (n**2 if together else n) + 1
-        for first in range(0, len(h), block):
-            check("the growth of small disturbances was computed")
-            some = slice(first, first + block)
-            if together:
-                for system in dict.fromkeys(systems[some]):
-                    own = [i for i in range(first, min(first + block, len(h))) if systems[i] is system]
-                    yield from (by.__matmul__ for by in self._exactly(system, ends[own], h[own]))
-                continue
-            states = self._run(middle[some]), self._run.derivative(middle[some])
-            for i, (y, yp) in enumerate(zip(*states, strict=True), first):
-                yield partial(self._carried, systems[i], float(middle[i]), y, yp, float(h[i]))
 
-    def _exactly(self, system: System, t: Array, h: Array) -> Array:
-        """The matrices (k, n, n) by which disturbances, over the scales of the unknowns, are multiplied in k pieces of lengths h
-        (s) from times t (s) on, with the equations at all stages of Radau IIA(3): where a motion passes an unstable rest several
-        times, what grew there fades before the next, which frozen equations do not reproduce."""
-        table, k, n = radau_table(3), len(t), system.n
-        times = np.minimum((t[:, None] + table.c * h[:, None]).ravel(), self._run.t[-1])
-        A, E = (part.reshape(k, 3, n, n) * system.scale for part in system.dense_stages(
-            times, self._run(times), self._run.derivative(times)))
-        M = np.einsum("kiab,ij,k->kiajb", A, table.A, h)
-        for i in range(3):
-            M[:, i, :, i] += E[:, i]
-        M, right = M.reshape(k, 3 * n, 3 * n), -A.reshape(k, 3 * n, n)
-        size = np.max(np.abs(M), axis=2, keepdims=True)
-        rates = np.linalg.solve(M / size, right / size).reshape(k, 3, n, n)
-        found = np.eye(n) + np.einsum("j,kjab,k->kab", table.b, rates, h)
-        found[:, self._others] = 0.0
-        return np.asarray(found)
+class CarryTable(ctypes.Structure):
+    """The C struct `Carry` of adjoint.c, with the same members in the same order."""
 
-    def _carried(self, system: System, t: float, y: Array, yp: Array, h: float, x: Array) -> Array:
-        """Disturbances (n, k), over the scales of the unknowns, at the end of a piece h (s) from those at its begin; t, y, yp:
-        time (s) and state in its middle, with whose equations it is made."""
-        real, pair, weights = _weights()
-        if self._matrix is None or self._matrix.system is not system:
-            self._matrix = IterationMatrix(system, real, pair)
-        matrix = self._matrix
-        matrix.refresh(t, y, yp)
-        matrix.factor(h)
-        out = np.empty_like(x)
-        for k, one in enumerate(x.T * system.scale):
-            right = matrix.row * matrix.mass(one) / h
-            parts = [weight * factors.solve(right) for weight, factors in zip(weights, matrix.factors, strict=True)]
-            out[:, k] = matrix.column * sum(part if part.dtype.kind == "f" else 2 * part.real for part in parts) / system.scale
-        out[self._others] = 0.0
-        return out
+    _fields_ = (("matrix", Pointer), *((name, Whole) for name in ("n", "nnz", "stages")),
+                *((name, Pointer) for name in ("first", "row_of", "column_of", "kind", "scale", "A", "b", "weights", "x", "r",
+                                               "w")),
+                *((name, Number) for name in ("size", "least", "most", "vanished")), ("bad", Whole), ("ended", Whole))
+
+
+#: function that opens the library and states the type of the function that carries disturbances, for ctypes
+carrying = declared(("stages_carry", Whole, (Pointer, Whole, Whole, Whole, *[Pointer] * 4)))
+
+
+class Carrier:
+    """One step of Radau IIA(3) after the other of the linearised equations of a system, for COPIES disturbances."""
+
+    def __init__(self, system: System, equations: Any, kind: Index) -> None:
+        """kind: of every unknown of the system whether its disturbance moves SLOW or FAST or is an OTHER one."""
+        table, n, self._own = radau_table(3), equations.n, system.n
+        stages = len(table.c) if system.n <= STAGED else 1
+        real, pairs, weights = _weights()
+        self._matrix = matrix_of(system, equations, *((np.ones(1), pairs[:0], stages) if stages > 1 else (real, pairs)))
+        self._entries = entries = entries_of(equations)
+        kinds, scale = np.full(n, OTHER), np.ones(n)
+        kinds[: system.n], scale[: system.n] = kind, system.scale
+        self._x, r, w = np.zeros((n, COPIES)), np.empty(stages * n * COPIES), np.empty(4 * stages * n * COPIES)
+        kept = [entries.indptr, entries.row_of, entries.column_of, whole(kinds), scale,
+                *(np.ascontiguousarray(part) for part in (table.A, table.b, weights)), self._x, r, w]
+        self._kept = kept
+        self._table = CarryTable(self._matrix.address, n, entries.nnz, stages, *map(address, kept), 0.0, 0.0, 0.0, VANISHED)
+
+    def carry(self, state: State, most: float, h: Array, values: list[Array], sizes: Array) -> tuple[int, bool, State]:
+        """Along pieces of lengths h (k,), s, with the derivatives `values` at their stages. state: disturbances (n, COPIES), the
+        natural logarithm of their growth so far, and the least of it; most: growth beyond the least after which it is not carried
+        on; sizes (k, 2) takes those of the slow and the fast ones. Returns the number of pieces, whether it ended, and the new
+        state; SingularMatrixError where equations are singular, or nothing is left."""
+        table, matrix, at = self._table, self._matrix, ctypes.addressof(self._table)
+        self._x[: self._own], table.size, table.least = state
+        table.most, table.ended = most, 0
+        given = [np.ascontiguousarray(h), *in_pattern(values, len(h) * table.stages, self._entries)]
+        rest = *map(address, given), address(sizes)
+        done = carrying().stages_carry(at, len(h), 0, False, *rest)
+        while done < len(h) and not table.ended:
+            matrix.renewed(table.bad, float(h[done]))
+            done = carrying().stages_carry(at, len(h), done, True, *rest)
+        if table.ended == NOTHING:
+            raise SingularMatrixError
+        return done, bool(table.ended), (self._x[: self._own].copy(), table.size, table.least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,8 +226,8 @@ def decided_by_round_off(prepared: Prepared | None, run: Solution, frozen: float
 
 def _farthest(prepared: Prepared, run: Solution) -> float:
     """Largest coordinate of a place of a body in a run over the scene's length, 1 where that is less (angles in rad)."""
-    some = run.t[:: len(run.t) // PLACES + 1]
-    q = prepared.states(some, run(some))[0]
+    some = slice(None, None, len(run.t) // PLACES + 1)
+    q = prepared.states(run.t[some], run.y[some])[0]
     places = [np.max(np.abs(q[:, node.q : node.q + node.kind.translations])) for node in prepared.model.nodes
               if node.unit == "m" and node.kind.translations]
     return max(1.0, float(max(places, default=0.0)) / prepared.length)
@@ -247,16 +252,59 @@ def rise(course: tuple[Array, Array]) -> tuple[float, float]:
     return float(rises[i]), float(t[i])
 
 
+def pattern_of(equations: Any) -> Any:
+    """The pattern of the derivatives of equations (a System, or an Assembly) by columns, None where they are full."""
+    return equations.sparsity if equations.pattern is None else equations.pattern
+
+
+def entries_of(equations: Any) -> Entries:
+    """The entries of the derivatives of equations."""
+    pattern = pattern_of(equations)
+    return Entries.full(equations.n) if pattern is None else Entries(equations.n, pattern.indptr, pattern.indices)
+
+
+def in_pattern(values: list[Array], states: int, entries: Entries) -> list[Array]:
+    """Derivatives at states as C reads them: entry after entry, state after state."""
+    given = [np.ascontiguousarray(part, dtype=float) for part in values]
+    if any(part.shape != (states, entries.nnz) for part in given):
+        raise internal(f"derivatives of shapes {[part.shape for part in given]} were given at {states} states in a pattern of "
+                       f"{entries.nnz} entries")
+    return given
+
+
+def matrix_of(system: System, equations: Any, real: Array, pairs: NDArray[np.complex128], stages: int = 1) -> Matrix:
+    """Iteration matrices of the linearised equations of a system (`System.linear_stages`); stages: the unknowns of so many states
+    together, each of which depends on all of them."""
+    n, scale, entries = equations.n, np.ones(equations.n), entries_of(equations)
+    scale[: system.n] = system.scale
+    if stages > 1:
+        rows = [entries.row_of[a:b] + i * n for a, b in pairwise(entries.indptr.tolist()) for i in range(stages)]
+        counts = np.tile(np.diff(entries.indptr) * stages, stages)
+        entries = Entries(n * stages, np.concatenate([[0], np.cumsum(counts)]), np.concatenate(rows * stages))
+    searched = () if pattern_of(equations) is None else searches(tuple(equations.kinds) * stages)
+    power = np.tile(np.asarray(equations.index) - 1.0, stages)
+    made = Matrix(entries, np.tile(scale, stages), power, real, pairs, searched)
+    if searched and stages == 1 and n == system.n and system.kept is not None:
+        made.orders.present = system.kept.get("order")
+    return made
+
+
+def kept(system: System, name: str, make: Callable[[], T]) -> T:
+    """What was made for a system before, unless it is large."""
+    if system.kept is None or system.n > LARGEST_KEPT:
+        return make()
+    if name not in system.kept:
+        system.kept[name] = make()
+    return cast(T, system.kept[name])
+
+
 @cache
-def _weights() -> tuple[Array, NDArray[np.complex128], tuple[complex, ...]]:
+def _weights() -> tuple[Array, NDArray[np.complex128], Array]:
     """The real and the complex eigenvalue m of A^-1 of Radau IIA(3), and the weights w with which one of its steps of h is the
-    sum of w (m E / h + A)^-1 E / h, of the complex one twice the real part."""
+    sum of w (m E / h + A)^-1 E / h, of the complex one, given by its parts, twice the real part."""
     table = radau_table(3)
     values, vectors = np.linalg.eig(table.A_inv)
     start = np.linalg.solve(vectors.astype(complex), np.ones(len(values), complex))
     weights = vectors[-1] * values * start
-    found = []
-    for value in (*table.real, *table.pairs):
-        j = int(np.argmin(np.abs(values - value)))
-        found.append(weights[j].real if abs(values[j].imag) < 1e-9 else weights[j])
-    return table.real, table.pairs, tuple(found)
+    real, pair = (weights[[int(np.argmin(np.abs(values - value))) for value in some]] for some in (table.real, table.pairs))
+    return table.real, table.pairs, np.concatenate([real.real, np.ascontiguousarray(pair).view(float)])

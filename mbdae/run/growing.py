@@ -25,7 +25,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import LEAST, SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
-from mbdae.run.growth_roots import HARMLESS, MOST, GrowthFound, Look, Spectra, positions, roots_at
+from mbdae.run.growth_roots import HARMLESS, MOST, GrowthFound, Looks, Spectra, positions, roots_at
 from mbdae.system.base import System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
@@ -101,32 +101,36 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
     wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
-    steps = sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist()))
-    times, h, y, yp = run.t[steps], np.diff(run.t)[steps], run.y[steps], run.yp[steps]
-    at = systems_at(run, times, system)
-    looks = [Look(*state, t1 - t0) for state in zip(at, times.tolist(), y, yp, h.tolist(), strict=True)]
+    steps = np.array(sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist())))
+    times = run.t[steps]
+    looks = Looks(systems_at(run, times, system), times, run.y[steps], run.yp[steps], run.t[steps + 1] - times, t1 - t0)
     ends = [t0, *((times[1:] + times[:-1]) / 2).tolist(), t1]
     spectra = roots_at(looks)
-    found, late = spectra.found(VISIBLE), [0.0] * len(looks)
-    if any(one.unseen for one in found):
+    found, late = spectra.found(VISIBLE), [0.0] * len(times)
+    if _any_unseen(found):
         found = _persistent(run, looks, found, ends)
-    if any(one.unseen for one in found) and not _carried(system, run, found):
-        found = [_seen(one) for one in found]
-    if any(one.unseen for one in found):
+        if _any_unseen(found) and not _carried(system, run, found):
+            found = [_seen(one) for one in found]
+    if _any_unseen(found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
     elif varying and system.n <= SMALL and _varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
-    behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
-              for look, one, asked in zip(looks, found, late, strict=True)]
-    return _while_unseen([Growth(a, b, one.rate, one.unseen, asked)
-                          for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)])
+    behind = [max(asked, one.unseen if one.unseen * step > FOLLOWED else 0.0)
+              for step, one, asked in zip(looks.h.tolist(), found, late, strict=True)]
+    parts = [Growth(a, b, one.rate, one.unseen, asked)
+             for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)]
+    return _while_unseen(parts) if _any_unseen(found) else parts
 
 
-def _persistent(run: Solution, looks: list[Look], found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
+def _any_unseen(found: list[GrowthFound]) -> bool:
+    return any(one.unseen for one in found)
+
+
+def _persistent(run: Solution, looks: Looks, found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
     an impact."""
-    return [_seen(one) if one.unseen > 0 and not _steady(run, look, (a, b), (one.rate,)) else one
-            for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]
+    return [_seen(one) if one.unseen > 0 and not _steady(run, looks, i, edges[i : i + 2], (one.rate,)) else one
+            for i, one in enumerate(found)]
 
 
 def _seen(one: GrowthFound) -> GrowthFound:
@@ -168,35 +172,38 @@ def total(parts: Sequence[Growth]) -> float:
     return sum(part.rate * (part.end - part.begin) for part in parts)
 
 
-def _late(run: Solution, looks: list[Look], found: list[GrowthFound], apart: int) -> list[float]:
+def _late(run: Solution, looks: Looks, found: list[GrowthFound], apart: int) -> list[float]:
     """For every state the inverse of the step (1/s) that is asked for because the disturbances that are not seen have grown by
     less until a later state, a number of states `apart`, than their roots say; 0 where they have not. Roots say that where what
     is disturbed is at rest and the roots stay what they are: where something vibrates, they may grow and decay in turn."""
-    asked = [0.0] * len(looks)
+    t, h = looks.t.tolist(), looks.h.tolist()
+    asked = [0.0] * len(t)
     for i, (a, b) in enumerate(zip(found, found[apart:], strict=False)):
-        here, there = looks[i], looks[i + apart]
-        if a.size > 0 and b.size > 0 and _rests(here, there, a):
-            expected = log(a.after(there.t - here.t, (1 + b.rate / a.rate) / 2) / a.size)
-            if log(b.size / a.size) < KEEPS * expected - SPARE and _steady(
-                    run, here, (here.t, there.t), (a.rate, b.rate)):
-                for k in range(i, i + apart + 1):
-                    asked[k] = CLOSER / min(here.h, there.h)
-    return [min(late, CLOSEST * one.unseen) if CLOSEST * one.unseen * look.h > FOLLOWED else 0.0
-            for late, one, look in zip(asked, found, looks, strict=True)]
+        then = i + apart
+        if a.size > 0 and b.size > 0 and _rests(looks, i, then, a):
+            expected = log(a.after(t[then] - t[i], (1 + b.rate / a.rate) / 2) / a.size)
+            if log(b.size / a.size) < KEEPS * expected - SPARE and _steady(run, looks, i, (t[i], t[then]), (a.rate, b.rate)):
+                for k in range(i, then + 1):
+                    asked[k] = CLOSER / min(h[i], h[then])
+    return [min(late, CLOSEST * one.unseen) if CLOSEST * one.unseen * step > FOLLOWED else 0.0
+            for late, one, step in zip(asked, found, h, strict=True)]
 
 
-def _rests(a: Look, b: Look, found: GrowthFound) -> bool:
+def _rests(looks: Looks, a: int, b: int, found: GrowthFound) -> bool:
     """Whether the positions that are disturbed at look a move by less than VISIBLE until look b."""
-    here, disturbed = positions(a.system), np.max(np.abs(found.parts), axis=1)
-    moved = np.abs(b.y - a.y)[here] / a.system.scale[here]
+    system = looks.systems[a]
+    here, disturbed = positions(system), np.max(np.abs(found.parts), axis=1)
+    moved = np.abs(looks.y[b] - looks.y[a])[here] / system.scale[here]
     return bool(np.all(moved[disturbed > SHARE * np.max(disturbed)] < VISIBLE))
 
 
-def _steady(run: Solution, look: Look, between: tuple[float, float], rates: tuple[float, ...]) -> bool:
-    """Whether the largest real part of a root is between two times (s) what it is at the looks, within a factor of STEADY."""
+def _steady(run: Solution, looks: Looks, i: int, between: Sequence[float], rates: tuple[float, ...]) -> bool:
+    """Whether the largest real part of a root is between two times (s) what it is at the looks, within a factor of STEADY, with
+    the equations and the step of look i."""
     times = between[0] + (between[1] - between[0]) * np.array(BETWEEN)
-    looks = [look._replace(t=float(t), y=y, yp=yp) for t, y, yp in zip(times, run(times), run.derivative(times), strict=True)]
-    found = [*rates, *roots_at(looks).rates.tolist()]
+    count = len(times)
+    others = Looks([looks.systems[i]] * count, times, run(times), run.derivative(times), np.full(count, looks.h[i]), looks.span)
+    found = [*rates, *roots_at(others).rates.tolist()]
     return bool(max(found) < STEADY * min(found))
 
 
@@ -206,8 +213,8 @@ def _varies(system: System, run: Solution) -> bool:
     t0, t1 = float(run.t[0]), float(run.t[-1])
     if system.timeline is not None:
         return system.timeline(t0, t1) is not None
-    y, yp = run.y[0], run.yp[0]
-    there = [np.hstack(system.dense_parts(t0 + part * (t1 - t0), y, yp)) for part in (0.0, *BETWEEN)]
+    times = t0 + (t1 - t0) * np.array([0.0, *BETWEEN])
+    there = np.hstack(system.linear_stages(times, *(np.tile(part[0], (len(times), 1)) for part in (run.y, run.yp)))[1:])
     return bool(np.max(np.ptp(there, axis=0)) > CHANGED * np.max(np.abs(there)))
 
 
@@ -217,14 +224,14 @@ def _by_varying(system: System, run: Solution, spectra: Spectra,
     is sought, along the run, where something vibrates unseen."""
     looks, idle = spectra.looks, spectra.idle(FAINT)
     hidden = [i for i, one in enumerate(idle) if one.size > 0]
-    coarse = any(one.unseen * look.h > FOLLOWED / 4 for one, look in zip(idle, looks, strict=True))
+    coarse = any(one.unseen * step > FOLLOWED / 4 for one, step in zip(idle, looks.h.tolist(), strict=True))
     course = Disturbances(system, run).course(least=VARYING) if len(hidden) > 1 and coarse else None
     if course is None or rise(course)[0] < VARYING:
-        return found, [0.0] * len(looks)
+        return found, [0.0] * len(found)
     first, last = hidden[0], hidden[-1]
-    expected = float(np.interp(looks[last].t, *course) - np.interp(looks[first].t, *course))
+    expected = float(np.interp(looks.t[last], *course) - np.interp(looks.t[first], *course))
     slow = log(idle[last].size / idle[first].size) < KEEPS * expected - 2 * SPARE
-    late = [CLOSER / look.h if slow and one.size > 0 else 0.0 for look, one in zip(looks, idle, strict=True)]
+    late = [CLOSER / step if slow and one.size > 0 else 0.0 for step, one in zip(looks.h.tolist(), idle, strict=True)]
     return [a._replace(unseen=b.unseen) for a, b in zip(found, idle, strict=True)], late
 
 

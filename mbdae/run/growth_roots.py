@@ -1,22 +1,23 @@
 """The roots of the linearised equations at states of a run, with frozen coefficients: which disturbances grow, and which of them
-are too small to be seen by the error test of a solver; and whether what decays held the steps short."""
+are too small to be seen by the error test of a solver; and whether what decays held the steps short. The Python side of
+native/growth.c."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import ctypes
 from functools import partial
-from math import log
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import distinct, median
+from mbdae.deferred import median
 from mbdae.integrators.base import Solver
-from mbdae.integrators.matrices import IterationMatrix
 from mbdae.integrators.solution import Solution, systems_at
+from mbdae.native import address, declared
+from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.sparse import SingularMatrixError
-from mbdae.run.amplification import COPIES, SMALL, TINY, spread
+from mbdae.run.amplification import SMALL, entries_of, in_pattern, kept, matrix_of
 from mbdae.system.base import Array, System
 
 #: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
@@ -26,32 +27,28 @@ HARMLESS = 2.0
 #: frequency most, and of few multiples of that. Measured: a cantilever of which the stiffest vibration, 2300 / step, was followed
 #: took 57 662 steps where 12 do
 EXCITED = 10.0
-#: largest number of unknowns for which all roots are computed; above SMALL only where `_rises` finds that something grows: with
-#: fewer, too, that would miss what vibrates within a step and grows slowly (van der Pol's oscillator beside others)
+#: largest number of unknowns for which all roots are computed; above SMALL only where `rising` of growth.c finds that something
+#: grows: with fewer, too, that would miss what vibrates within a step and grows slowly (van der Pol's oscillator beside others)
 MOST = 300
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
-ALIKE = 1e-5  #: relative difference of roots that count as equal
+CLOSED = 2  #: eigenvalues of matrices up to this size are computed by growth.c
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
 #: their end: the largest that vibrations alone gave was 1.1. What moves freely grows by 2 there, as a number proportional to the
 #: time does, and by 2 again in as many multiplications more as there were; what grows at a rate does by the square of the ratio
 ROUNDS, GROWS, FASTER = 20, 1.5, 1.5
-#: number of eigenvectors a matrix up to which solving for each takes less time than finding all, and the relative distance from
-#: an eigenvalue at which it is solved
-FEW, BESIDE = 4, 1e-11
-Values = NDArray[Any]  #: numbers, real or complex
 
 
-class Look(NamedTuple):
-    """A state of a run at which roots are sought: the equations there, time (s), y and y' (n,), the step of the run (s), and the
-    length of the run (s)."""
+class Looks(NamedTuple):
+    """States of a run at which roots are sought: the equations (k,) there, times (k,), s, y and y' (k, n), steps of the run (k,),
+    s, and the length of the run (s)."""
 
-    system: System
-    t: float
+    systems: list[System]
+    t: Array
     y: Array
     yp: Array
-    h: float
+    h: Array
     span: float
 
 
@@ -75,99 +72,31 @@ class GrowthFound(NamedTuple):
         return float(np.max(np.abs(self.parts @ np.exp(self.roots * (time * faster))), initial=0.0))
 
 
-class Spectra(NamedTuple):
-    """The roots at some states: S (k, n, n), the matrices of `_shifted`, their eigenvalues and the roots (k, n) that belong to
-    them, 1/s. With too many unknowns S is empty, and there is one root at every state: 1 over the step where something grows."""
+class LooksTable(ctypes.Structure):
+    """The C struct `Looks` of growth.c, with the same members in the same order."""
 
-    looks: list[Look]
-    S: Array
-    values: Values
-    roots: Values
-
-    @property
-    def rates(self) -> Array:
-        """The largest real part of a root at every state (k,), 1/s."""
-        return np.asarray(np.max(self.roots.real, axis=1, initial=0.0))
-
-    def found(self, seen: float) -> list[GrowthFound]:
-        """What is found at every state; seen: size of a disturbance that is seen, over the scales of the positions."""
-        rates = self.rates.tolist()
-        if not self.S.size:
-            return [GrowthFound(rate, rate) for rate in rates]
-        grow = self.roots.real * self.looks[0].span > HARMLESS
-        unseen = self._unseen(grow, seen) if max(rates) * self.looks[0].span > HARMLESS else [GrowthFound()] * len(rates)
-        return [one._replace(rate=rate) for one, rate in zip(unseen, rates, strict=True)]
-
-    def idle(self, seen: float) -> list[GrowthFound]:
-        """Of disturbances that neither grow nor decay with frozen coefficients, and that the equations may shake into growth as
-        they vary, what `found` finds of growing ones."""
-        span, turning = self.looks[0].span, np.abs(self.roots.imag)
-        shaken = (turning * span > HARMLESS) & (turning * np.array([look.h for look in self.looks])[:, None] < EXCITED)
-        return self._unseen((np.abs(self.roots.real) * span < turning) & shaken, seen)
-
-    def _unseen(self, wanted: NDArray[np.bool_], seen: float) -> list[GrowthFound]:
-        """Of the wanted roots (k, n) those whose disturbances in the motion are smaller than `seen`, at every state."""
-        at, found, looks = np.nonzero(wanted)[0], [GrowthFound()] * len(self.looks), self.looks
-        if not len(at):
-            return found
-        right, left = _vectors(self.S, at, self.values[wanted])
-        roots, together = np.asarray(self.roots[wanted], complex), at[:, None] == at
-        motion = np.array([look.yp for look in looks]) / looks[0].system.scale
-        try:
-            shares = np.linalg.solve((left @ right.T) * together, np.sum(left * motion[at], axis=1)) / np.abs(roots)
-        except np.linalg.LinAlgError:
-            shares = np.zeros(len(at), complex)
-        parts = right.T[positions(looks[0].system)] * shares
-        alike = together & (np.abs(roots[:, None] - roots) < ALIKE * np.abs(roots))  # equal roots share a plane of disturbances
-        small = np.max(np.abs(parts @ alike), axis=0, initial=0.0) < seen
-        for i in distinct(at[small]).tolist():
-            these = small & (at == i)
-            found[i] = GrowthFound(0.0, float(np.max(np.abs(roots[these]))), parts[:, these], roots[these])
-        return found
+    _fields_ = (("matrix", Pointer), *((name, Whole) for name in ("looks", "n", "most", "places", "many", "dense", "rounds")),
+                *((name, Number) for name in ("shift", "resolved", "grows", "faster")),
+                *((name, Pointer) for name in ("first", "place", "h", "motion", "fy", "fyp", "core", "moved", "unknowns", "kind",
+                                               "taken", "solved", "H", "beta", "value", "root", "rate", "room", "rises")))
 
 
-def roots_at(looks: list[Look]) -> Spectra:
-    """The roots at some states of a system."""
-    system, h = looks[0].system, np.array([look.h for look in looks])[:, None]
-    if system.n > MOST or (system.n > SMALL and system.has_pattern):
-        rising = np.array(_rising_sparse(looks))[:, None]
-        if system.n > MOST or not np.any(rising):
-            return Spectra(looks, np.zeros((0, 0, 0)), np.zeros(0), np.where(rising, 1 / h, -np.inf))
-    S = _shifted(looks)
-    if system.n <= SMALL:
-        values = np.linalg.eigvals(S)
-    else:
-        values = np.array([np.linalg.eigvals(one) if _grows(one) else np.zeros(system.n) for one in S])
-    finite = np.abs(values) * RESOLVED > 1
-    return Spectra(looks, S, values, np.where(finite, (SHIFT / h) * (1 - 1 / np.where(finite, values, 1.0)), -np.inf))
+#: function that opens the library and states the types of the functions of growth.c for ctypes
+growth = declared(
+    ("growth_spectra", Whole, (Pointer, Whole, Whole)),
+    ("growth_rates", None, (Pointer,)),
+    ("growth_unseen", None, (Pointer, Whole, *[Number] * 4, *[Pointer] * 4)),
+)
 
 
-def _vectors(shifted: Array, at: NDArray[np.int64], values: Values) -> tuple[Values, Values]:
-    """Right and left eigenvectors (k, n), one a row, to eigenvalues (k,) of the matrices (states, n, n) with the indices at (k,).
-    Few are found by solving twice with a matrix that is all but singular, from vectors that differ, as those of equal eigenvalues
-    do."""
-    n = shifted.shape[1]
-    values = values if np.any(values.imag) else values.real
-    if len(values) > FEW * len(distinct(at)):
-        found = [np.linalg.eig(S) for S in (shifted, shifted.transpose(0, 2, 1))]
-        right, left = (np.array([vectors[i][:, j] for i, j in zip(at, _nearest(others, at, values), strict=True)])
-                       for others, vectors in found)
-        return right, left
-    M = shifted[at] - (values * (1 + BESIDE))[:, None, None] * np.eye(n)
-    both, x = np.concatenate([M, M.transpose(0, 2, 1)]), np.tile(spread((len(at), n)), (2, 1))[:, :, None]
-    for _ in range(2):
-        x = np.linalg.solve(both, x)
-        x = x / np.max(np.abs(x), axis=1, keepdims=True)
-    return x[: len(at), :, 0], x[len(at) :, :, 0]
+class Reader:
+    """What finding roots of a system needs at all states alike: the iteration matrix of its linearised equations."""
 
-
-def _nearest(values: Values, at: NDArray[np.int64], wanted: Values) -> list[int]:
-    """Of eigenvalues (states, n) the indices, each once, that are nearest to the wanted ones (k,) of the states at (k,)."""
-    free, found = np.ones(values.shape, dtype=bool), []
-    for i, one in zip(at, wanted, strict=True):
-        found.append(int(np.argmin(np.where(free[i], np.abs(values[i] - one), np.inf))))
-        free[i, found[-1]] = False
-    return found
+    def __init__(self, system: System, equations: Any) -> None:
+        self.entries, self.matrix = entries_of(equations), matrix_of(system, equations, np.ones(1), np.zeros(0, complex))
+        self.many, self.dense = system.n > SMALL, system.n <= MOST
+        self.place = np.flatnonzero(positions(system))
+        self.first_at, self.place_at = address(self.entries.indptr), address(self.place)
 
 
 def positions(system: System) -> NDArray[np.bool_]:
@@ -176,74 +105,125 @@ def positions(system: System) -> NDArray[np.bool_]:
     return kinds == "q" if np.any(kinds == "q") else ~np.isin(kinds, ("lambda", "mu", "z"))
 
 
-def _shifted(looks: list[Look]) -> Array:
-    """The matrices (k, n, n) (E + h A / SHIFT)^-1 E of the linearised equations E x' + A x = 0 at k states, in scaled unknowns. A
-    root r of the equations is an eigenvalue 1 / (1 - h r / SHIFT); infinite roots, of constraints, are 0. A matrix is 0 where the
-    equations are singular."""
-    system, h = looks[0].system, np.array([look.h for look in looks])[:, None, None]
-    if any(look.system is not system for look in looks):
-        return np.concatenate([_shifted([look]) for look in looks])
-    A, E = system.dense_stages(*(np.array(part) for part in zip(*((look.t, look.y, look.yp) for look in looks), strict=True)))
-    both, E = (A * (h / SHIFT) + E) * system.scale, E * system.scale
-    size = np.abs(both).max(axis=2, keepdims=True)
-    if not 0 < size.min() <= size.max() < np.inf:
-        sound = np.all(np.isfinite(size) & (size > 0), axis=1, keepdims=True)
-        size, both, E = (np.where(sound, part, other) for part, other in ((size, 1.0), (both, np.eye(system.n)), (E, 0.0)))
-    both, E = both / size, E / size
-    try:
-        return np.asarray(np.linalg.solve(both, E))
-    except np.linalg.LinAlgError:
-        return np.zeros_like(both) if len(looks) == 1 else np.concatenate([_shifted([look]) for look in looks])
+class Spectrum:
+    """The roots at states (k,) of one system."""
+
+    def __init__(self, looks: Looks) -> None:
+        system, k = looks.systems[0], len(looks.t)
+        equations, *parts = system.linear_stages(looks.t, looks.y, looks.yp)
+        self.looks, self.by = looks, kept(system, "roots", partial(Reader, system, equations))
+        values = in_pattern(parts, k, self.by.entries)
+        by, entries, most = self.by, self.by.entries, system.n if self.by.dense else 1
+        n, places = entries.n, len(by.place)
+        motion = np.zeros((k, n))
+        motion[:, : system.n] = looks.yp / system.scale
+        room = max(n * most, 6 * n, 8 * n + 4 * most * (n + most) + 2 * most)
+        whole, self.rate = np.empty((3 + n) * k + 2 * n, dtype=np.int64), np.empty(k)
+        sizes = (k * n * most, k * most * most, k * most, 2 * k * most, room) if by.dense else (0, 0, 0, 0, room)
+        numbers, self.values = np.empty(sum(sizes)), np.empty((k, most), complex)
+        self._kept = motion, values, whole, numbers, np.ascontiguousarray(looks.h)
+        core = address(whole)
+        moved, rises, unknowns = core + 8 * k, core + 16 * k, core + 24 * k
+        at = [address(numbers)]
+        for size in sizes:
+            at.append(at[-1] + 8 * size)
+        self.table = LooksTable(
+            by.matrix.address, k, n, most, places, by.many, by.dense, ROUNDS, SHIFT, RESOLVED, GROWS, FASTER,
+            by.first_at, by.place_at, address(self._kept[-1]), address(motion), address(values[0]),
+            address(values[1]), core, moved, unknowns, unknowns + 8 * k * n, unknowns + 8 * (k + 1) * n, *at[:3],
+            address(self.values), at[3], address(self.rate), at[4], rises)
+        system.owner.waiting(self._reduce)  # other threads share the matrix
+        if by.dense:
+            cores = numbers[sizes[0] : sizes[0] + k * most * most].reshape(k, -1)
+            for c, these in _alike(whole[:k].tolist()):
+                if c > CLOSED:
+                    self.values[these, :c] = np.linalg.eigvals(cores[these, : c * c].reshape(-1, c, c))
+            growth().growth_rates(ctypes.addressof(self.table))
+
+    def _reduce(self) -> None:
+        """Find the matrices whose eigenvalues belong to the roots."""
+        matrix, spectra, here = self.by.matrix, growth().growth_spectra, ctypes.addressof(self.table)
+        at = spectra(here, 0, False)
+        while at < self.table.looks:
+            try:
+                matrix.renewed(0, float(self.looks.h[at] / SHIFT))
+                at = spectra(here, at, True)
+            except SingularMatrixError:
+                at = spectra(here, at + 1, False)
+
+    def unseen(self, idle: bool, seen: float) -> list[GrowthFound]:
+        """What is found at every state; seen: size of a disturbance that is seen, over the scales of the positions; idle: of
+        disturbances that neither grow nor decay, else of those that grow."""
+        rates, k, span = self.rate.tolist(), self.table.looks, self.looks.span
+        if not self.by.dense:
+            return [GrowthFound(rate, rate * (not idle)) for rate in rates]
+        if not idle and max(rates) * span <= HARMLESS:
+            return [GrowthFound(rate) for rate in rates]
+        places, most = self.table.places, self.table.most
+        magnitude, count = np.empty(k), np.empty(k, dtype=np.int64)
+        roots, parts = np.empty((k, most), complex), np.empty((k, most, places), complex)
+        growth().growth_unseen(ctypes.addressof(self.table), idle, span, HARMLESS, EXCITED, seen,
+                               *map(address, (magnitude, count, roots, parts)))
+        found = [GrowthFound(rate) for rate in rates]
+        for i in np.flatnonzero(count).tolist():
+            found[i] = GrowthFound(rates[i], float(magnitude[i]), parts[i, : count[i]].T, roots[i, : count[i]])
+        return found
 
 
-def _grows(S: Array) -> bool:
-    """Whether one of many roots r has a positive real part, from the matrix S of `_shifted`: some disturbances are multiplied
-    ROUNDS times by 2 S - 1, that is (1 + z) / (1 - z) with z = h r / SHIFT, whose magnitude is 1 for undamped vibrations."""
-    return _rises(lambda x: np.asarray(S @ x), spread((len(S), COPIES)))
+def _alike(sizes: list[int]) -> list[tuple[int, Any]]:
+    """The different sizes, each with the places that it has in the list."""
+    if len(set(sizes)) == 1:
+        return [(sizes[0], slice(None))]
+    return [(size, [i for i, one in enumerate(sizes) if one == size]) for size in set(sizes)]
 
 
-def _rising_sparse(looks: list[Look]) -> list[bool]:
-    """As `_grows`, at every state of a system with a sparsity pattern, or with too many unknowns for full matrices."""
-    matrix, found = None, []
-    for look in looks:
-        scale = look.system.scale
-        if matrix is None or matrix.system is not look.system:
-            matrix = IterationMatrix(look.system, np.ones(1), np.zeros(0, complex))
-        try:
-            matrix.refresh(look.t, look.y, look.yp)
-            matrix.factor(look.h / SHIFT)
-        except SingularMatrixError:
-            found.append(False)
-            continue
-        found.append(_rises(partial(_product, matrix, scale, SHIFT / look.h), spread((look.system.n, COPIES))))
-    return found
+class Spectra(NamedTuple):
+    """The roots at the states of looks: one Spectrum for every system, with the numbers of its looks."""
+
+    looks: Looks
+    parts: list[tuple[list[int], Spectrum]]
+
+    @property
+    def rates(self) -> Array:
+        """The largest real part of a root at every state (k,), 1/s, at least 0."""
+        if len(self.parts) == 1:
+            return self.parts[0][1].rate
+        found = np.zeros(len(self.looks.t))
+        for these, spectrum in self.parts:
+            found[these] = spectrum.rate
+        return found
+
+    def found(self, seen: float) -> list[GrowthFound]:
+        """What is found at every state of disturbances that grow; seen: size of a disturbance that is seen, over the scales of
+        the positions."""
+        return self._unseen(False, seen)
+
+    def idle(self, seen: float) -> list[GrowthFound]:
+        """Of disturbances that neither grow nor decay with frozen coefficients, and that the equations may shake into growth as
+        they vary, what `found` finds of growing ones."""
+        return self._unseen(True, seen)
+
+    def _unseen(self, idle: bool, seen: float) -> list[GrowthFound]:
+        if len(self.parts) == 1:
+            return self.parts[0][1].unseen(idle, seen)
+        found = [GrowthFound()] * len(self.looks.t)
+        for these, spectrum in self.parts:
+            for i, one in zip(these, spectrum.unseen(idle, seen), strict=True):
+                found[i] = one
+        return found
 
 
-def _product(matrix: IterationMatrix, scale: Array, inverse: float, x: Array) -> Array:
-    """The matrix of `_shifted` times x (n, k), with sparse factors; inverse: 1 over the step for which they were made (1/s)."""
-    right = np.array([matrix.mass(one) for one in x.T * scale]) * inverse
-    return np.asarray((matrix.solved(right) / scale).T)
-
-
-def _rises(product: Callable[[Array], Array], x: Array) -> bool:
-    """Whether repeated multiplication of x (n, k) by 2 S - 1 makes it grow, S: the matrix whose `product` is given. The first
-    products, with S alone, remove what constraints do not allow."""
-    for _ in range(3):
-        x = product(x)
-    sizes, half = [0.0], ROUNDS // 2
-
-    def at(rounds: int) -> float:
-        """Logarithm of the larger of the last two sizes."""
-        nonlocal x
-        for _ in range(rounds + 1 - len(sizes)):
-            x = 2 * product(x) - x
-            size = float(np.linalg.norm(x)) + TINY
-            sizes.append(sizes[-1] + log(size))
-            x = x / size
-        return max(sizes[-2:])
-
-    first, second = at(half), at(ROUNDS)
-    return second - first > log(GROWS) and at(2 * ROUNDS) - 2 * second + first > log(FASTER)
+def roots_at(looks: Looks) -> Spectra:
+    """The roots at some states of a run."""
+    systems = list(dict.fromkeys(looks.systems))
+    if len(systems) == 1:
+        return Spectra(looks, [(list(range(len(looks.t))), Spectrum(looks))])
+    found = []
+    for system in systems:
+        these = [i for i, one in enumerate(looks.systems) if one is system]
+        t, y, yp, h = (part[these] for part in (looks.t, looks.y, looks.yp, looks.h))
+        found.append((these, Spectrum(Looks([system] * len(these), t, y, yp, h, looks.span))))
+    return Spectra(looks, found)
 
 
 #: HELD: decay within a step (rate times step, median over some steps of the run) from which on stability and not the error test

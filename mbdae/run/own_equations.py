@@ -29,6 +29,7 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.integrators.sundials import IDA
 from mbdae.results.accuracy import RunInfo, Unknowns, UnknownsAccuracy, UnknownsDistance
+from mbdae.run.amplification import Amplified
 from mbdae.run.assessment import growth_words, missed
 from mbdae.run.checkpoint import progress_of
 from mbdae.run.control import plausible, run_controlled
@@ -194,8 +195,9 @@ class OwnRun:
 
     def _accuracy(self, run: Controlled) -> UnknownsAccuracy:
         if math.isnan(run.estimate):
-            return UnknownsAccuracy(None, None, unknown={"unknowns": RUN_ONCE})
-        return UnknownsAccuracy(self.accuracy, run.estimate, worst=self.system.names[self.distance.worst])
+            return UnknownsAccuracy(None, None, unknown={"unknowns": RUN_ONCE}, found_amplification=Amplified(run.solution))
+        return UnknownsAccuracy(self.accuracy, run.estimate, worst=self.system.names[self.distance.worst],
+                                found_amplification=Amplified(run.solution))
 
     def _made(self, solution: Solution, info: RunInfo) -> Unknowns:
         return Unknowns(solution, info, self.times[self.times <= solution.t[-1]])

@@ -284,14 +284,18 @@ class System:
         full[0, rows, columns], full[1, rows, columns] = fy, fyp
         return full[0], full[1]
 
-    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' as full matrices (k, n, n) at k states, t (k,), y and yp (k, n)."""
-        fy, fyp = zip(*(self.dense_parts(*state) for state in zip(t.tolist(), y, yp, strict=True)), strict=True)
-        return np.array(fy), np.array(fyp)
-
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays (nnz,) of data of `pattern`, for systems that have one."""
         raise NotImplementedError
+
+    def linear_stages(self, t: Array, y: Array, yp: Array) -> tuple[Any, Array, Array]:
+        """The linearised equations at k states, t (k,), y and yp (k, n): the equations themselves, and the entries (k, nnz) of
+        dF/dy and of dF/dy' in their `pattern`, column by column where they have none. Equations whose multipliers are eliminated
+        return those with multipliers, whose first unknowns are y."""
+        values = self.jacobian_parts if self.pattern is None else self.jacobian_values
+        found = [[part.ravel(order="F") for part in values(*state)] for state in zip(t.tolist(), y, yp, strict=True)]
+        fy, fyp = (np.array(parts) for parts in zip(*found, strict=True))
+        return self, fy, fyp
 
     def numbers(self, names: Sequence[str]) -> Numbers:
         """The numbers of laws with these names, such as "elbow.mass", that a batch of runs may vary; OptionError where one cannot

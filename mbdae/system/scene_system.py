@@ -112,8 +112,8 @@ class SceneSystem(System):
         return self.assembly.jacobian_parts(t, y, yp)
 
     @alone
-    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
-        return self.assembly.dense_stages(t, y, yp)
+    def linear_stages(self, t: Array, y: Array, yp: Array) -> tuple[Any, Array, Array]:
+        return self.assembly, *self.assembly.evaluation.jacobians(t, y, yp)
 
     @alone
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:

@@ -181,15 +181,14 @@ class WithoutMultipliers(SceneSystem):
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         System.residual_stages(self, t, y, yp, out)
 
-    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
-        if self.full.sparse:
-            return System.dense_stages(self, t, y, yp)
+    @alone
+    def linear_stages(self, t: Array, y: Array, yp: Array) -> tuple[Any, Array, Array]:
         Y, Yp = np.zeros((2, len(t), self.full.n))
         Y[:, : self.n] = y
         for i, time in enumerate(t.tolist()):
             self.rhs(time, y[i], Yp[i, : self.n])
             Y[i, self.n :] = self.multipliers
-        return -self._rates.jacobians(t, Y, Yp), np.tile(np.eye(self.n), (len(t), 1, 1))
+        return self.full, *self.full.evaluation.jacobians(t, Y, Yp)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return -self.rate_jacobian(t, y), np.eye(self.n)

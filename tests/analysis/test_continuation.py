@@ -58,6 +58,7 @@ def test_folds_of_duffing_against_scipy() -> None:
     assert {True, False} == set(branch.stable)
     assert branch.peaks("m.position").max() > 1.5
     assert list(branch.to_dataframe().columns) == ["w", "period", "stable"]
+    assert ", planar" in repr(branch)
     assert (branch.values[0], branch.values[-1]) == (pytest.approx(0.9), pytest.approx(2.0))
 
 

@@ -62,7 +62,7 @@ ELSEWHERE = {
     "System.starting": "interface", "System.accept_many": "interface", "System.sampling": "interface",
     "System.renewed": "interface",
     "System.restarted": "interface", "System.numbers": "interface", "System.dense_parts": "between modules",
-    "System.dense_stages": "between modules",
+    "System.linear_stages": "between modules",
     "System.doubt": "between modules",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface", "Stepped.with_step": "between modules",
     "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules",

@@ -165,9 +165,8 @@ def test_matrices_of_another_size_are_refused() -> None:
         with pytest.raises(ValueError, match=r"powers of the step|eigenvalue lambda"):
             Matrix(entries, scale, power, real, pairs, ())
     matrix = Matrix(entries, np.ones(3), np.zeros(3), [1.0], [1j], ())
-    for call in (lambda: matrix.mass(np.ones(4)), lambda: matrix.noise(np.ones(3), np.ones(2))):
-        with pytest.raises(ValueError, match="3 unknowns"):
-            call()
+    with pytest.raises(ValueError, match="3 unknowns"):
+        matrix.noise(np.ones(3), np.ones(2))
     assert not matrix.noise(np.ones(3), np.ones(3)).any()  # nothing is known before it is factorised
 
 

@@ -113,7 +113,8 @@ def test_predictions_and_errors_are_those_of_the_table(table: Any) -> None:
     stages.predict(system.yp0, h, 0.015, last)
     assert pytest.approx((table.values(1 + h / 0.015 * table.c) - table.end) @ last, rel=1e-10) == stages.Z
     weights = np.array([10.0, 20.0, 30.0])
-    rhs = stages.matrix.mass(table.gamma0 * h * system.yp0 + table.e @ stages.Z) / (h * table.gamma0)
+    mass = stages.matrix.entries.matrix(stages.matrix.fyp)
+    rhs = mass @ (table.gamma0 * h * system.yp0 + table.e @ stages.Z) / (h * table.gamma0)
     shifted = np.empty(3)
     for careful in (False, True):
         found = stages.estimate(0.0, system.y0, system.yp0, h, weights, careful)

@@ -153,6 +153,7 @@ def test_own_equations_follow_growth_too(solver: Any) -> None:
         assert "steps do not follow" in " ".join(r.warnings)
     else:
         np.testing.assert_allclose(r.solution(times)[:, 0], fallen(off, times), atol=3e-3)
+        assert r.accuracy.amplification == pytest.approx(RATE * 6.5 - 2, abs=1.5)
 
 
 @pytest.mark.parametrize("off", [1e-8, np.pi - 1e-8])

@@ -175,18 +175,6 @@ class Rates:
         return -factorised(by_rates, self.full, t)(as_full(by_state))[: self.n]
 
 
-    def jacobians(self, t: Array, Y: Array, Yp: Array) -> Array:
-        """dy'/dy (k, n, n) at k points, with dense equations: t (k,), Y = (y, multipliers) and Yp = (y', 0) of the full ones."""
-        fy, fyp = self.full.dense_stages(t, Y, Yp)
-        try:
-            found = np.linalg.solve(np.where(self._rate, fyp, fy), fy[:, :, : self.n])[:, : self.n]
-        except np.linalg.LinAlgError:
-            raise singular(float(t[0]), "") from None
-        if not np.isfinite(found).all():
-            raise singular(float(t[0]), "")
-        return np.asarray(-found)
-
-
 def factorised(matrix: Matrix, full: Assembly, t: float) -> Callable[[Array], Array]:
     """The function right -> solution x of matrix x = right; it raises a SolverError where the matrix is singular."""
     try:
