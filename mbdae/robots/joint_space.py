@@ -14,9 +14,11 @@ from mbdae.disk.entries import key_of
 from mbdae.errors import LawError, OptionError, SceneError, unknown_name
 from mbdae.kernels import Kernel
 from mbdae.laws.joint_rows import Free
-from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
-from mbdae.robots.tree import UNIT, Coordinate, Folded, JointSpaceProgram
+from mbdae.robots.couplings import Coordinate, Folded, folded_of
+from mbdae.robots.pivots import refuse_singular, singular
+from mbdae.robots.tree import UNIT, JointSpaceProgram
 from mbdae.scene.models import spanning_tree
+from mbdae.scene.record import item_name
 from mbdae.symbolic.joint import Coupling
 from mbdae.symbolic.vectors import Expr, Vec, rate_from_body_spin
 from mbdae.system.model.model import Model, build
@@ -32,6 +34,7 @@ WRONG = (2 * UNIT) ** 2  #: of that number: the square of how far squares of qua
 WORDS = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}  #: of the inputs of functions
 FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
 ORIGIN = (0.0, 0.0, 0.0)
+FRICTION = ("friction", "radius", "normal_force")  #: words of a joint's statement that state its friction
 
 
 class Tree:
@@ -71,6 +74,7 @@ class Tree:
             [f"{c.joint}.{c.name}"] if c.nv == 1 else [f"{c.joint}.{c.name}[{i}]" for i in range(c.nv)]))
         self.nq, self.nv = sum(c.nq for c in self._coordinates), sum(c.nv for c in self._coordinates)
         self.zero = np.concatenate([np.eye(4)[0] if c.nq == 4 else np.zeros(1) for c in self._coordinates])
+        self.zero.flags.writeable = False
         self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
         inside = {name for tree in trees for name in tree.names} | couplings | welds
         self.closing = tuple(c.name for c in ties(scene) if c.name not in inside)
@@ -105,9 +109,7 @@ class Tree:
         try:
             return self._at("forward_dynamics", lambda p: p.forward(), "qvt", (self.nv,), q, v, tau)
         except LawError as error:  # a division by 0, seen when compiling
-            still = [name for name, m in zip(self.coordinates, np.diag(self.mass_matrix(self.zero)), strict=True) if m <= 0]
-            raise SceneError([f"{', '.join(still) or 'a coordinate'}: no inertia is moved by it, so that nothing says how it "
-                              f"accelerates; give its body inertia, or the joint rotor="]) from error
+            raise SceneError([singular(self, self.zero)]) from error
 
     def _interpreted(self, q: Array, v: Array, a: Array) -> Array:
         """`inverse_dynamics` of several states, without compiling, which takes longer than some evaluations."""
@@ -145,7 +147,7 @@ class Tree:
     def _link(self, link: Any) -> str:
         name = getattr(link, "name", link)
         if not isinstance(name, str) or (name not in self._frames and name not in self._bodies):
-            raise OptionError(f"link = {unknown_name(str(name), self.links)}")
+            raise OptionError(f"link = {unknown_name(str(name), self.links)} the links are {', '.join(self.links)}")
         return name
 
     def _frame(self, link: Any) -> tuple[str, Array, Array]:
@@ -177,9 +179,13 @@ class Tree:
             out = np.empty((*x.shape[:-1], width))
             if out.size:
                 many(x, out=out)
+            if heads == "qvt":
+                refuse_singular(self, x, ~(np.abs(out[..., -1]) < WRONG))
             return out[..., :-1].reshape(*x.shape[:-1], *shape)
         if not -WRONG < out.item(-1) < WRONG:
             self._refuse(x, heads, sizes)
+            if heads == "qvt":
+                refuse_singular(self, x, np.True_)
         return out[:-1] if len(shape) == 1 else out[:-1].reshape(shape)
 
     def _batch(self, heads: str, sizes: Sequence[int], given: Sequence[ArrayLike]) -> Array:
@@ -187,9 +193,11 @@ class Tree:
         parts: list[Array] = []
         for head, n, value in zip(heads, sizes, given, strict=True):
             try:
+                if np.iscomplexobj(value):
+                    raise TypeError
                 part = np.asarray(value, dtype=float)
             except (ValueError, TypeError) as error:
-                raise OptionError(f"{WORDS[head]} is no array of numbers; give ({n},), or (..., {n}) for several "
+                raise OptionError(f"{WORDS[head]} is no array of real numbers; give ({n},), or (..., {n}) for several "
                                   f"states") from error
             if part.ndim == 0 or part.shape[-1] != n:
                 raise OptionError(f"{WORDS[head]} has the shape {part.shape}; give ({n},), or (..., {n}) for several states, in "
@@ -230,7 +238,7 @@ class Tree:
         symbols, program = [s for head in heads for s in known[head]], p.made.program
         found = [se.sympify(e) for e in outputs(p)]
         lengths = [sum(c * c for c in p.q[i : i + 4]) - 1 for i in self._firsts]
-        found.append(FAINT * sum(symbols) + sum(e * e for e in lengths))
+        found.append(FAINT * sum(symbols) + sum(e * e for e in lengths) + p.weak)
         needed = program.needed(found)
         said = [f"{name} = {program.steps[name]}" for name in needed]  # closed, they would be written out in full
         key = key_of("joint space", str(symbols), *said, str(found))
@@ -245,6 +253,12 @@ def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
     if scene.problems:
         raise SceneError(list(scene.problems))
     made = scene._copied()
+    rubbing = {c.name for c in made.joints if c.rubs}  # friction that follows from reactions would keep a joint out of trees
+    if rubbing:
+        made.statements[:] = [[method, args, {key: value for key, value in given.items() if key not in FRICTION}]
+                              if item_name([method, args, given]) in rubbing else [method, args, given]
+                              for method, args, given in made.statements]
+        made = made._copied()
     for root in spanning_tree(made).roots:
         if root is not made.ground:
             at = origins.get(root.name, root.drawn.position)
@@ -314,37 +328,3 @@ def ordered(scene: Any, trees: list[Any]) -> list[str]:
     for name in (*floats, *(c.name for c in scene.joints if c.name in carried)):
         take(name)
     return list(done)
-
-
-def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folded], set[str]]:
-    """Coordinates that couplings of two coordinates make multiples of others, and the names of these couplings. inside: names of
-    the joints of trees."""
-    found: dict[tuple[str, str], Folded] = {}
-    names: set[str] = set()
-    for c in scene.connections:
-        law = c.laws[0]
-        if not isinstance(law, Gear | Rack | WeightedSum):
-            continue
-        pair, value = couples(law)
-        if len(pair) != 2 or not isinstance(value, int | float) or any(key[0] not in inside for key, _ in pair):
-            continue
-        (one, f), (other, g) = pair
-        if one in found or f == 0 or one in {x.of for x in found.values()}:
-            continue
-        if other in found:
-            via = found[other]
-            other, g, value = via.of, g * via.factor, value - g * via.offset
-        if other != one:
-            found[one] = Folded(other, -g / f, value / f)
-            names.add(c.name)
-    return found, names
-
-
-def couples(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
-    """Coordinates with their factors and the value of the sum; the first is the one that follows."""
-    if isinstance(law, Gear):
-        return [(law.of["driven"], 1.0), (law.of["driving"], -float(law.ratio))], 0.0
-    if isinstance(law, Rack):
-        return [(law.of["displacement"], 1.0), (law.of["angle"], -float(law.radius))], 0.0
-    terms = [(law.of[f"c{n + 1}"], float(getattr(law, f"factor{n + 1}"))) for n in range(len(law.of))]
-    return terms, law.value

@@ -20,6 +20,8 @@ from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.kernels.tree_plan import Inline
 from mbdae.laws.bodies import RigidBody
 from mbdae.laws.forces import Gravity
+from mbdae.robots.couplings import Coordinate, Folded
+from mbdae.robots.pivots import rounding
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.links import directions
@@ -38,23 +40,6 @@ NOTHING = 1e-15
 UNIT = 1e-6
 AXES = ("a1", "a2", "a3", "al1", "al2", "al3")
 Entry = tuple[int, Place]  #: number of a tree, and a place in it
-
-
-class Coordinate(NamedTuple):
-    """A coordinate of a joint: first entry in q and v, and how many it has there."""
-    joint: str
-    name: str
-    q: int
-    v: int
-    nq: int
-    nv: int
-
-
-class Folded(NamedTuple):
-    """A coordinate that is factor times another one, plus offset."""
-    of: tuple[str, str]
-    factor: float
-    offset: float
 
 
 class Passed(NamedTuple):
@@ -79,6 +64,10 @@ class JointSpaceProgram:
             one.passes.outwards(self.made)  # type: ignore[arg-type]
             self._turning(one)
         self._before = dict(self.made.values)
+        self.least, self.weak = np.zeros(nv), se.Integer(0)
+        for n, (_, tree, _) in enumerate(self.trees):
+            for place, (k, f) in self._rates(n):
+                self.least[k] += float(f) ** 2 * rounding(model.scene, tree, *self._owner(tree, -place[1]))
 
     def _turning(self, one: Passed) -> None:
         """Gyroscopic moments w x J w of rigid bodies with J along inertial axes, which the passes have anyway."""
@@ -154,18 +143,21 @@ class JointSpaceProgram:
         one, found = self.trees[n], []
         for place in one.passes.unknowns:
             key = self._owner(one.tree, -place[1])
-            if (folded := self._folded.get(key)) is not None:
-                found.append((place, (self._place[folded.of].v, se.RealDouble(folded.factor))))
-            else:
-                found.append((place, (self._place[key].v + place[2], se.Integer(1))))
+            folded = self._folded.get(key)
+            found.append((place, (self._place[key].v + place[2], se.Integer(1)) if folded is None else
+                          (self._place[folded.of].v, se.RealDouble(folded.factor))))
         return found
 
     def armature(self, n: int) -> dict[Place, float]:
         """Inertia of rotors on the velocities of tree n."""
         one, scene = self.trees[n], self.model.scene
         owners = {place: self._owner(one.tree, -place[1]) for place in one.passes.unknowns}
-        rotors = {place: float(getattr(scene[joint], "rotor", {}).get(c, 0.0)) for place, (joint, c) in owners.items()}
-        return {place: m for place, m in rotors.items() if m}
+        return {place: float(m) for place, (joint, c) in owners.items() if (m := getattr(scene[joint], "rotor", {}).get(c))}
+
+    def _told(self, pivots: Mapping[int, Expr]) -> None:
+        """Set `weak`, which is at least (2 UNIT)^2 where a pivot is rounding. pivots: by the number of the velocity."""
+        parts = [(2 * UNIT * self.least[k]) ** 2 * (1 / d) ** 2 for k, d in pivots.items() if self.least[k]]
+        self.weak = sum(parts, se.Integer(0))
 
     # -- quantities
 
@@ -185,6 +177,7 @@ class JointSpaceProgram:
 
     def _begin(self) -> Inline:
         self.made.values |= self._before  # passes inwards add to these
+        self.weak = se.Integer(0)
         return self.made
 
     def mass(self) -> list[list[Expr]]:
@@ -248,16 +241,17 @@ class JointSpaceProgram:
         """Accelerations for forces tau."""
         if self._folded:
             return self._forward_by_mass()
-        made, a = self._begin(), list(self.a)
+        made, a, pivots = self._begin(), list(self.a), dict[int, Expr]()
         for n, one in enumerate(self.trees):
             of, rotors, to = dict(self._rates(n)), self.armature(n), dict[Place, int]()
             force = {place: self._holding(self.tau[k]) for place, (k, _) in of.items()}
             passes = one.passes.copied({(p, p): made.constant([m]) for p, m in rotors.items()})
             self._at_rest(passes)
-            passes.inwards(made, force.__getitem__)  # type: ignore[arg-type]
+            pivots |= {of[place][0]: made.values[slot] for slot, place in passes.inwards(made, force.__getitem__)}  # type: ignore[arg-type]
             passes.accelerations(made, lambda place, to=to: to.setdefault(place, made.slots(1)))  # type: ignore[misc,arg-type]
             for place, (k, _) in of.items():
                 a[k] = made.values[to[place]]
+        self._told(pivots)
         return a
 
     def _at_rest(self, passes: TreePasses) -> None:
@@ -277,7 +271,9 @@ class JointSpaceProgram:
         M, n = self.mass(), len(self.v)  # from the leaves inwards, so that what is 0 stays 0
         lower = {(i, j): M[n - 1 - i][n - 1 - j] for i in range(n) for j in range(i + 1)}
         left = [program.let(t - b) for t, b in zip(self.tau, bias, strict=True)]
-        return program.solved(lower, left[::-1])[0][::-1]
+        a, pivots = program.solved(lower, left[::-1])
+        self._told(dict(enumerate(reversed(pivots))))
+        return a[::-1]
 
     def at_rest(self, rows: Sequence[Expr], nothing: Sequence[Expr]) -> list[Expr]:
         """Outputs where some inputs are 0, in the same program."""

@@ -10,7 +10,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import OptionError, SceneError
-from mbdae.files import replacing
+from mbdae.files import path_of, replacing
 from mbdae.laws.forces import JointDamper, JointFriction, JointLoad, JointSpring
 from mbdae.laws.friction import Coulomb
 from mbdae.laws.joint_rows import Free
@@ -18,7 +18,8 @@ from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
 from mbdae.robots.bounds import all_digits, geom_of, put, quiet
-from mbdae.robots.joint_space import FLOATS, Tree, couples
+from mbdae.robots.couplings import couples
+from mbdae.robots.joint_space import FLOATS, Tree
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.motion import Step, symbolic_motion
@@ -29,7 +30,7 @@ EQUAL = 1e-9  #: largest difference of its forces, over the largest of them: rou
 
 def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
     """Write the MJCF file of a scene; arguments and errors as of `Scene.write_mjcf`, read: `mb.read_mjcf`."""
-    mujoco = library("mujoco", "writing MJCF")
+    mujoco, to = library("mujoco", "writing MJCF"), path_of(path)
     if scene.problems:
         raise SceneError(list(scene.problems))
     (writer := _Writer(mujoco, scene)).write()
@@ -44,7 +45,7 @@ def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
             text = writer.spec.to_xml()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SceneError([f"MJCF cannot say this scene: {' '.join(str(error).split())}"]) from error
-    with replacing(Path(path)) as new:
+    with replacing(to) as new:
         new = Path(new)
         new.write_text(text, encoding="utf-8")
         try:
@@ -74,7 +75,7 @@ def _compare(one: Tree, other: Tree, writer: _Writer) -> None:
     q_there, (v_there, a_there) = np.zeros((STATES, other.nq)), np.zeros((2, STATES, other.nv))
     q_there[:, q_of], v_there[:, v_of], a_there[:, v_of] = q, v, a
     tau, again = one._interpreted(q, v, a), other._interpreted(q_there, v_there, a_there)[:, v_of]
-    off, size = np.max(np.abs(tau - again), axis=1), np.max(np.abs(tau), axis=1)
+    off, size = (np.max(np.abs(part), axis=1) for part in (tau - again, tau))
     if not np.all(off <= EQUAL * np.maximum(1e-9, size)):
         raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {np.max(off):.3g}, "
                           f"of {np.max(size):.3g}; nothing was written"])
@@ -84,9 +85,7 @@ class _Writer:
     """A scene into a specification of MuJoCo. wrong: what cannot be said; told: what the file says otherwise."""
 
     def __init__(self, mujoco: Any, scene: Any) -> None:
-        self.mujoco, self.s, self.spec = mujoco, scene, mujoco.MjSpec()
-        self.wrong: list[str] = []
-        self.told: list[str] = []
+        self.mujoco, self.s, self.spec, self.wrong, self.told = mujoco, scene, mujoco.MjSpec(), list[str](), list[str]()
         self.renamed: dict[str, str] = {}
         self.made: dict[str, Any] = {"ground": self.spec.worldbody}
         self.poses: dict[str, Pose] = {"ground": Pose()}
@@ -215,8 +214,9 @@ class _Writer:
         steps = self._steps(law)
         if isinstance(law, Weld) and len(c.laws) == 1:
             return
-        if not (steps or type(law) in (Spherical, Free)) or c.prescribed or c.others or c.loose:
-            why = "a prescribed motion" if c.prescribed else f"{type(law).__name__} with this model"
+        if not (steps or type(law) in (Spherical, Free)) or c.prescribed or c.others or c.loose or c.rubs:
+            why = ("a prescribed motion" if c.prescribed else "friction by its reaction (normal_force= states another)" if c.rubs
+                   else f"{type(law).__name__} with this model")
             self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF: hinges, slides, chains of them, balls, free joints")
             return
         if type(law) is Free:

@@ -214,3 +214,86 @@ def test_a_link_that_turns_about_itself_without_inertia_is_named() -> None:
     s.revolute("j", s.ground, s.link("a", (0, 0, 0), (1, 0, 0), mass=1.0), at=(0, 0, 0), axis=(1, 0, 0))
     with pytest.raises(mb.SceneError, match=r"j\.angle: no inertia"):
         s.tree().forward_dynamics([0.0], [0.0], [1.0])
+
+
+def turned(J, kind):
+    """A body of principal moments J on a ball, or on two hinges."""
+    s = mb.Scene("turned", gravity=(0, 0, -9.81))
+    b = s.rigid_body("b", 1.0, J, at=(0, 0, 0))
+    if kind == "ball":
+        s.spherical("S", s.ground, b, at=(0, 0, 0))
+        return s
+    a = s.rigid_body("a", 1.0, (0.1, 0.1, 0.1), at=(0, 0, 0))
+    s.revolute("y", s.ground, a, at=(0, 0, 0), axis=(0, 1, 0))
+    s.revolute("z", a, b, at=(0, 0, 0), axis=(0, 0, 1))
+    return s
+
+
+@pytest.mark.parametrize(("kind", "name"), [("ball", r"S\.rotation\[2\]"), ("hinges", r"z\.angle")])
+def test_a_mass_matrix_that_is_singular_but_for_rounding_is_refused_at_each_state(kind: str, name: str) -> None:
+    tree, rng = turned((0.1, 0.1, 0.0), kind).tree(), np.random.default_rng(1)
+    q = rng.standard_normal((20, tree.nq))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    for one in (tree.zero, *q):
+        with pytest.raises(mb.SceneError, match=f"{name}: no inertia is moved"):
+            tree.forward_dynamics(one, np.zeros(tree.nv), np.ones(tree.nv))
+    with pytest.raises(mb.SceneError, match="in 20 states, first number 0"):
+        tree.forward_dynamics(q, np.zeros(tree.nv), np.ones(tree.nv))
+
+
+@pytest.mark.parametrize("kind", ["ball", "hinges"])
+def test_a_small_inertia_is_no_rounding(kind: str) -> None:
+    """Moments 1e-10 of the others, far above rounding, and bodies that are small as a whole."""
+    for J, size in (((0.1, 0.1, 1e-11), 1e-11), ((1e-14, 2e-14, 2.5e-14), 1e-14)):
+        tree, rng = turned(J, kind).tree(), np.random.default_rng(2)
+        for q in rng.standard_normal((10, tree.nq)):
+            q = q / np.linalg.norm(q) if kind == "ball" else q
+            a = tree.forward_dynamics(q, np.zeros(tree.nv), size * np.ones(tree.nv))
+            assert tree.inverse_dynamics(q, np.zeros(tree.nv), a) == pytest.approx(size * np.ones(tree.nv), rel=1e-4)
+
+
+def test_robots_of_drawn_masses_and_lengths_are_not_refused() -> None:
+    """Chains with masses over twelve decades, in metres and in millimetres: accelerations give their forces back."""
+    rng = np.random.default_rng(4)
+    for n in range(20):
+        s, unit, parent = mb.Scene("drawn", gravity=(0, 0, -9.81)), 10.0 ** rng.choice([-3, 0]), None
+        for k in range(4):
+            m, r = 10 ** rng.uniform(-6, 6), unit * 10 ** rng.uniform(-1, 0)
+            b = s.rigid_body(f"b{k}", m, tuple(m * r**2 * np.array([0.02, 0.4, 0.41])), at=(unit * (k + 0.5), 0, 0))
+            s.revolute(f"j{k}", parent or s.ground, b, at=(unit * k, 0, 0), axis=tuple(np.eye(3)[rng.integers(3)]))
+            parent = b
+        tree = s.tree()
+        q, v = rng.standard_normal((2, 4))
+        tau = tree.bias(q, v) + np.diag(tree.mass_matrix(q))
+        a = tree.forward_dynamics(q, v, tau)
+        assert np.all(np.isfinite(a)), n
+
+
+def test_a_hinge_with_friction_is_a_coordinate() -> None:
+    """Dry friction acts in runs; joint-space dynamics know of masses and joints alone."""
+    def chain_of(n: int, **friction):
+        s, parent = mb.Scene("rubbing", gravity=(0, -9.81, 0)), None
+        for k in range(n):
+            link = s.link(f"l{k}", (k, 0), (k + 1, 0), mass=1.0)
+            s.revolute(f"h{k}", parent or s.ground, link, at=(k, 0), **friction)
+            parent = link
+        return s
+
+    for n in (1, 3):
+        rubbing = chain_of(n, friction=mb.Coulomb(0.1, 1e-3), radius=0.01)
+        q = np.linspace(0.1, 0.4, n)
+        assert rubbing.tree().mass_matrix(q) == pytest.approx(chain_of(n).tree().mass_matrix(q))
+        with pytest.raises(mb.SceneError, match="friction by its reaction"):
+            rubbing.write_mjcf("friction.xml")
+
+
+def test_what_is_no_state_and_no_link_is_named() -> None:
+    tree = chain(seed=3).tree()
+    with pytest.raises(mb.OptionError, match="no array of real numbers"):
+        tree.mass_matrix(tree.zero + 1j)
+    with pytest.raises(mb.OptionError, match="the links are"):
+        tree.jacobian("nowhere", tree.zero)
+    with pytest.raises(ValueError, match="read-only"):
+        tree.zero[0] = 1.0
+    with pytest.raises(mb.OptionError, match="not the name of a file"):
+        chain(seed=3).write_mjcf(None)

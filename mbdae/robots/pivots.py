@@ -1,0 +1,64 @@
+"""Where the mass matrix of a tree is singular but for rounding, and which coordinate then moves no inertia.
+
+Eliminated from the leaves inwards, every pivot is the inertia that a coordinate moves when all that it carries is free to follow.
+Its rounding is that of the inertia of what is carried about any axis through the joint; below that, an acceleration is a quotient
+of rounding errors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.errors import SceneError
+from mbdae.system.model.trees import Tree
+
+Array = NDArray[np.float64]
+#: pivots below this part of the inertia that their terms may have are rounding
+ROUNDING = 64 * float(np.finfo(float).eps)
+
+
+def rounding(scene: Any, tree: Tree, name: str, coordinate: str) -> float:
+    """The pivot of a coordinate of a joint up to which it is rounding, kg m^2 or kg: ROUNDING times the inertia of all that the
+    joint carries, about its place as drawn (of a sliding coordinate, their mass)."""
+    joint, links = scene[name], tree.structure.links
+    inside = {tree.names.index(name) + 1}
+    for j, link in enumerate(links, start=1):  # a link comes after the one that carries it
+        if link.parent in inside:
+            inside.add(j)
+    names = {node.name for j, node in enumerate(tree.nodes) if node is not None and j in inside}
+    size = 0.0
+    for b in (b for b in scene.bodies if b.name in names):
+        arm, own = b.drawn.position - joint.joint.at, 0.0 if b.inertia is None else float(np.trace(b.inertia))
+        size += b.mass if joint.unit(coordinate) == "m" else own + b.mass * float(arm @ arm)
+    return ROUNDING * size
+
+
+def pivots_of(M: Array) -> Array:
+    """Pivots (n,) of a symmetric matrix (n, n), eliminated from its last row upwards."""
+    M, found = M.copy(), np.zeros(len(M))
+    for k in reversed(range(len(M))):
+        found[k] = M[k, k]
+        if found[k] != 0:
+            M[:k, :k] -= np.outer(M[:k, k], M[k, :k]) / found[k]
+    return found
+
+
+def singular(tree: Any, q: Array, where: str = "") -> str:
+    """What is said of the coordinates of `s.tree()` whose pivots are rounding at q (nq,); where: in words, of which state."""
+    pivots, least = pivots_of(tree.mass_matrix(q)), tree._program.least
+    still = [name for name, d, at in zip(tree.coordinates, pivots, least, strict=True) if not d > at]
+    names = still or [tree.coordinates[int(np.argmin(pivots / np.maximum(least, 1e-300)))]]
+    return (f"{', '.join(names)}: no inertia is moved by it{where}, but for rounding, so that nothing says how it accelerates; "
+            f"give its body inertia, or the joint rotor=")
+
+
+def refuse_singular(tree: Any, x: Array, wrong: Any) -> None:
+    """Raise SceneError where the mass matrix is singular but for rounding. x (..., inputs): states, which begin with q; wrong
+    (...): where pivots are rounding."""
+    if not np.any(wrong):
+        return
+    row = tuple(int(n[0]) for n in np.nonzero(wrong)) if np.ndim(wrong) else ()
+    where = f" in {np.count_nonzero(wrong)} states, first number {row[0] if len(row) == 1 else row}" if row else " at this q"
+    raise SceneError([singular(tree, x[row][: tree.nq], where)])
