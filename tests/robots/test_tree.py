@@ -253,12 +253,12 @@ def test_a_small_inertia_is_no_rounding(kind: str) -> None:
 
 
 def test_robots_of_drawn_masses_and_lengths_are_not_refused() -> None:
-    """Chains with masses over twelve decades, in metres and in millimetres: accelerations give their forces back."""
+    """Chains with masses over eight decades, of metres and of millimetres, axes in line among them."""
     rng = np.random.default_rng(4)
     for n in range(20):
         s, unit, parent = mb.Scene("drawn", gravity=(0, 0, -9.81)), 10.0 ** rng.choice([-3, 0]), None
         for k in range(4):
-            m, r = 10 ** rng.uniform(-6, 6), unit * 10 ** rng.uniform(-1, 0)
+            m, r = 10 ** rng.uniform(-4, 4), unit * 10 ** rng.uniform(-1, 0)
             b = s.rigid_body(f"b{k}", m, tuple(m * r**2 * np.array([0.02, 0.4, 0.41])), at=(unit * (k + 0.5), 0, 0))
             s.revolute(f"j{k}", parent or s.ground, b, at=(unit * k, 0, 0), axis=tuple(np.eye(3)[rng.integers(3)]))
             parent = b
