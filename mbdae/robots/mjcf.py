@@ -34,12 +34,16 @@ def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) ->
     return build(make, robot, (0.0, 0.0, 0.0) if "GRAVITY" in reader.off else tuple(map(float, model.opt.gravity)), keep)
 
 
+#: what a tendon does -> MuJoCo's switch of it
+TENDON = {"stiffness": "SPRING", "damping": "DAMPER", "limited": "LIMIT", "frictionloss": "FRICTIONLOSS", "armature": ""}
+
+
 class _Reader:
     """A compiled model into a `Robot`."""
 
     def __init__(self, mujoco: Any, model: Any, robot: Robot, limits: bool, stop: Any, key: Any) -> None:
         self.mujoco, self.m, self.robot, self.limits, self.stop = mujoco, model, robot, limits, stop
-        self.data = mujoco.MjData(model)
+        self.data, self.keyed = mujoco.MjData(model), key is not None
         self.start, self.rates = self._key(key)
         bits = mujoco.mjtDisableBit  #: names of MuJoCo's switches that are off: of gravity, springs, dampers, ...
         self.off = {word[7:] for word in dir(bits) if word.startswith("mjDSBL_")
@@ -52,15 +56,13 @@ class _Reader:
                 self.data.qpos[q : q + SIZES[int(kind)]] = self.start[q : q + SIZES[int(kind)]]
         mujoco.mj_kinematics(model, self.data)
         self.names = ["", *(name_of(model, "name_bodyadr", i) or f"body {i}" for i in range(1, model.nbody))]
-        self.joint_names = [name_of(model, "name_jntadr", i) or self._unnamed(i) for i in range(model.njnt)]
+        self.joint_names = [name_of(model, "name_jntadr", i) or f"joint {i} of {self.names[int(model.jnt_bodyid[i])]}"
+                            for i in range(model.njnt)]
         for names, what in ((self.names, "bodies"), (self.joint_names, "joints")):
             if len(set(names)) < len(names):
                 raise SceneError([f"{what} without names would have names that others have; name all"])
         taken = set(self.names)
         self.joint_names = [f"{name} joint" if name in taken else name for name in self.joint_names]
-
-    def _unnamed(self, i: int) -> str:
-        return f"joint {i} of {self.names[int(self.m.jnt_bodyid[i])]}"
 
     def _key(self, key: Any) -> tuple[Any, Any]:
         """qpos and qvel of the key frame that was asked for; without one, those of the file."""
@@ -73,7 +75,8 @@ class _Reader:
             return m.qpos0.copy(), np.zeros(m.nv)
         if key not in names:
             raise OptionError(f"key = {unknown_name(str(key), names)}" if names else f"key = {key!r}: the file has no key frames")
-        q, v = m.key_qpos[names.index(key)].copy(), m.key_qvel[names.index(key)].copy()
+        q, v, t = (part[names.index(key)].copy() for part in (m.key_qpos, m.key_qvel, m.key_time))
+        self.robot.told += [f"the time {t:g} s of key frame '{key}' is not read; runs begin at 0 s"] * bool(t)
         self.mujoco.mj_normalizeQuat(m, q)
         if not (np.all(np.isfinite(q)) and np.all(np.isfinite(v))):
             raise SceneError([f"key frame '{key}': a number of it is not finite"])
@@ -84,9 +87,8 @@ class _Reader:
     def refuse(self) -> None:
         m, wrong = self.m, []
         for i in range(m.ntendon):
-            acts = [getattr(m, f"tendon_{what}")[i] for what in ("stiffness", "damping", "limited", "frictionloss", "armature")]
             name = name_of(m, "name_tendonadr", i) or f"{i}"
-            if any(map(np.any, acts)):
+            if any(np.any(getattr(m, f"tendon_{what}")[i]) for what, off in TENDON.items() if off not in self.off):
                 wrong.append(f"tendon '{name}': tendons are not modelled; state s.spring or s.rope, and remove it from the file")
             else:
                 self.robot.told.append(f"tendon '{name}' is not read; alone it exerts no force")
@@ -259,8 +261,7 @@ class _Reader:
     # -- equalities
 
     def equalities(self) -> None:
-        m, wrong = self.m, []
-        types = self.mujoco.mjtEq
+        m, wrong, types = self.m, [], self.mujoco.mjtEq
         self.hinges = self._hinges()
         for e in range(m.neq):
             name, kind = name_of(m, "name_eqadr", e) or f"equality {e}", int(m.eq_type[e])
@@ -330,21 +331,20 @@ class _Reader:
 
     def _tied(self, e: int, name: str) -> list[str]:
         m, (a0, a1, *more) = self.m, [float(x) for x in self.m.eq_data[e][:5]]
-        one, other = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+        one, other = (int(of[e]) for of in (m.eq_obj1id, m.eq_obj2id))
         if any(more):
             return [f"equality '{name}': a polynomial of degree 2 or more between joints is not modelled; make it linear"]
         if any(int(m.jnt_type[i]) not in (SLIDE, HINGE) for i in (one, other) if i >= 0):
             return [f"equality '{name}': it ties joints of more than one coordinate, which is not modelled"]
-        kinds = {HINGE: "angle", SLIDE: "displacement"}
-        words = [f"{self.joint_names[i]}.{kinds[int(m.jnt_type[i])]}" for i in (one, other) if i >= 0]
-        if a0:
-            self.robot.told.append(f"'{name}' holds from the start on; MuJoCo starts at the file's zero, and is pulled to it")
+        words = [f"{self.joint_names[i]}.{'angle' if m.jnt_type[i] == HINGE else 'displacement'}" for i in (one, other) if i >= 0]
         of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
         joints = {j.name: j for j in self.robot.joints}
         made, of_ = joints[self.joint_names[one]], joints.get(self.joint_names[other] if other >= 0 else "")
         before, (start, rate) = (made.start, made.rate), (of_.start, of_.rate) if of_ else (0.0, 0.0)
         made.start, made.rate = a0 + a1 * start, a1 * rate
-        if not a0 and np.max(np.abs(np.subtract((made.start, made.rate), before))) > CLOSED:
+        if self.keyed and np.max(np.abs(np.subtract((made.start, made.rate), before))) > CLOSED:
             self.robot.heard.append(f"'{name}': the key frame contradicts it, and '{made.name}' starts as it demands")
+        elif a0 and not self.keyed:
+            self.robot.told.append(f"'{name}' holds from the start on; MuJoCo starts at the file's zero, and is pulled to it")
         self.robot.closing.append(lambda s, _: s.couple(name, of, a0))
         return []

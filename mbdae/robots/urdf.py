@@ -3,6 +3,7 @@ missing moments of inertia, is refused before."""
 
 from __future__ import annotations
 
+import copy
 import io
 import logging
 import math
@@ -75,7 +76,12 @@ def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep
 
 
 def _raw(yourdfpy: Any, root: Any, name: str) -> Any:
-    """The robot as the parser sees it."""
+    """The robot as the parser sees it, who stops at shapes that it does not know: they are no more read than those for
+    collisions."""
+    root = copy.deepcopy(root)
+    for shown in list(root.iter("visual", "collision")):
+        if shown.tag == "collision" or any(shape.tag not in INSIDE["geometry"] for shape in shown.find("geometry")):
+            shown.getparent().remove(shown)
     etree = library("lxml.etree", "reading URDF")
     logger = logging.getLogger("yourdfpy.urdf")
     before, logger.disabled = logger.disabled, True

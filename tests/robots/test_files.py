@@ -403,3 +403,39 @@ def test_compensation_by_actuators_is_told_and_empty_models_are_read(tmp_path: P
     with pytest.warns(mb.AccuracyWarning, match="compensated in full"):
         mb.read_mjcf(written(tmp_path, f"<mujoco><worldbody>{body}</worldbody></mujoco>", "comp.xml"))
     assert not mb.read_mjcf(written(tmp_path, "<mujoco/>", "empty.xml")).bodies
+
+
+def test_a_shape_that_urdf_does_not_have_is_told_and_not_drawn(tmp_path):
+    (tmp_path / "a.urdf").write_text(
+        '<robot name="r"><link name="base"/><link name="a"><inertial><origin xyz="0 0 0.5"/><mass value="1"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+        '<visual><geometry><capsule radius="0.1" length="1"/></geometry></visual>'
+        '<collision><geometry><capsule radius="0.1" length="1"/></geometry></collision></link>'
+        '<joint name="j" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/></joint></robot>')
+    s = mb.read_urdf(tmp_path / "a.urdf")
+    assert s.tree().mass_matrix([0.0]) == pytest.approx(np.array([[0.35]]))
+    assert "<capsule> of <geometry>" in " ".join(s.told)
+
+
+def test_a_tendon_whose_springs_are_switched_off_is_left_out(tmp_path):
+    text = ('<mujoco><option>{}</option><worldbody><site name="s0"/><body name="a"><joint name="j" axis="0 1 0"/>'
+            '<geom size="0.1" pos="0 0 0.5" mass="1"/><site name="s1"/></body></worldbody>'
+            '<tendon><spatial name="T" stiffness="5"><site site="s0"/><site site="s1"/></spatial></tendon></mujoco>')
+    (tmp_path / "off.xml").write_text(text.format('<flag spring="disable"/>'))
+    assert "tendon 'T' is not read" in " ".join(mb.read_mjcf(tmp_path / "off.xml").told)
+    (tmp_path / "on.xml").write_text(text.format(""))
+    with pytest.raises(mb.SceneError, match="tendon 'T'"):
+        mb.read_mjcf(tmp_path / "on.xml")
+
+
+def test_what_a_key_frame_contradicts_and_its_time_are_told(tmp_path):
+    """A tie with an offset that the key frame keeps is no contradiction; another one is, offset or not."""
+    text = ('<mujoco><worldbody><body name="a"><joint name="i" axis="0 1 0"/><geom size="0.1" pos="0 0 0.5" mass="1"/></body>'
+            '<body name="b" pos="1 0 0"><joint name="j" axis="0 1 0"/><geom size="0.1" pos="0 0 0.5" mass="1"/></body>'
+            '</worldbody><equality><joint name="tie" joint1="j" joint2="i" polycoef="{} 1 0 0 0"/></equality>'
+            '<keyframe><key name="K" qpos="0.2 {}" time="{}"/></keyframe></mujoco>')
+    for offset, place, contradicts in ((0.3, 0.5, False), (0.3, 0.1, True), (0.0, 0.1, True)):
+        (tmp_path / "k.xml").write_text(text.format(offset, place, 2.5))
+        said = " ".join(mb.read_mjcf(tmp_path / "k.xml", key="K").told)
+        assert ("contradicts" in said) is contradicts
+        assert "the time 2.5 s of key frame 'K' is not read" in said
