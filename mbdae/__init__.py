@@ -28,6 +28,7 @@ from mbdae.process import (
 
 if TYPE_CHECKING:
     from mbdae.api import Scene, read_mjcf, read_urdf
+    from mbdae.arena import arena
     from mbdae.audit import Audit, audit
     from mbdae.compare import compare
     from mbdae.compare.run import Run
@@ -84,7 +85,8 @@ _HOME = {
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Screw": "mbdae.laws.joints",
     "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
-    "Weld": "mbdae.laws.joints", "at_end": "mbdae.derivatives", "audit": "mbdae.audit", "compare": "mbdae.compare",
+    "Weld": "mbdae.laws.joints", "arena": "mbdae.arena", "at_end": "mbdae.derivatives", "audit": "mbdae.audit",
+    "compare": "mbdae.compare",
     "curve": "mbdae.inputs.measured", "design": "mbdae.fits.designs", "export": "mbdae.export", "extremes": "mbdae.extremes",
     "fit": "mbdae.fits", "function": "mbdae.fits.functions", "integral": "mbdae.derivatives", "largest": "mbdae.derivatives",
     "load": "mbdae.api", "mass": "mbdae.fits.designs", "measure_order": "mbdae.integrators.named",
@@ -102,8 +104,9 @@ __all__ = [
     "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "ReducedBody", "Revolute", "Run", "Scene", "SceneError", "Screw",
     "Section",
     "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
-    "at_end", "audit", "compare", "curve", "design", "export", "extremes", "fit", "function", "integral", "largest", "load",
-    "mass", "measure_order", "number", "params", "rate", "read_fe", "read_mjcf", "read_table", "read_urdf", "report", "selftest",
+    "arena", "at_end", "audit", "compare", "curve", "design", "export", "extremes", "fit", "function", "integral", "largest",
+    "load", "mass", "measure_order", "number", "params", "rate", "read_fe", "read_mjcf", "read_table", "read_urdf", "report",
+    "selftest",
     "sweep", "t", "table",
 ]
 

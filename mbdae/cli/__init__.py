@@ -163,6 +163,7 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("--resume", type=_name, metavar="FILE.json", help=resumed)
     p.add_argument("--engines", type=_engines, metavar="NAME[=PYTHON],...", help=ENGINES)
     _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
+    _arena(commands, do.arena)
     p = _command(commands, "extremes", do.extremes, "all joint models, forms and solvers at extreme parameters")
     p.add_argument("--accuracy", type=_positive, help="bound of the error over the run (default: that of FILE, else 1e-5)")
     p.add_argument("--max-wall", type=_positive, metavar="S", help="wall time of a run in s (default 20)")
@@ -178,6 +179,21 @@ def make_parser() -> argparse.ArgumentParser:
 
 ENGINES = ("other programs that run the same scene: scipy, exudyn, mujoco, each with the interpreter of an environment that has "
            "it (default: the running one)")
+
+
+def _arena(commands: Any, action: Any) -> None:
+    text = "many scenes by mbdae's methods and by other programs, and a folder to cite"
+    p = commands.add_parser("arena", help=text, description=text[0].upper() + text[1:] + ".")
+    what = "folder of Python files with scene() and t_end (default: scenes of the suites, drawn)"
+    p.add_argument("scenes", type=_name, nargs="?", metavar="FOLDER", help=what)
+    p.add_argument("--engines", type=_engines, metavar="NAME[=PYTHON],...", help=ENGINES)
+    p.add_argument("--accuracies", type=_accuracies, help="comma separated (default 1e-3,1e-4,1e-5,1e-6)")
+    p.add_argument("--count", type=_jobs, metavar="N", default=30, help="number of scenes that are drawn (default 30)")
+    p.add_argument("--seed", type=_count, metavar="N", default=0, help="draws them (default 0)")
+    p.add_argument("--jobs", type=_jobs, metavar="N", default=1, help="scenes compared side by side (default 1)")
+    out = "folder for page, data and citation; finished runs are kept in it, and the same command goes on from there"
+    p.add_argument("--out", type=_name, metavar="DIR", help=out)
+    _always(p, action)
 
 
 def _cache(commands: Any, action: Any) -> None:

@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from mbdae.cli.streams import REPORTS, UsageError
-from mbdae.cli.userfile import compare_file, map_of_file, scene_of, user_file
+from mbdae.cli.userfile import arena_of, compare_file, map_of_file, scene_of, user_file
 from mbdae.errors import MbdaeError, OptionError, SolverError, meant
 
 # -- commands
@@ -88,6 +88,17 @@ def compare(a: argparse.Namespace) -> int:
     reached = all(w.cheapest(accuracy) is not None for accuracy in w.accuracies)
     own = [row for row in w.failures if not row.engine]
     return 0 if reached and not own and w.reference.trusted else 1
+
+
+def arena(a: argparse.Namespace) -> int:
+    """Compare many scenes by several programs; 1 where one could not be compared."""
+    out = _folder(a.out)
+    found = arena_of(a.scenes, engines=a.engines, accuracies=a.accuracies, count=a.count, seed=a.seed, workers=a.jobs,
+                     resume=out / "kept" if out else None)
+    _json(a, found.to_dict()) if a.json else print(found.table())
+    if out:
+        found.save(out)
+    return 1 if any(entry.error for entry in found.entries) else 0
 
 
 def extremes(a: argparse.Namespace) -> int:

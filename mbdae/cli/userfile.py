@@ -199,7 +199,14 @@ def compare_file(module: ModuleType, scene: Any, t_end: float, **options: Any) -
     from mbdae.compare import compare
 
     stated = _stated(module, ("runs", "measure"))
-    return _with_bar(compare, "compare", scene, t_end, stated | _given(options))
+    return _with_bar(compare, "compare", stated | _given(options), scene, t_end)
+
+
+def arena_of(scenes: Any, **options: Any) -> Any:
+    """The arena, with a progress bar and options as in `compare_file`."""
+    from mbdae.arena import arena
+
+    return _with_bar(arena, "arena", _given(options), scenes)
 
 
 def map_of_file(module: ModuleType, t_end: float, **options: Any) -> Any:
@@ -207,7 +214,7 @@ def map_of_file(module: ModuleType, t_end: float, **options: Any) -> Any:
     from mbdae.extremes import extremes
 
     stated = _stated(module, ("vary", "runs", "measure", "accuracy"))
-    return _with_bar(extremes, "extremes", module.scene, t_end, stated | _given(options))
+    return _with_bar(extremes, "extremes", stated | _given(options), module.scene, t_end)
 
 
 def _stated(module: ModuleType, names: tuple[str, ...]) -> dict[str, Any]:
@@ -218,11 +225,11 @@ def _given(options: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def _with_bar(work: Any, name: str, scene: Any, t_end: float, options: dict[str, Any]) -> Any:
+def _with_bar(work: Any, name: str, options: dict[str, Any], *given: Any) -> Any:
     from mbdae.run.checkpoint import bar
 
     shown = bar()
     try:
-        return work(scene, t_end, progress=lambda done, total, label: shown.show(done / total, name, label), **options)
+        return work(*given, progress=lambda done, total, label: shown.show(done / total, name, label), **options)
     finally:
         shown.close()

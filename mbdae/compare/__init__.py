@@ -227,7 +227,7 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     reference.
     """
     begin = time.process_time()
-    asked = _checked_accuracies(accuracies)
+    asked = checked_accuracies(accuracies)
     everything, tell = runs is not None and is_all(runs), progress_of_runs(progress)
     own = None if runs is None or everything else checked_runs(runs)
     resume = resume_path(resume)
@@ -273,7 +273,8 @@ def _made(problem: Problem, asked: tuple[float, ...], kept: Checkpoint) -> Compa
                       environment())
 
 
-def _checked_accuracies(accuracies: Any) -> tuple[float, ...]:
+def checked_accuracies(accuracies: Any) -> tuple[float, ...]:
+    """The accuracies that a user gave, loose to tight, each once."""
     given = accuracies if several(accuracies) else [accuracies]
     remedy = "give numbers from 1e-12 to 0.1, such as [1e-3, 1e-6]"
     values = option("accuracies", given, sequence, remedy, each=number, least=1e-12, most=1e-1)

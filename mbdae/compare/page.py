@@ -45,8 +45,8 @@ def page(w: ComparisonData) -> str:
         section("decision", "Decision", f"<p>{escape(w.decision)}</p>\n"),
         f"<p>{number} to t = {w.t_end:g} s. Error: {escape(w.what)}.</p>\n",
         section("failures", "Failed runs", bullets(failures)) if failures else "",
-        f'<figure>\n<div class="wide">{inline_svg(w, False, title, "wide")}</div>\n'
-        f'<div class="narrow">{inline_svg(w, True, title, "narrow")}</div>\n</figure>\n',
+        f'<figure>\n<div class="wide">{inline_svg(work_precision(w), title, "wide")}</div>\n'
+        f'<div class="narrow">{inline_svg(work_precision(w, stacked=True), title, "narrow")}</div>\n</figure>\n',
         _runs(w), _models(w), _reference(w), _pairwise(w),
         made_with(f"{w.total_cpu_s:.1f} s, {w.cpu_s:.1f} s of it in solvers", w.environment),
     ]
@@ -150,15 +150,15 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
     return written(figure, path, "compare")
 
 
-def inline_svg(w: ComparisonData, stacked: bool, title: str, name: str) -> str:
-    """The diagram as an <svg> element for a page. stacked: whether its panels are one below the other; title: its text for screen
-    readers; name: prefix of the ids in it, so that two diagrams on a page have different ones."""
+def inline_svg(figure: Any, title: str, name: str) -> str:
+    """A figure as an <svg> element for a page. title: its text for screen readers; name: prefix of the ids in it, so that two
+    diagrams on a page have different ones."""
     import matplotlib
 
     out = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context({"svg.hashsalt": name}):
-        work_precision(w, stacked=stacked).savefig(out, format="svg", metadata=nothing)
+        figure.savefig(out, format="svg", metadata=nothing)
     text = out.getvalue()
     text = text[text.index("<svg") :].strip()
     ids = sorted(set(re.findall(r'\bid="([^"]+)"', text)), key=len, reverse=True)

@@ -143,7 +143,8 @@ def _of_simulate(problem: Problem, accuracy: float | None, reference: Known) -> 
     problem.spend(sum(seconds))
     own = Equations(r.prepared)
     solver, form = r.solution.solver.label, r.info.form
-    facts |= {"label": f"{CHOICE}: {solver} {form}", "solver": solver, "form": form}
+    facts |= {"label": f"{CHOICE}: {solver} {form}", "solver": solver, "form": form,
+              "told": "; ".join(r.warnings) or ("not reliable" if r.reliable is False else "")}
     values = problem.all_values(r.solution, own)
     call, spread = quartiles(seconds[1:])
     cost = {"cpu_s": r.stats.cpu_s, "call_s": call, "cpu_spread_s": spread + problem.tick, "cpu_first_s": seconds[0]}

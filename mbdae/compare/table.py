@@ -34,7 +34,7 @@ class Row:
     None where the system does not measure it; failure: why it did not finish; pareto: whether no other run was at least as
     accurate and as cheap, and the error is above the uncertainty of the reference; loose: joint models in words where they model
     something else than the scene as stated, whose error is that against a reference of their own; chosen: whether `simulate`
-    chose the solver, whose whole call was measured.
+    chose the solver, whose whole call was measured; told: its warnings.
 
     Of another program: engine: its name and version; setting: what the run was asked for, whose value is rtol too; order: by
     which the error falls with the step as theory has it; soft: why it cannot converge to the scene; skipped: why the run was not
@@ -70,6 +70,7 @@ class Row:
     errors: dict[str, float] = field(default_factory=dict)
     loose: str = ""
     chosen: bool = False
+    told: str = ""
     engine: str = ""
     setting: str = ""
     order: float | None = None

@@ -246,21 +246,21 @@ def engines_of(given: Any) -> list[Named]:
     if not isinstance(named, Mapping | list | tuple):
         raise OptionError(f"engines = {shown(given)}: {remedy}")
     pairs = named.items() if isinstance(named, Mapping) else [(one, None) for one in named]
-    return [_named(one, python, remedy) for one, python in pairs]
+    return [_named(f"engines = {shown(given)}", one, python, remedy) for one, python in pairs]
 
 
-def _named(one: Any, python: Any, remedy: str) -> Named:
+def _named(head: str, one: Any, python: Any, remedy: str) -> Named:
     if isinstance(one, str):
         there = known()
         if one not in there:
-            raise OptionError(f"engines: there is no engine {shown(one)}: {meant(one, tuple(there))}there are {', '.join(there)}")
+            raise OptionError(f"{head}: there is no engine {shown(one)}: {meant(one, tuple(there))}there are {', '.join(there)}")
         one = there[one]()
     if not (isinstance(one, type) and issubclass(one, Engine) and not inspect.isabstract(one)):
-        raise OptionError(f"engines: {shown(one)} is neither the name of an engine nor a class derived from "
+        raise OptionError(f"{head}: {shown(one)} is neither the name of an engine nor a class derived from "
                           f"mbdae.engines.Engine; {remedy}")
     where = sys.executable if python is None else python
     if not isinstance(where, str | os.PathLike):
-        raise OptionError(f"engines: {shown(python)} is no interpreter for '{one.name}': {remedy}")
+        raise OptionError(f"{head}: {shown(python)} is no interpreter for '{one.name}': {remedy}")
     code = (f"import importlib.metadata as m, json, platform, {one.package}\n"
             f"print(json.dumps({{'{one.package}': m.version('{one.package}'), 'Python': platform.python_version()}}))")
     try:
@@ -272,7 +272,7 @@ def _named(one: Any, python: Any, remedy: str) -> Named:
         versions, said = None, str(error)
     if versions is None:
         stated = shown(f"{one.name}={os.fspath(where)}")
-        raise OptionError(f"engines: {stated} does not run: {said}; name an interpreter that has the package '{one.package}'")
+        raise OptionError(f"{head}: {stated} does not run: {said}; name an interpreter that has the package '{one.package}'")
     return Named(one(), os.fspath(where), versions)
 
 
@@ -293,13 +293,14 @@ RESOLVED = 3.0  #: errors below so many times the uncertainty of the reference s
 class Converged:
     """What a ladder of another program comes to. error: the smallest; order: by which the errors fall with the step, None where
     runs have tolerances or too few are made; floor: the error that stays, None where there is none; text: a sentence without its
-    stop."""
+    stop; why: it does not converge, "" where it does."""
 
     label: str
     error: float | None
     order: float | None
     floor: float | None
     text: str
+    why: str = ""
 
 
 def converged(label: str, ladder: Sequence[Any], uncertainty: float) -> Converged:
@@ -320,7 +321,7 @@ def converged(label: str, ladder: Sequence[Any], uncertainty: float) -> Converge
     if best < ROUNDING and not soft:
         return Converged(label, best, order, best, f"{label} converges{with_order} down to {best:.1e}, where its rounding begins")
     why = soft or "though it should: it moves another scene"
-    return Converged(label, best, order, best, f"{label} does not converge, {why}; its error stays at {best:.1e}")
+    return Converged(label, best, order, best, f"{label} does not converge, {why}; its error stays at {best:.1e}", why)
 
 
 def _slope(a: tuple[float, float], b: tuple[float, float]) -> float:

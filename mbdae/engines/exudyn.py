@@ -16,7 +16,7 @@ import sympy
 from scipy.spatial.transform import Rotation
 
 from mbdae.engines import INTERVALS, Case, Engine, Method, Statement, fixed_steps, script
-from mbdae.engines.exudyn_script import exudyn_runs
+from mbdae.engines.exudyn_script import ExudynRuns
 from mbdae.errors import SceneError
 from mbdae.laws.forces import AppliedForce, AppliedTorque, Bushing, JointDamper, JointLoad, JointSpring, PointSpring
 from mbdae.laws.joint_rows import FixedOrientation
@@ -52,8 +52,8 @@ class Exudyn(Engine):
         if stated.data["tree"]:
             methods += [Method(f"tree, {name}", "step", steps, order) for name, order in (
                 ("RK44", 4.0), ("RK67", 6.0), ("generalised-alpha", 2.0))]
-        text = "if __name__ == '__main__':\n    serve(*exudyn_runs())"
-        return Statement(script(text, exudyn_runs), {"scene.json": json.dumps(stated.data).encode()}, tuple(methods))
+        text = "runs = ExudynRuns()\nserve(runs.start, runs.solve)"
+        return Statement(script(text, ExudynRuns), {"scene.json": json.dumps(stated.data).encode()}, tuple(methods))
 
 
 class _Stated:

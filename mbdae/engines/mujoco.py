@@ -44,7 +44,7 @@ class MuJoCo(Engine):
         if soft:
             methods += [Method(f"{name}, stiffest", "step", steps) for name in ("implicitfast", "RK4")]
         files = {"scene.xml": text.encode(), "scene.json": json.dumps(data).encode()}
-        text = script("if __name__ == '__main__':\n    serve(*mujoco_runs())", mujoco_runs)
+        text = script("runs = MuJoCoRuns()\nserve(runs.start, runs.solve)", MuJoCoRuns)
         return Statement(text, files, tuple(methods), soft, told)
 
 
@@ -81,86 +81,95 @@ def _solid(inertia: Array, planar: bool) -> Array:
     return np.asarray(axes @ np.diag(np.maximum(moments, THIN * moments[-1])) @ axes.T)
 
 
-def mujoco_runs() -> Any:
+class MuJoCoRuns:
     """The scene of `scene.xml` in MuJoCo: its start, and runs."""
-    import json
 
-    import mujoco
-    import numpy as np
+    def __init__(self) -> None:
+        import json
 
-    with open("scene.json", encoding="utf-8") as file:
-        s = json.load(file)
-    m, (t0, t_end) = mujoco.MjModel.from_xml_path("scene.xml"), s["t"]
-    ids = [mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, name) for name in s["names"]]
-    if missing := [name for name, i in zip(s["names"], ids, strict=True) if i < 0]:
-        raise ValueError(f"{missing[0]} is no body of the model")
-    d = mujoco.MjData(m)
-    mujoco.mj_kinematics(m, d)  # as drawn
-    turn = [d.xmat[i].reshape(3, 3).T @ np.array(R) for i, R in zip(ids, s["drawn"], strict=True)]
-    wanted = np.array(s["start"])[:, 7:13].ravel()
+        import mujoco
+        import numpy as np
 
-    def motion(q: Any, v: Any) -> Any:
+        self.mj = mujoco
+        with open("scene.json", encoding="utf-8") as file:
+            self.s = json.load(file)
+        m = self.m = mujoco.MjModel.from_xml_path("scene.xml")
+        self.ids = [mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, name) for name in self.s["names"]]
+        if missing := [name for name, i in zip(self.s["names"], self.ids, strict=True) if i < 0]:
+            raise ValueError(f"{missing[0]} is no body of the model")
+        d = self.d = mujoco.MjData(m)
+        mujoco.mj_kinematics(m, d)  # as drawn
+        self.turn = [d.xmat[i].reshape(3, 3).T @ np.array(R) for i, R in zip(self.ids, self.s["drawn"], strict=True)]
+        self.soft = m.eq_solref.copy(), m.eq_solimp.copy()
+
+    def motion(self, q: Any, v: Any) -> Any:
         """(nodes, 13) of a state."""
+        import numpy as np
+
+        m, d, mj = self.m, self.d, self.mj
         d.qpos[:], d.qvel[:] = q, v
-        mujoco.mj_fwdPosition(m, d)
-        mujoco.mj_fwdVelocity(m, d)
-        out, both, P = np.zeros((len(ids), 13)), np.zeros(6), np.zeros(4)
-        for k, i in enumerate(ids):
-            mujoco.mj_objectVelocity(m, d, mujoco.mjtObj.mjOBJ_BODY, i, both, 0)
-            mujoco.mju_mat2Quat(P, (d.xmat[i].reshape(3, 3) @ turn[k]).ravel())
+        mj.mj_fwdPosition(m, d)
+        mj.mj_fwdVelocity(m, d)
+        out, both, P = np.zeros((len(self.ids), 13)), np.zeros(6), np.zeros(4)
+        for k, i in enumerate(self.ids):
+            mj.mj_objectVelocity(m, d, mj.mjtObj.mjOBJ_BODY, i, both, 0)
+            mj.mju_mat2Quat(P, (d.xmat[i].reshape(3, 3) @ self.turn[k]).ravel())
             out[k] = [*d.xipos[i], *P, *both[3:], *both[:3]]
         return out
 
-    def state() -> Any:
+    def state(self) -> Any:
         """Coordinates of the start, and speeds that give the bodies theirs."""
-        mujoco.mj_resetData(m, d)
-        if m.nkey:
-            mujoco.mj_resetDataKeyframe(m, d, 0)
-        q, J, part = d.qpos.copy(), [], np.zeros((2, 3, m.nv))
-        mujoco.mj_fwdPosition(m, d)
-        for i in ids:
-            mujoco.mj_jacBodyCom(m, d, part[0], part[1], i)
-            J.append(part.reshape(6, -1).copy())
-        v = np.linalg.lstsq(np.vstack(J), wanted, rcond=None)[0]
-        return q, v
+        import numpy as np
 
-    def start() -> dict[str, Any]:
-        q, v = state()
-        found = {"motion": motion(q, v), "mass": m.body_mass[ids]}
-        if not m.neq:  # what holds loops together is soft
-            d.qpos[:], d.qvel[:] = q, v
-            mujoco.mj_forward(m, d)
-            a, ends = d.qacc.copy(), []
-            for h in (-s["h"], s["h"]):
+        m, d, mj = self.m, self.d, self.mj
+        mj.mj_resetData(m, d)
+        if m.nkey:
+            mj.mj_resetDataKeyframe(m, d, 0)
+        q, J, part = d.qpos.copy(), [], np.zeros((2, 3, m.nv))
+        mj.mj_fwdPosition(m, d)
+        for i in self.ids:
+            mj.mj_jacBodyCom(m, d, part[0], part[1], i)
+            J.append(part.reshape(6, -1).copy())
+        return q, np.linalg.lstsq(np.vstack(J), np.array(self.s["start"])[:, 7:13].ravel(), rcond=None)[0]
+
+    def start(self) -> dict[str, Any]:
+        """Motion, masses and accelerations at the start; these not where loops are held together softly."""
+        q, v = self.state()
+        found = {"motion": self.motion(q, v), "mass": self.m.body_mass[self.ids]}
+        if not self.m.neq:
+            self.d.qpos[:], self.d.qvel[:] = q, v
+            self.mj.mj_forward(self.m, self.d)
+            a, ends = self.d.qacc.copy(), []
+            for h in (-self.s["h"], self.s["h"]):
                 at = q.copy()
-                mujoco.mj_integratePos(m, at, v, h)
-                ends.append(motion(at, v + h * a))
-            found["acceleration"] = (ends[1] - ends[0])[:, 7:10] / (2 * s["h"])
+                self.mj.mj_integratePos(self.m, at, v, h)
+                ends.append(self.motion(at, v + h * a))
+            found["acceleration"] = (ends[1] - ends[0])[:, 7:10] / (2 * self.s["h"])
         return found
 
-    soft = m.eq_solref.copy(), m.eq_solimp.copy()
+    def solve(self, method: str, setting: float) -> Any:
+        """A function that makes a run."""
+        import numpy as np
 
-    def solve(method: str, setting: float) -> Any:
-        name, _, stiffest = method.partition(", ")
+        m, d, mj = self.m, self.d, self.mj
+        (t0, t_end), (name, _, stiffest) = self.s["t"], method.partition(", ")
         steps = round((t_end - t0) / setting)
-        m.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}")
+        m.opt.integrator = getattr(mj.mjtIntegrator, f"mjINT_{name.upper()}")
         m.opt.timestep, m.opt.tolerance, m.opt.iterations = (t_end - t0) / steps, 1e-12, 200
-        m.eq_solref[:], m.eq_solimp[:] = soft
+        m.eq_solref[:], m.eq_solimp[:] = self.soft
         if stiffest:
             m.eq_solref[:] = 2 * m.opt.timestep, 1.0
             m.eq_solimp[:] = 0.9999, 0.9999, 0.001, 0.5, 2.0
-        outputs = min(steps, s["intervals"])
-        q, v = state()
-        mujoco.mj_resetData(m, d)
+        outputs = min(steps, self.s["intervals"])
+        q, v = self.state()
+        mj.mj_resetData(m, d)
         d.qpos[:], d.qvel[:] = q, v
         found = [(q, v)]
 
         def run() -> Any:
             for _ in range(outputs):
-                mujoco.mj_step(m, d, nstep=steps // outputs)
+                mj.mj_step(m, d, nstep=steps // outputs)
                 found.append((d.qpos.copy(), d.qvel.copy()))
-            return lambda: (np.array([motion(*one) for one in found]), {"steps": steps})
+            return lambda: (np.array([self.motion(*one) for one in found]), {"steps": steps})
 
         return run
-
-    return start, solve

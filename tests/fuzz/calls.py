@@ -283,9 +283,12 @@ CALLS: dict[str, Call] = {
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
     "audit": Call(lambda: mb.audit, lambda: {
         "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None, "meanings": None}),
+    "arena": Call(lambda: mb.arena, lambda: {
+        "scenes": [(scene(), 0.1)], "engines": None, "accuracies": [1e-3], "runs": [mb.IDA()], "count": 1, "seed": 0,
+        "workers": 1, **RUNS}, "mbdae.arena._compared"),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
-        "reference": None, "engines": None, **RUNS}, "mbdae.compare.identity"),
+        "reference": None, **RUNS, "engines": None}, "mbdae.compare.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
         "measure": "hinge.angle", **RUNS, "budget": 60.0}, "mbdae.extremes._Execution"),
@@ -358,6 +361,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("audit", "quantities"): ({"a dict"}, "quantities that are numbers"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),
     ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
+    ("arena", "max_wall"): ({"none"}, "no bound"),
     ("ComparisonData.table", "all_columns"): (FLAGS, "a switch"),
     ("Switches", "weights"): ({"one entry"}, "one per argument"),
     ("Run", "label"): (TEXT, ANY),
@@ -371,7 +375,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
         "Scene.draw", "Result.animate")},
     ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),
     **{("Document.fragments", o): (TEXT, "a folder and its files may have any name") for o in ("folder", "name")},
-    **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("compare", "extremes", "sweep")},
+    **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("arena", "compare", "extremes", "sweep")},
     ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),
     **{(c, "vector"): ({"a range"}, "three numbers") for c in ("Linearization.shares", "Floquet.shares")},
 }
@@ -382,14 +386,15 @@ SIZES: list[tuple[set[str], str]] = [
      "IDA.atol CVODE.atol DOP853.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step OneStep.step "
      "Solver.solve.t_end Solver.solve.max_wall measure_order.t_end "
      "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.periodic.period Scene.simulate.t_end "
-     "Scene.simulate.max_wall DAE.simulate.t_end DAE.simulate.max_wall compare.t_end compare.max_wall extremes.t_end "
-     "extremes.max_wall extremes.budget Result.animate.speed "
+     "Scene.simulate.max_wall DAE.simulate.t_end DAE.simulate.max_wall arena.max_wall compare.t_end compare.max_wall "
+     "extremes.t_end extremes.max_wall extremes.budget Result.animate.speed "
      "ComparisonData.cheapest.accuracy Scene.stepper.dt Stepper.advance.dt"),
     ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "
                          "RunStates.stresses.t Result.state_for.t"),
     ({"zero", "a half", "much"}, "Index1.baumgarte"),
     ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy Stepped.at_accuracy.accuracy GeneralizedAlpha.accuracy "
                  "HHT.accuracy OneStep.accuracy Result.animate.fps"),
+    ({"zero", "much"}, "arena.seed"), ({"much"}, "arena.count arena.workers"),
     ({"zero"}, "HHT.alpha Stepper.result.i"),
     ({"much"}, "Scene.linearize.count Scene.floquet.count Scene.continuation.steps"),
     (NUMBERS, "Solver.solve.begin DAE.t0 Equilibrium.__call__.t Equilibrium.states.t Block.at.value"),

@@ -43,6 +43,7 @@ NO_FILES = ["", " ", "absent.py", "folder", "a\0b", "x" * 300, "~", "*", "nul\n"
 #: words that mean something here: what each kind of option must refuse
 HOSTILE = {"accuracy": NO_NUMBERS, "t_end": NO_NUMBERS, "max_wall": NO_NUMBERS, "hours": NO_NUMBERS, "budget": NO_NUMBERS,
            "accuracies": NO_LISTS, "engines": ["", ",", "=", "absent", "scipy=", "scipy=/absent/python", "scipy=file", "x" * 300],
+           "scenes": ["", " ", "absent", "file", "folder", "x" * 300], "count": NO_NUMBERS,
            "out": NO_FOLDERS, "resume": NO_KEPT, "meanings": NO_FILES,
            "root": ["", " ", "absent", "file", "folder", "x" * 300], "file": NO_FILES,
            "solver": NO_WORDS, "form": NO_WORDS,
@@ -59,7 +60,7 @@ def options() -> list[tuple[str, argparse.Action]]:
 
 
 def words_for(command: str, action: argparse.Action, word: str) -> list[str]:
-    given = {"report": ["revolute"], "validate": ["--root", str(CHECKOUT)]}.get(command, ["swing.py"])
+    given = {"arena": [], "report": ["revolute"], "validate": ["--root", str(CHECKOUT)]}.get(command, ["swing.py"])
     given = [] if action.dest == "root" else given
     if action.option_strings:
         return [command, f"{action.option_strings[0]}={word}", *given]
