@@ -183,7 +183,7 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
     stats = Stats(steps=0, newton_iterations=point.iterations)
     rest = Instant("Newton", point.y[None], point.yp[None])
     solution = Solution(t, rest.y, rest.yp, None, stats, rest, statics.system.names, True, rest)
-    known = Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=CLAIMED)
+    known = Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=CLAIMED)
     info = RunInfo(rest, statics.system.label, known, stats)
     result = Equilibrium(replace(prepared, start=start), solution, info, t)
     result.point, result.kinds = point, statics.kinds

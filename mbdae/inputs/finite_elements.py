@@ -45,7 +45,7 @@ class FiniteElementModel(NamesAttributes):
         return np.flatnonzero(found)
 
     def reduced(self, interfaces: Mapping[str, Any], modes: int | None = None, accelerations: bool = False,
-                stiffening: Any = False) -> ReducedBody:
+                stiffening: Any = False, accuracy: float = 1e-3, up_to: float | None = None) -> ReducedBody:
         """`ReducedBody.craig_bampton` of this model; interfaces: {name: set of nodes, see `select`}. With a mesh that was
         assembled here stresses are known, and stiffening=True needs no function."""
         if not isinstance(interfaces, Mapping):
@@ -54,7 +54,7 @@ class FiniteElementModel(NamesAttributes):
         if self.solid is not None and stiffening is True:
             stiffening = self.solid.second_force
         return ReducedBody.craig_bampton(self.M, self.K, self.nodes, at, modes, accelerations, stiffening,
-                                         None if self.solid is None else self.solid.stress)
+                                         None if self.solid is None else self.solid.stress, accuracy, up_to)
 
 
 @naming_arguments

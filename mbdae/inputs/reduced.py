@@ -18,7 +18,7 @@ import numpy as np
 from mbdae.deferred import later, sp
 from mbdae.errors import NamesAttributes, OptionError
 from mbdae.notation import counted
-from mbdae.values import Array, array, flag, option, shown, whole
+from mbdae.values import Array, array, flag, number, option, optional, shown, whole
 
 if TYPE_CHECKING:
     from mbdae.inputs.reduction import FiniteElements, rigid_motions
@@ -34,6 +34,7 @@ SLOW = 0.1
 #: force at an interface towards the centre, over the stiffness of the lowest vibration with an interface held and its size, that
 #: is not told: a cantilever buckles at 0.8
 LIGHT = 0.008
+MORE = 6  #: further modes, beside twice as many, of the body by which the error of its modes is measured
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -166,28 +167,47 @@ class ReducedBody(NamesAttributes):
 
     @classmethod
     def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
-                       accelerations: bool = False, stiffening: Any = False, stress: Any = None) -> ReducedBody:
+                       accelerations: bool = False, stiffening: Any = False, stress: Any = None,
+                       accuracy: float = 1e-3, up_to: float | None = None) -> ReducedBody:
         """Reduce a free body with mass matrix M and stiffness K (both (f k, f k), kg and N/m, full or SciPy sparse) of k nodes,
         f = 6 freedoms each (ux uy uz rx ry rz, node by node) or 3 (ux uy uz).
 
         nodes (k, 3), m; interfaces: {name: numbers of its nodes, from 0}, each of which moves as a rigid body; modes: number of
-        modes with held interfaces that are kept, None: as many as make `left_out` 1e-3 or less; accelerations: whether the
-        static deformations by uniform accelerations along and about axes, with held interfaces, are kept too, as far as the modes
-        do not show them, so that nothing of these is left out; stiffening: whether loads stiffen and soften it (geometric
-        stiffness by centrifugal forces, weight and forces at interfaces): True where K is of elements between two nodes with six
-        freedoms, else a function of two displacements u and v (f k,) that returns the internal force of the second order (f k,),
-        N, symmetric in both: K of the body strained by a small u, times v, is K v + that; stress: function of displacements
-        (f k,) that returns the stresses at the nodes (k, 6), Pa, xx yy zz yz xz xy, or None. OptionError where the matrices are
-        not those of such a body, with the reason."""
+        modes with held interfaces that are kept, None: as few as make `left_out` at most `accuracy`, or, with accelerations=True
+        and up_to, the highest frequency of the loads (Hz), `left_out` times the square of up_to over the frequency of the first
+        mode left out; accelerations: whether the static deformations by uniform accelerations along and about axes, with held
+        interfaces, are kept too, as far as the modes do not show them, so that nothing of these is left out; stiffening: whether
+        loads stiffen and soften it (geometric stiffness by centrifugal forces, weight and forces at interfaces): True where K is
+        of elements between two nodes with six freedoms, else a function of two displacements u and v (f k,) that returns the
+        internal force of the second order (f k,), N, symmetric in both: K of the body strained by a small u, times v, is K v +
+        that; stress: function of displacements (f k,) that returns the stresses at the nodes (k, 6), Pa, xx yy zz yz xz xy, or
+        None. OptionError where the matrices are not those of such a body, with the reason."""
         body = FiniteElements(M, K, nodes, interfaces)
         count = None if modes is None else option("modes", modes, whole, "give the number of modes to be kept, or None",
                                                   least=0, most=body.inner.shape[1])
         stiffening = stiffening if callable(stiffening) else option("stiffening", stiffening, flag,
                                                                     "give True, False, or a function of two displacements")
-        found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening)
+        least = option("accuracy", accuracy, number, "give the largest share to be left out, such as 1e-3", above=0, most=1)
+        highest = optional("up_to", up_to, number, "give the highest frequency of the loads, Hz, or None", above=0)
+        found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening,
+                             (least, np.inf if highest is None else highest))
         if stress is not None:
             found["stresses"] = _stresses(stress, found["shapes"])
-        return cls(**found, points=inertia_points(body.M, **found))
+        made = cls(**found, points=inertia_points(body.M, **found))
+        most = min(2 * len(made.held_frequencies) + MORE, body.inner.shape[1])
+        vars(made)["finer"] = lambda: cls.craig_bampton(M, K, nodes, interfaces, most, True, stiffening, stress)
+        return made
+
+    def finer(self) -> ReducedBody:
+        """The body with at least twice as many modes with held interfaces, by which the error of those kept is measured."""
+        raise OptionError("the reduced body was not made from its matrices in this process: reduce it again")
+
+    def __deepcopy__(self, memo: Any) -> ReducedBody:
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the matrices."""
+        return {name: value for name, value in vars(self).items() if name != "finer"}
 
     def stress(self, coordinates: Any) -> Array:
         """(..., k, 6) stresses at the nodes, Pa, xx yy zz yz xz xy in the body's axes, from coordinates of the modes (..., n), m,

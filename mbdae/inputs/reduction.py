@@ -130,9 +130,11 @@ class FiniteElements:
         inner = sp.csc_matrix((np.ones(len(self.kept)), (self.kept, np.arange(len(self.kept)))), shape=(n, len(self.kept)))
         return sp.csc_matrix(held), inner
 
-    def reduced(self, modes: int | None, accelerations: bool = False, stiffening: Any = False) -> dict[str, Any]:
+    def reduced(self, modes: int | None, accelerations: bool = False, stiffening: Any = False,
+                enough: tuple[float, float] = (1e-3, np.inf)) -> dict[str, Any]:
         """The fields of `ReducedBody` with a number of modes with held interfaces; accelerations: with the static deformations by
-        uniform accelerations too; stiffening: with displacements of the second order, by this function, or with True by K."""
+        uniform accelerations too; stiffening: with displacements of the second order, by this function, or with True by K;
+        enough: share that modes=None may leave out, and the highest frequency (Hz) of the loads."""
         held, inner = self.held, self.inner
         solve: Any = lambda forces: forces  # noqa: E731 - of no inner freedoms
         _positive("M", self.M, self._freedom)
@@ -142,7 +144,7 @@ class FiniteElements:
             factors = self._stiffness(K)
             solve = factors.solve
             static = -solve((inner.T @ (self.K @ held)).toarray())
-            values, vectors, left_out = self._held_modes(K, M, factors, static, modes)
+            values, vectors, left_out = self._held_modes(K, M, factors, modes, enough if accelerations else (enough[0], np.inf))
             frequencies = np.sqrt(values) / (2 * np.pi)
             if accelerations:
                 vectors, left_out = self._with_accelerations(M, factors, vectors), 0.0
@@ -187,17 +189,26 @@ class FiniteElements:
                               f"connect it, or give it an interface")
         return _Scaled(factors, 1 / np.sqrt(size))
 
-    def _held_modes(self, K: Any, M: Any, factors: Any, static: Array, modes: int | None) -> tuple[Array, Array, float]:
-        """Squared angular frequencies (m,) and modes (inner, m) with held interfaces, lowest first, and the share left out."""
-        n, count = K.shape[0], 6 if modes is None else modes
+    def _held_modes(self, K: Any, M: Any, factors: Any, modes: int | None,
+                    enough: tuple[float, float]) -> tuple[Array, Array, float]:
+        """Squared angular frequencies (m,) and modes (inner, m) with held interfaces, lowest first, and the share left out.
+        enough: with modes=None as few as leave out at most this share; where the highest frequency of loads (Hz) is finite, the
+        static share is kept otherwise, and loads shake the first mode left out by the square of their frequency over its own."""
+        n, count = K.shape[0], 12 if modes is None else modes
         loads, whole_ = self._accelerated(factors)
         seen = whole_ > 0  # a rotation about the line of a beam may have no inertia
         while True:
             values, vectors = self._modes(K, M, factors, min(count, n))
-            shown_ = np.sum((vectors.T @ loads) ** 2 / values[:, None], axis=0)
-            left_out = float(np.max(1 - shown_[seen] / whole_[seen], initial=0))
-            if modes is not None or left_out <= LEAVES or len(values) >= n or len(values) < count:
-                return values, vectors, left_out
+            shown_ = np.cumsum((vectors.T @ loads[:, seen]) ** 2 / values[:, None] / whole_[seen], axis=0)
+            left = np.max(1 - np.vstack([np.zeros(shown_.shape[1]), shown_]), axis=1, initial=0)
+            if modes is not None:
+                return values, vectors, float(left[-1])
+            if np.isfinite(enough[1]):
+                left *= np.minimum(1, (2 * np.pi * enough[1]) ** 2 / np.r_[values, values[-1:]])
+            few = np.flatnonzero(left <= enough[0])
+            if few.size or len(values) >= n or len(values) < count:
+                kept = int(few[0]) if few.size else len(values)
+                return values[:kept], vectors[:, :kept], float(left[kept])
             count *= 2
 
     def _accelerated(self, factors: Any) -> tuple[Array, Array]:
@@ -263,7 +274,6 @@ class FiniteElements:
 
 #: share of the elastic energy by a uniform acceleration below which no shape is added for what the modes leave out of it
 SHOWN = 1e-9
-LEAVES = 1e-3  #: largest `left_out` of modes=None
 
 
 @dataclass(frozen=True)

@@ -44,8 +44,8 @@ class Accuracy:
     amplification: growth of small disturbances over the run, computed when it is read (in about the time of the run).
     of: errors of the quantities that the run was asked for (`simulate(of=...)`), by what was given, each over its largest value
     in the run, or 1e-6 of the scene's largest force or torque; None where one is not known.
-    mesh: error of positions and angles, all along the beams and of all bodies, caused by the elements of beams; None where it was
-    not measured.
+    mesh: error of positions and angles, all along the beams and of all bodies, caused by the elements of beams and by the modes
+    that reduced bodies leave out; None where it was not measured.
     `covers` names the errors within the accuracy asked, `not_covered` the others with the reason.
     """
 
@@ -53,7 +53,7 @@ class Accuracy:
     estimated: float | None
     verified: float | None = None
     mesh: float | None = None
-    has_mesh: bool = False  #: False in a scene without beams, where there is no error of a mesh
+    has_mesh: bool = False  #: False in a scene without elastic bodies, where there is no error of a mesh
     unknown: Mapping[str, str] = field(default_factory=dict)  #: name of an error -> why it is not known
     #: error of the reactions, or what computes it when it is read
     found_reactions: Callable[[], float] | float | None = field(default=None, compare=False)
@@ -94,8 +94,8 @@ class Accuracy:
 
     @property
     def covers(self) -> frozenset[str]:
-        """Which of "motion", "reactions", "mesh" and the quantities asked for are within the accuracy asked. Scenes without beams
-        have no mesh: "mesh" is neither here nor in `not_covered`."""
+        """Which of "motion", "reactions", "mesh" and the quantities asked for are within the accuracy asked. Scenes without
+        elastic bodies have no mesh: "mesh" is neither here nor in `not_covered`."""
         return frozenset(self._errors) - frozenset(self.not_covered)
 
     @property
@@ -113,7 +113,7 @@ class Accuracy:
 
     @property
     def _errors(self) -> dict[str, float | None]:
-        """The errors by name: "motion", "reactions", in a scene with beams "mesh", and what was asked for."""
+        """The errors by name: "motion", "reactions", in a scene with elastic bodies "mesh", and what was asked for."""
         return {"motion": self.motion, "reactions": self.reactions} | ({"mesh": self.mesh} if self.has_mesh else {}) | {
             named(key): error for key, error in self.of.items()}
 

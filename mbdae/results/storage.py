@@ -131,7 +131,7 @@ def _accuracy(stored: dict[str, Any], prepared: Prepared) -> Accuracy:
     if "found_reactions" not in stored:
         not_looked = "not measured by the version that stored this run"
         unknown = {"reactions": not_looked, "mesh": not_looked}
-        stored = stored | {"has_mesh": bool(prepared.model.lines), "unknown": unknown if stored["asked"] is not None else {}}
+        stored = stored | {"has_mesh": prepared.model.elastic, "unknown": unknown if stored["asked"] is not None else {}}
     return Accuracy(**stored)
 
 

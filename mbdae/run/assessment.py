@@ -280,7 +280,7 @@ def past_their_domain(result: Result) -> list[str]:
 
 
 def missed(known: Accuracy, run: Controlled) -> list[str]:
-    """Warnings where the estimated error of the integration in time, or that of the mesh of beams, exceeds the accuracy asked."""
+    """Warnings where the error of the integration in time, of the mesh of beams or of modes of bodies exceeds the accuracy."""
     asked, notes = known.asked, []
     if asked is None:
         return []
@@ -288,8 +288,8 @@ def missed(known: Accuracy, run: Controlled) -> list[str]:
         found = f"about {known.motion:.1e}" if math.isfinite(known.motion) else "not known"
         notes.append(f"accuracy {asked:g} was asked, the error is {found}: {_advice(known.motion, asked, run)}")
     if known.mesh is not None and not known.mesh <= asked:
-        notes.append(f"accuracy {asked:g} was asked, the error by the mesh of the beams is about {known.mesh:.1e}: give them "
-                     "more elements or a higher order")
+        notes.append(f"accuracy {asked:g} was asked, the error by the mesh of beams and the modes of bodies is about "
+                     f"{known.mesh:.1e}: give beams more elements or a higher order, and reduced bodies more modes")
     return notes
 
 

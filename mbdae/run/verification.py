@@ -30,7 +30,7 @@ from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, check_times
 from mbdae.integrators.stored_runs import keeping_runs
-from mbdae.laws.bodies import ORDERS
+from mbdae.laws.bodies import ORDERS, Modes
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
@@ -40,6 +40,7 @@ from mbdae.run.estimate import Controlled, Probe, cpu_of, measure_of, other_run,
 from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
+from mbdae.system.model.nodes import rotation_matrices
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.sampling import position_distance
 from mbdae.system.scene_system import SceneSystem
@@ -62,7 +63,8 @@ INWARDS = 1e-6
 
 
 def with_finer_beams(scene: SceneData) -> SceneData:
-    """A copy of the scene with beams of one order more, or with twice as many elements where there is no higher order."""
+    """A copy of the scene with beams of one order more, or with twice as many elements where there is no higher order, and with
+    more modes of reduced bodies."""
     try:
         finer = copy.deepcopy(scene)
     except TypeError as error:  # a law of the user's contains what cannot be copied: an open file, a lock, ...
@@ -73,6 +75,7 @@ def with_finer_beams(scene: SceneData) -> SceneData:
             vars(beam)["order"] += 1
         else:
             vars(beam)["elements"] = (2 * np.asarray(beam.elements)).tolist()
+    finer.with_more_modes()
     return finer
 
 
@@ -98,11 +101,28 @@ def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> 
     lines = {line.beam.name: line for line in fine.model.lines}
     apart = [_along(line, q_a, lines[line.beam.name], q_b, coarse.length) for line in coarse.model.lines]
     nodes = {node.name: node for node in fine.model.nodes}
-    for node in (node for node in coarse.model.nodes if not isinstance(node.body, Station)):
+    reduced = [c for c in coarse.model.scene.connections if isinstance(c.laws[0], Modes)]
+    apart += [float(np.max(np.linalg.norm(_places(coarse, c.name, q_a) - _places(fine, c.name, q_b), axis=2))) / coarse.length
+              for c in reduced]
+    modal = {c.name for c in reduced} | {c.l.name for c in coarse.model.scene.connections if c.kind == "inertia"}
+    for node in (n for n in coarse.model.nodes if not (isinstance(n.body, Station) or {n.name, n.joint} & modal)):
         other, size = nodes[node.name], node.kind.sizes[0]
         pair = q_a[:, node.q : node.q + size], q_b[:, other.q : other.q + size]
         apart.append(float(np.max(position_distance(coarse, node, *pair))))
     return max(apart)
+
+
+def _places(prepared: Prepared, modes: str, q: Array) -> Array:
+    """(nt, k, 3) positions of the nodes of a reduced body, m."""
+    model = prepared.model
+    item = model.scene[modes]
+    body, frame = item.laws[0].reduced, model.node(item.k)
+    at = [model.coordinate_node(modes, f"mode{i + 1}") for i in range(len(body.modal_mass))]
+    assert frame is not None
+    c = q[:, [node.q for node in at if node is not None]]
+    places = body.nodes - body.center + body.displacement(c)[:, :, :3]
+    turned = rotation_matrices(q[:, frame.q + 3 : frame.q + 7])
+    return np.asarray(q[:, None, frame.q : frame.q + 3] + np.einsum("tab,tkb->tka", turned, places))
 
 
 def _along(line: Line, q: Array, other: Line, q_other: Array, length: float) -> float:
@@ -198,9 +218,9 @@ class Verified:
 
 def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, asked: Asked,
              continued: bool) -> Verified:
-    """Compare a run with another method at a tenth of the accuracy and, where it has beams, with a finer mesh."""
+    """Compare a run with another method at a tenth of the accuracy and, with elastic bodies, a finer mesh or more modes."""
     found = _by_another_method(prepared, run, accuracy, asked)
-    if not prepared.model.lines:
+    if not prepared.model.elastic:
         return found
     if continued:
         return replace(found, unknown=found.unknown | {"mesh": CONTINUED})
@@ -230,7 +250,7 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     """The known errors of a run, and why others are not known; found: errors that verify=True has shown, or None."""
     estimate = None if math.isnan(run.estimate) else run.estimate
     if estimate is None and found is None:
-        return Accuracy(None, None, has_mesh=bool(prepared.model.lines), found_amplification=Amplified(run.solution))
+        return Accuracy(None, None, has_mesh=prepared.model.elastic, found_amplification=Amplified(run.solution))
     found = found or Verified()
     in_time = found.reactions or run.others
     forces = Errors(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
@@ -238,13 +258,13 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     if forces is not None:
         forces.asked = asked
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
-    return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces,
+    return Accuracy(asked, estimate, found.motion, found.mesh, prepared.model.elastic, unknown, forces,
                     Amplified(run.solution))
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:
     """The accuracy of a run that did not reach its end, for the reason `why`."""
-    return Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=dict.fromkeys(WORDS, f"not estimated: {why}"))
+    return Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=dict.fromkeys(WORDS, f"not estimated: {why}"))
 
 
 @dataclass(frozen=True, eq=False)

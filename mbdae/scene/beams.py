@@ -10,7 +10,7 @@ import numpy as np
 from mbdae.deferred import later
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.inputs.reduced import ReducedBody
-from mbdae.laws.bodies import ORDERS, InertiaPoint, InterfaceOfBody, ModalElasticity, SecondDisplacement, modes_of_body
+from mbdae.laws.bodies import ORDERS, InertiaPoint, InterfaceOfBody, ModalElasticity, Modes, SecondDisplacement, modes_of_body
 from mbdae.notation import counted
 from mbdae.scene import reading
 from mbdae.scene.components import Beam, BeamLoad, Body, Classical, Connection
@@ -172,14 +172,26 @@ class BeamStatements(SceneItems):
         v, w = (np.zeros(3) if given is None else np.array(given) for given in (velocity, angular_velocity))
         if not isinstance(body, ReducedBody):
             return self._add_body(Body(name, 1.0, np.eye(3), at, np.eye(3), v, w))
-        origin = at + body.center
+        origin, places = at + body.center, [at + x for x in body.interfaces.values()]
+        frame = self._add_body(Body(name, 0.0, np.zeros((3, 3)), origin, np.eye(3), v, w, bool(np.any(v) or np.any(w)),
+                                    np.array([*places[:1], origin, *places[1:]])))
+        for interface, x in zip(body.interfaces, places, strict=True):
+            self._part_of(frame, interface, x, np.zeros((3, 3)))
+        self._enter_modes(frame, body, damping)
+        if self.space == "auto":
+            self.space = "spatial"
+        return frame
 
-        def part(of: str, mass: float, place: Array, speed: Array, **more: Any) -> Body:
-            return self._add_body(Body(f"{name}.{of}" if of else name, mass, np.zeros((3, 3)), place, np.eye(3), speed, w,
-                                       given_velocity=bool(np.any(v) or np.any(w)), **more))
+    def _part_of(self, frame: Body, of: str, place: Array, inertia: Any, **more: Any) -> Body:
+        """A body "<name>.<of>" at a place (3,), m, that starts as the floating frame of a reduced body moves."""
+        start = frame.drawn
+        speed = start.velocity + np.cross(start.angular_velocity, place - start.position)
+        return self._add_body(Body(f"{frame.name}.{of}", more.pop("mass", 0.0), inertia, place, np.eye(3), speed,
+                                   start.angular_velocity, frame.given_velocity, shapes=(), **more))
 
-        places = [at + x for x in body.interfaces.values()]
-        frame = part("", 0.0, origin, v, outline=np.array([*places[:1], origin, *places[1:]]))
+    def _enter_modes(self, frame: Body, body: ReducedBody, damping: float) -> None:
+        """Enter the modes of a reduced body, the rows of its interfaces, and its inertia."""
+        name, origin = frame.name, frame.drawn.position
         modes, count, bends = f"{name}.modes", len(body.modal_mass), len(body.bends)
         place = {"k": frame, "l": frame, "at": origin, "axis": (0.0, 0.0, 1.0), "axis_x": (1.0, 0.0, 0.0)}
         ratio = 2 * damping * np.sqrt(body.modal_mass * body.modal_stiffness)
@@ -189,29 +201,35 @@ class BeamStatements(SceneItems):
                                      for a in range(count) for b in range(a + 1)}, count=count, bends=bends, bend=i, **place)
                   for i in range(bends)]
         joint = modes_of_body(count, bends)(modes, kept=True, **place)
-        joint.reduced = body
+        joint.reduced, joint.ratio = body, damping
         still = dict.fromkeys(joint.coordinates, 0.0)  # it starts as drawn, without vibration
         self._enter(Connection(modes, "reduced body", frame, frame, [joint, *laws, *second], True, still, dict(still),
                                model=Classical()))
         for interface, shape in body.interface_shapes.items():
-            x = at + body.interfaces[interface]
-            node = part(interface, 0.0, x, v + np.cross(w, x - origin), shapes=())
+            node = self._by_name[f"{name}.{interface}"]
             shape = np.hstack([shape, body.interface_bends[interface]])
             numbers = _by_axes(shape=shape[:3], turn=shape[3:])
             law = InterfaceOfBody(f"{name}.interface {interface}", modes, numbers, count=count, bends=bends,
-                                  **{**place, "l": node, "at": x})
+                                  **{**place, "l": node, "at": node.drawn.position})
             self._enter(Connection(law.name, "interface", frame, node, [law]))
         for i, point in enumerate(body.points):
-            node = part(f"inertia {i + 1}", body.mass / len(body.points), origin + point[:, 0], v + np.cross(w, point[:, 0]),
-                        is_point=True, shapes=())
-            node.inertia = None
+            node = self._part_of(frame, f"inertia {i + 1}", origin + point[:, 0], None, is_point=True,
+                                 mass=body.mass / len(body.points))
             numbers = _by_axes(shape=np.column_stack([point[:, 1:], *(A @ point[:, 0] for A in body.stretches)]))
             rows = InertiaPoint(f"{name}.rows {i + 1}", modes, numbers, count=count, bends=bends,
                                 **{**place, "l": node, "at": node.drawn.position})
             self._enter(Connection(rows.name, "inertia", frame, node, [rows]))
-        if self.space == "auto":
-            self.space = "spatial"
-        return frame
+
+    def with_more_modes(self) -> None:
+        """Give every reduced body, of a copy of a scene, modes beyond its own."""
+        for item in [c for c in self.connections if isinstance(c.laws[0], Modes)]:
+            own = [c for c in self.connections if c is item or (c.k is item.k and isinstance(c.laws[0], InertiaPoint))]
+            inertia = [c.l for c in own if c.kind == "inertia"]
+            self.connections[:] = [c for c in self.connections if c not in own]
+            self.bodies[:] = [b for b in self.bodies if b not in inertia]
+            self._known.clear()
+            self._read[:] = [0] * len(self._read)
+            self._enter_modes(item.k, item.laws[0].reduced.finer(), item.laws[0].ratio)
 
     def _enter(self, item: Connection) -> None:
         self._claim(item.name)

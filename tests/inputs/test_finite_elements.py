@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from reduced_bodies.beam import beam_matrices
 from scipy.io import mmwrite
 
 import mbdae as mb
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from beam_matrices import beam_matrices
 
 E, DENSITY = 2.1e11, 7800.0
 STEEL = {"E": E, "nu": 0.0, "density": DENSITY}

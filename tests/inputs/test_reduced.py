@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import sympy
+from reduced_bodies.beam import DENSITY, LENGTH, PER_LENGTH, SECOND, beam_matrices
 from scipy.linalg import eigh
 
 import mbdae as mb
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from beam_matrices import DENSITY, LENGTH, PER_LENGTH, SECOND, beam_matrices
 
 ENDS = {"root": [0], "tip": [10]}
 TIP = (0.958541919, -0.285008145)  #: m, of the soft pendulum after 0.2 s, by a run to an accuracy of 1e-7
@@ -159,6 +155,33 @@ def test_with_accelerations_nothing_is_left_out_of_what_a_weight_does(modes: int
     assert len(without.frequencies) < len(body.frequencies) <= len(without.frequencies) + 6
     assert np.all(body.frequencies >= whole[: len(body.frequencies)] * (1 - 1e-9))
     assert np.all(body.frequencies[: len(without.frequencies)] <= without.frequencies * (1 + 1e-9))
+
+
+def test_modes_are_as_few_as_the_accuracy_and_the_frequency_of_the_loads_need() -> None:
+    few = {accuracy: mb.ReducedBody.craig_bampton(*beam_matrices(10), ENDS, accuracy=accuracy) for accuracy in (0.1, 1e-3)}
+    assert len(few[0.1].held_frequencies) < len(few[1e-3].held_frequencies)
+    for accuracy, body in few.items():
+        count = len(body.held_frequencies)
+        assert body.left_out <= accuracy < reduced(count - 1).left_out
+    slow, fast = (len(mb.ReducedBody.craig_bampton(*beam_matrices(10), ENDS, None, True, up_to=f).held_frequencies)
+                  for f in (5.0, 500.0))
+    assert slow < fast
+
+
+def test_what_the_modes_leave_out_is_told_by_a_verified_run() -> None:
+    s = mb.Scene("shaken")
+    s.reduced_body("beam", reduced(0), damping=0.05)
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (0, 20.0 * sympy.sin(300 * mb.t), 0))
+    with pytest.warns(mb.AccuracyWarning, match="reduced bodies more modes"):
+        r = s.simulate(0.02, accuracy=1e-4, verify=True)
+    t, fine = np.linspace(0, 0.02, 101), mb.Scene("fine")
+    fine.reduced_body("beam", reduced(30), damping=0.05)
+    fine.weld("wall", fine.ground, "beam.root", at=(0, 0, 0))
+    fine.force("F", "beam.tip", (0, 20.0 * sympy.sin(300 * mb.t), 0))
+    q = fine.simulate(0.02, accuracy=1e-5)
+    off = np.max(np.linalg.norm(r(t)["beam.tip"].position - q(t)["beam.tip"].position, axis=1)) / r.prepared.length
+    assert off / 3 < r.accuracy.mesh < 10 * off  # of all nodes and angles, not of the tip alone
 
 
 def test_without_accelerations_a_weight_is_shown_by_the_modes_alone() -> None:

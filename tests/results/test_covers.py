@@ -210,7 +210,8 @@ def test_a_verified_run_measures_the_mesh_and_warns():
     assert r.accuracy.mesh == pytest.approx(true_mesh_error(r, 0.1), rel=0.5)
     assert r.accuracy.met is False
     assert f"about {r.accuracy.mesh:.1e}" in r.accuracy.not_covered["mesh"]
-    assert any(f"the error by the mesh of the beams is about {r.accuracy.mesh:.1e}" in note for note in r.warnings)
+    assert any(f"the error by the mesh of beams and the modes of bodies is about {r.accuracy.mesh:.1e}"
+               in note for note in r.warnings)
     in_time = Errors(r.prepared, r.solution, r.accuracy.found_reactions.others[:1])()
     assert r.accuracy.reactions > 2 * in_time  # the rest is what the mesh makes of the forces
 

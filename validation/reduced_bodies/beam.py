@@ -11,20 +11,21 @@ LENGTH, AREA, SECOND, DENSITY, SHEAR = 1.0, 4e-4, 1.3e-8, 7800.0, 8e10  # m, m^2
 PER_LENGTH = DENSITY * AREA  # kg/m
 
 
-def beam_matrices(elements: int, E: float = 2.1e11) -> tuple[Any, Any, Any]:
-    """M, K (CSC, 6 freedoms a node) and nodes of a beam of Bernoulli along x from the origin, with rotary inertia."""
-    h, n = LENGTH / elements, 6 * (elements + 1)
+def beam_matrices(elements: int, E: float = 2.1e11, slender: float = 1.0) -> tuple[Any, Any, Any]:
+    """M, K (CSC, 6 freedoms a node) and nodes of a beam of Bernoulli along x from the origin, with rotary inertia; slender: a
+    factor on its second moment of area."""
+    h, n, I = LENGTH / elements, 6 * (elements + 1), SECOND * slender
     M, K = np.zeros((n, n)), np.zeros((n, n))
-    stiff = E * SECOND / h**3 * np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
+    stiff = E * I / h**3 * np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
                                           [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]])
     mass = PER_LENGTH * h / 420 * np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
                                             [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]])
-    mass += DENSITY * SECOND / 30 / h * np.array([[36, 3 * h, -36, 3 * h], [3 * h, 4 * h * h, -3 * h, -h * h],
+    mass += DENSITY * I / 30 / h * np.array([[36, 3 * h, -36, 3 * h], [3 * h, 4 * h * h, -3 * h, -h * h],
                                                   [-36, -3 * h, 36, -3 * h], [3 * h, -h * h, -3 * h, 4 * h * h]])
     sign = np.diag([1, -1, 1, -1])
     for i in range(0, n - 6, 6):
         j = i + 6
-        for at, k, m in (([i, j], E * AREA, PER_LENGTH), ([i + 3, j + 3], SHEAR * 2 * SECOND, DENSITY * 2 * SECOND)):
+        for at, k, m in (([i, j], E * AREA, PER_LENGTH), ([i + 3, j + 3], SHEAR * 2 * I, DENSITY * 2 * I)):
             K[np.ix_(at, at)] += k / h * np.array([[1, -1], [-1, 1]])
             M[np.ix_(at, at)] += m * h / 6 * np.array([[2, 1], [1, 2]])
         for at, s in (([i + 1, i + 5, j + 1, j + 5], np.eye(4)), ([i + 2, i + 4, j + 2, j + 4], sign)):
