@@ -2,8 +2,8 @@
 
 The rules and their bounds are measured by benchmarks/choice.py; docs/accuracy.md has the table.
 
-Numbers of unknowns, equations and operations of a scene, from the naive formulation (in space, classical joints with their
-coordinates, all rows of all joints, no shared unknowns) to the one integrated by default.
+Numbers of unknowns, equations and operations, from the naive formulation (in space, classical joints with their coordinates, all
+rows, no shared unknowns) to the one integrated by default.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from mbdae.system.model.moved_bodies import MOST_FULL, MovedBodies
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.scene_system import RELAXED, relaxed
 from mbdae.system.without_multipliers import WithoutMultipliers
 
 if TYPE_CHECKING:
@@ -52,14 +53,12 @@ STIFF, SMOOTH = 100.0, 0.3
 SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if every motion is prescribed
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}' may let bodies stick, as friction, unless the class {} says sticks = False"
-#: number of eigenvalues, those of largest magnitude, that are computed for a system of more than EIGENVALUES unknowns without
-#: multipliers
+#: number of largest eigenvalues that are computed of more than EIGENVALUES unknowns without multipliers
 LARGEST = 8
-#: largest number of unknowns for which all eigenvalues are computed; with more and with multipliers none are, and the scene
-#: counts as stiff
+#: largest number of unknowns for which all eigenvalues are computed; with more and with multipliers the scene counts as stiff
 EIGENVALUES = 300
-#: condition number of a mass matrix below which it is inverted; with a larger one a generalised eigenvalue problem is solved
-WELL_CONDITIONED = 1e8
+ROUGH = 1e-3  #: tolerance of the run from which a relaxed start is found
+WELL_CONDITIONED = 1e8  #: condition number of a mass matrix up to which it is inverted, not taken into the eigenvalue problem
 
 
 @dataclass(frozen=True)
@@ -85,9 +84,16 @@ class Choice:
         return f"{self.solver.label}, {self.form.label}, {plane}, {counted(n, 'unknown')}, {linear}{joints}: {self.why}"
 
 
-def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | None = None, default: bool = False) -> Prepared:
-    """The scene prepared with its own start, or from the end of a Result, by default with recursive joints where these are taken;
-    raises SceneError with every problem found."""
+def prepared_from(scene: SceneData, start: Result | str | None = None, t_end: float | None = None,
+                  default: bool = False) -> Prepared:
+    """The scene prepared with its own start, from the end of a Result, or RELAXED, by default with recursive joints where these
+    are taken; raises SceneError with every problem found."""
+    if start == RELAXED:
+        own = prepared_from(scene, None, t_end, default)
+        system = system_for(own, highest_index=3)
+        begin = relaxed(system, lambda length: RadauIIA(3, rtol=ROUGH).solve(system, system.t0 + length))
+        return prepare(own.model.scene, begin, t_end=t_end)
+    assert not isinstance(start, str)
     found = with_recursive_joints(scene, start, t_end) if default else None
     return found or prepare(scene, start.state_for(scene) if start is not None else None, t_end=t_end)
 

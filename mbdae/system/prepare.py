@@ -297,7 +297,7 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
     u, changes = _joined_suddenly(mechanics, start)
     a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
     return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates,
-                 controllers=start.controllers)
+                 controllers=start.controllers, relaxed=start.relaxed)
 
 
 def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:

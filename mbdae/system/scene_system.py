@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import as_full
+from mbdae.errors import StartError
 from mbdae.native.equations import Equations
+from mbdae.symbolic.frames import NodeKind
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.guards import ContactGuards, switches_of_model
 from mbdae.system.assembled.jacobian_entries import FormSpec
@@ -17,18 +21,24 @@ from mbdae.system.assembled.right_hand_side import numbers_of, partition_of, rig
 from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.dependent_rows import Rows
 from mbdae.system.model.moved_bodies import timeline
+from mbdae.system.model.nodes import rotation_of
 from mbdae.system.motion.all_bodies import Displacements
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import RowsInForce
 from mbdae.system.sampling import Sampling
 from mbdae.system.start import Start
+from mbdae.system.start_of_beams import POLYNOMIALS, Slow
 from mbdae.system.start_with_contacts import multiplier_scales, state_scale, stress_scale
 from mbdae.threads import alone, single_threaded
 from mbdae.values import largest
 
 #: tests set this to False, so that solvers step over inputs of time and switching laws, which checks after a run have to find
 WATCH_INPUTS_AND_SWITCHES = True
+RELAXED = "relaxed"  #: word of a start that `relaxed` finds
+#: singular value, over the largest, of velocities that count as allowed by joints and free of strain
+FREE = 1e-9
+UNFOUND = 0.01  #: estimated error of the velocities, over the largest one, from which a relaxed start is refused
 
 
 class SceneSystem(System):
@@ -220,6 +230,73 @@ class SceneSystem(System):
     def _positions(self, t: float, y: Array) -> Array:
         """Positions q (nq,) of all nodes."""
         return np.asarray(self._prepared.states(np.array([t]), y[None])[0][0])
+
+
+def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array]]) -> Start:
+    """The start of a scene in which elastic bodies are strained as in a motion without ringing: prescribed motions are kept, and
+    of the others the part that would be there if elastic bodies were rigid, in the mean over the masses.
+    near: length of a run with long steps, s -> times (k,) -> its unknowns (k, n)."""
+    prepared, nb = system._prepared, system.numbering
+    m, start, time = prepared.mechanics, prepared.start, np.array([prepared.start.t])
+    nq, nu = nb.nq, nb.nu
+    modes = {c.name for c in prepared.model.scene.joints if getattr(c.joint, "reduced", None) is not None}
+    if not prepared.model.lines and not modes:
+        return start
+    H = np.array([m.rates(start.q, e)[nb.of_positions] for e in np.eye(m.nu)[nb.of_velocities]]).T
+    moved = prepared.all_bodies.velocity_map(time, system.y0[None, :nq])[0]
+    rigid = _without_strain(prepared, time, moved, modes)
+    weight = rigid.T @ moved.T @ as_full(m.mass) @ moved
+    rows, forces = np.zeros((2, 2 * rigid.shape[1], system.n))
+    count, states = rigid.shape[1], np.flatnonzero(np.array(system.kinds) == "s")
+    rows[:count, :nq], rows[count:, nq : nq + nu] = weight @ (H / np.sum(H * H, axis=0)).T, weight
+    forces[:count, :nq], forces[count:, nq : nq + nu] = (H @ rigid).T, weight
+    kept = np.eye(system.n)[states]
+    quaternions = [np.flatnonzero((nb.of_positions >= n.q + 3) & (nb.of_positions < n.q + 7))
+                   for n in prepared.model.nodes if n.kind is NodeKind.SPATIAL]
+    quaternions = [own for own in quaternions if len(own)]
+
+    def lengths(y: Array) -> tuple[Array, Array]:
+        slopes = np.zeros((len(quaternions), system.n))
+        for slope, own in zip(slopes, quaternions, strict=True):
+            slope[own] = y[own]
+        return (slopes @ y - 1) / 2, slopes
+
+    rate = max(m.speed(start.u) / prepared.length, 1 / prepared.time)
+    slow = Slow(system, np.vstack([rows, kept]), np.vstack([forces, kept]).T, lengths, lengths(system.y0)[1].T,
+                near(POLYNOMIALS[-1][1] / rate))
+    y, error = slow.start(rate)
+    if error > UNFOUND:
+        raise StartError([f'start="relaxed": no motion without ringing was found near the start of the scene (its velocities are '
+                          f"known to {error:.1g} of the largest one): elastic bodies vibrate as slowly as the scene moves"])
+    (q,), (u,), (s,) = prepared.states(time, y[None])
+    return replace(start, q=q, u=u, s=s, relaxed=error)
+
+
+def _without_strain(prepared: Prepared, time: Array, moved: Array, modes: set[str]) -> Array:
+    """(nu, k) velocities of the unknowns that strain no elastic body and are allowed by the joints. moved (all nodes, nu):
+    velocities of all nodes from those of the unknowns; modes: names of the modes of reduced bodies."""
+    m, q = prepared.mechanics, prepared.start.q
+    rows = [m.constraint_jacobian(time, q[None])[0] @ moved]
+    for line in prepared.model.lines:
+        at = np.unique(line.places("u"))
+        rigid = np.zeros((m.nu, 6))
+        first = line.nodes[0].position(q)
+        for node in line.nodes:
+            n = node.kind.translations
+            arm = node.position(q) - first
+            rigid[node.u : node.u + n, :3] = np.eye(3)[:n]
+            rigid[node.u : node.u + n, 3:] = np.cross(np.eye(3), arm).T[:n]
+            turning = node.kind.sizes[1] - n
+            R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]).T
+            rigid[node.u + n : node.u + n + turning, 3:] = R if turning == 3 else np.eye(3)[2:][:turning]
+        own = rigid[at]
+        rows.append(moved[at] - own @ (np.linalg.pinv(own) @ moved[at]))
+    rows += [moved[n.u][None] for n in prepared.model.nodes if n.joint in modes]
+    units = m.velocity_units[prepared.all_bodies.numbering.of_velocities]
+    A = np.vstack(rows) * units
+    A = A / np.maximum(np.linalg.norm(A, axis=1, keepdims=True), 1e-300)
+    _, sizes, V = np.linalg.svd(A)
+    return np.asarray(V[int(np.sum(sizes > FREE * sizes[0])) :].T * units[:, None])
 
 
 def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tuple[Array, Array]:
