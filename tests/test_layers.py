@@ -16,7 +16,8 @@ import mbdae
 ROOT = Path(mbdae.__file__).parent
 #: folders and files of the package from the top down: each imports from its own entry and from those behind it
 LAYERS = [
-    {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit", "export"}, {"reports", "compare"},
+    {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit", "compare"}, {"engines"}, {"export"},
+    {"reports"},
     {"sweep", "documents", "fits"}, {"robots"}, {"analysis"}, {"show"}, {"derivatives"}, {"run"},
     {"study"}, {"results"}, {"integrators"}, {"formulations"},
     {"system"}, {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},

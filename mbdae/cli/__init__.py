@@ -161,6 +161,7 @@ def make_parser() -> argparse.ArgumentParser:
     p.add_argument("--accuracies", type=_accuracies, help="comma separated (default 1e-3,1e-4,1e-5,1e-6)")
     resumed = "file that keeps every finished run; a comparison that was stopped goes on from there"
     p.add_argument("--resume", type=_name, metavar="FILE.json", help=resumed)
+    p.add_argument("--engines", type=_engines, metavar="NAME[=PYTHON],...", help=ENGINES)
     _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
     p = _command(commands, "extremes", do.extremes, "all joint models, forms and solvers at extreme parameters")
     p.add_argument("--accuracy", type=_positive, help="bound of the error over the run (default: that of FILE, else 1e-5)")
@@ -173,6 +174,10 @@ def make_parser() -> argparse.ArgumentParser:
     _validate(commands, do.validate)
     _cache(commands, cache)
     return parser
+
+
+ENGINES = ("other programs that run the same scene: scipy, exudyn, mujoco, each with the interpreter of an environment that has "
+           "it (default: the running one)")
 
 
 def _cache(commands: Any, action: Any) -> None:
@@ -276,6 +281,14 @@ def _accuracies(text: str) -> list[float]:
         return [_positive(part) for part in text.split(",")]
     except argparse.ArgumentTypeError:
         raise argparse.ArgumentTypeError(f"{_shown(text)}: give numbers above 0 separated by commas, such as 1e-3,1e-6") from None
+
+
+def _engines(text: str) -> dict[str, str | None]:
+    pairs = [part.partition("=") for part in text.split(",")]
+    if not all(name.strip() and (python.strip() or not sign) and "\0" not in python for name, sign, python in pairs):
+        raise argparse.ArgumentTypeError(f"{_shown(text)}: give names with interpreters, separated by commas, such as "
+                                         f"scipy,exudyn=/path/to/python")
+    return {name.strip(): python.strip() or None for name, _, python in pairs}
 
 
 def _name(text: str) -> str:

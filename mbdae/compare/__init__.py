@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.compare.engines import Engines
 from mbdae.compare.measures import Reference, quartiles, rivals
 from mbdae.compare.page import Comparison
 from mbdae.compare.problem import (
@@ -25,6 +26,7 @@ from mbdae.compare.problem import (
 from mbdae.compare.rows import Known, Split, as_asked, executed
 from mbdae.compare.run import CHOICE, Run, checked_runs, default_runs, is_all, progress_of_runs, shipped_runs
 from mbdae.compare.table import Row, TightestRun, asked_for, pairwise, tightest, with_front
+from mbdae.engines import engines_of
 from mbdae.errors import MbdaeError, OptionError, naming_arguments
 from mbdae.integrators.base import Solver
 from mbdae.results.reads import own_classes, own_of, reads
@@ -49,9 +51,10 @@ Asked_ = tuple[Run | None, float | None]
 # -- what a comparison is known by, so that a stored one is continued only where it is the same
 
 
-def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float], given: list[Any] | None) -> dict[str, Any]:
+def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float], given: list[Any] | None,
+             engines: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
     """The identity of a comparison as plain data: scene or equations, end time, measure, runs, accuracies, values of a `given`
-    reference, and versions."""
+    reference, other programs with what they are given, and versions."""
     return {
         "scene": _scene(problem), "t_end": problem.t_end, "measures": [m.name for m in problem.measures],
         "accuracies": list(accuracies),
@@ -61,6 +64,7 @@ def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float],
                   **({"scene": _stated(run.scene)} if run.scene is not None else {}),
                   "own": own_classes(run.solver, run.form)} for run in runs],
         "reference": "computed" if given is None else f"given, {_digest(given[0])}", "environment": environment(),
+        **({"engines": list(engines)} if engines else {}),
     }
 
 
@@ -133,11 +137,13 @@ class Checkpoint(ResumeFile):
 
 
 def _execute(problem: Problem, queue: Sequence[Asked_], smallest: float, kept: Checkpoint, begin: float,
-             tell: Callable[[int, int, str], None]) -> None:
+             tell: Callable[[int, int, str], None], engines: Engines) -> None:
     """Compute the references and the missing rows, one after another, each stored as soon as it is done. queue: every run with an
     accuracy (None: the solver has a tolerance or step of its own); smallest: smallest of the accuracies asked; begin: process
-    time (s) at which the comparison began; tell: called as tell(done, total, label) before every run."""
-    total, split = len(queue) + 1, Split(problem)
+    time (s) at which the comparison began; tell: called as tell(done, total, label) before every run; engines: other programs,
+    whose runs follow."""
+    steps = engines.queue
+    total, split = len(queue) + len(steps) + 1, Split(problem)
     before = kept.cpu_s, kept.total_cpu_s
     kept.tick = kept.tick or problem.tick
 
@@ -161,6 +167,12 @@ def _execute(problem: Problem, queue: Sequence[Asked_], smallest: float, kept: C
             tightest(kept.tightest_runs, row, values)
         kept.rows.append(row)
         save()
+    for i, step in enumerate(steps, len(queue)):
+        if i >= len(kept.rows):
+            tell(i + 1, total, step.label)
+            ladder = [row for row in kept.rows[len(queue) :] if row.label == step.label]
+            kept.rows.append(engines.row(step, kept.references[""], ladder))
+            save()
     if not kept.settled:
         kept.rows, kept.settled = _timed_again(problem, queue, kept.rows), True
         save()
@@ -181,7 +193,7 @@ def _timed_again(problem: Problem, queue: Sequence[Asked_], rows: list[Row]) -> 
     them was timed does not decide between them."""
     rows = list(rows)
     accuracies = {row.accuracy for row in rows if row.accuracy}
-    near = sorted({i for wanted in accuracies for i in rivals(rows, wanted) if not rows[i].chosen})
+    near = sorted({i for wanted in accuracies for i in rivals(rows, wanted) if not (rows[i].chosen or rows[i].engine)})
     if len(near) < 2:
         return rows
     found: dict[int, list[float]] = {i: [] for i in near}
@@ -199,7 +211,7 @@ def _timed_again(problem: Problem, queue: Sequence[Asked_], rows: list[Row]) -> 
 def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver] | str] | str | None = None,
             accuracies: Sequence[float] = ACCURACIES, measure: str | Sequence[str] | None = None, reference: Any = None,
             max_wall: float | None = MAX_WALL,
-            progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Comparison:
+            progress: Callable[[int, int, str], None] | None = None, resume: Any = None, engines: Any = None) -> Comparison:
     """Run a scene (or a System) to t_end (s) with every run at every accuracy; returns a `Comparison`.
 
     runs: list of mb.Run, or of solvers (objects, classes, names), or "all" that admit the scene; default IDA and Radau, and what
@@ -208,8 +220,11 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     that returns the first measure; default a tight Radau run that a second method confirms. Runs whose joints have clearance
     where the scene's have none, or the reverse, model something else: their errors are those against a reference of their own,
     and `models` says how far that is from the scene's. max_wall: largest wall time of a run, s. progress(done, total, label):
-    called before every run.
-    resume: a JSON file that stores every finished run; runs that it holds already are not repeated.
+    called before every run. resume: a JSON file that stores every finished run; runs that it holds already are not repeated.
+    engines: other programs that run the same scene over a ladder of their own settings, {"exudyn": "/path/to/python", ...} with
+    the interpreter of an environment that has the program, or a list of names for the running one: "exudyn", "mujoco", "scipy"
+    (the exported equations), or a class derived from `mbdae.engines.Engine`. Their motions are measured against the same
+    reference.
     """
     begin = time.process_time()
     asked = _checked_accuracies(accuracies)
@@ -217,23 +232,25 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     own = None if runs is None or everything else checked_runs(runs)
     resume = resume_path(resume)
     refuse_no_reference(reference)
+    named = engines_of(engines)
     problem = new_problem(scene, t_end, measure, max_wall, alone=False)
     chosen = own or default_runs(problem.constrained, problem.stated.given, problem.other_models, problem.resolving)
     if everything and problem.scene is not None:
         known = {run.name("") for run in chosen}
         chosen = [*chosen, *(run for run in shipped_runs(not problem.constrained) if run.name("") not in known)]
     given = given_reference(problem, reference) if reference is not None else None
-    kept = Checkpoint(resume, identity(problem, chosen, asked, given[1] if given else None))
-    kept.load()
-    if given is not None:
-        kept.references[""] = given
-    queue: list[Asked_] = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
-    if own is None and hasattr(problem.scene, "simulate"):
-        queue += [(None, a) for a in asked]
-    smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(problem.system(None).label)) is not None)])
-    made = partial(_made, problem, asked, kept)
-    with told_when_interrupted(kept.path, "runs", lambda: (len(kept.rows), len(queue)), made):
-        _execute(problem, queue, smallest, kept, begin, tell)
+    with Engines(problem, named) as others:
+        kept = Checkpoint(resume, identity(problem, chosen, asked, given[1] if given else None, others.identity))
+        kept.load()
+        if given is not None:
+            kept.references[""] = given
+        queue: list[Asked_] = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
+        if own is None and hasattr(problem.scene, "simulate"):
+            queue += [(None, a) for a in asked]
+        smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(problem.system(None).label)) is not None)])
+        made = partial(_made, problem, asked, kept)
+        with told_when_interrupted(kept.path, "runs", lambda: (len(kept.rows), len(queue)), made):
+            _execute(problem, queue, smallest, kept, begin, tell, others)
     found = made()
     assert found is not None
     return found

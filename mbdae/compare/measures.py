@@ -15,12 +15,12 @@ import numpy as np
 
 from mbdae.errors import OptionError, meant
 from mbdae.integrators.solution import Solution, scaled_distance
-from mbdae.scene.sensed import measured
+from mbdae.scene.sensed import measured, of_motion
 from mbdae.system.base import Array, System
 from mbdae.system.sampling import motion_distance
 from mbdae.values import option, several, shown, text
 
-SPARSE = 5  #: forces and energies are compared at every fifth of the times of the motion
+SPARSE = 4  #: forces and energies are compared at every fourth of the times of the motion
 
 
 class Measure(ABC):
@@ -39,6 +39,10 @@ class Measure(ABC):
     def read(self, problem: Any, equations: Any, solution: Solution, t: Array) -> Array:
         """Values (nt, ...) of a run at times t (nt,). problem: `problem.Problem`; equations: `run.Equations` of the run."""
 
+    def of_motion(self, problem: Any) -> bool:
+        """Whether it follows from the motion of the bodies, which is all that other programs give."""
+        return False
+
     def apart(self, problem: Any, a: Any, b: Any) -> float:
         """Largest difference over time of the values of two runs, in the unit of the error."""
         return float(np.max(np.abs(a - b), initial=0.0))
@@ -49,6 +53,9 @@ class BodiesMotion(Measure):
 
     name = "motion"
     what = "motion of the bodies: positions over the scene's length, angles in rad, velocities over the largest typical speed"
+
+    def of_motion(self, problem: Any) -> bool:
+        return True
 
     def read(self, problem: Any, equations: Any, solution: Solution, t: Array) -> Array:
         found: Array = equations.motion_as_in(problem.yardstick, t, solution(t))
@@ -105,6 +112,9 @@ class Sensor(Measure):
     def what(self) -> str:
         return f"largest difference of {self.name}" + (f" [{self.unit}]" if self.unit else "")
 
+    def of_motion(self, problem: Any) -> bool:
+        return of_motion(problem.scene, self.name)
+
     def read(self, problem: Any, equations: Any, solution: Solution, t: Array) -> Array:
         found: Array = equations.result(solution, t).read(self.name)
         return found
@@ -132,6 +142,9 @@ class Energies(Measure):
     name, unit = "energy", "J"
     what = "largest difference of the kinetic and potential energy [J]"
     every = SPARSE
+
+    def of_motion(self, problem: Any) -> bool:
+        return True
 
     def read(self, problem: Any, equations: Any, solution: Solution, t: Array) -> Array:
         e = equations.result(solution, t).energy
@@ -223,7 +236,8 @@ def seconds(value: float | None) -> str:
 
 def decision(w: Any) -> str:
     """The decision as a paragraph of a few sentences."""
-    return " ".join([*_choices(w), *_of_simulate(w), *_models(w), *_digits(w)])
+    return " ".join([*_choices(w), *_of_simulate(w), *_models(w), *_digits(w),
+                     *(f"{one.text}." for one in w.converged)])
 
 
 def _choices(w: Any) -> Iterable[str]:

@@ -22,6 +22,7 @@ from mbdae.compare.measures import (
     unknowns_of,
 )
 from mbdae.compare.run import Equations, Run, Timed, peak_bytes, reset_peak, resolution, timed
+from mbdae.engines import INTERVALS
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.formulations import Form, default_form
 from mbdae.integrators.base import Solver, end_after
@@ -36,7 +37,6 @@ from mbdae.system.base import Array, System
 from mbdae.system.prepare import prepare
 from mbdae.values import array, function, number, option, optional, shown
 
-GRID = 1001  #: number of times at which trajectories are compared
 FEW = 10  #: largest number of joints for which the classical model is among the default runs
 MANY = 100  #: largest number of joints whose forces are compared where no measure is named
 
@@ -73,7 +73,7 @@ class Problem:
     @property
     def times(self) -> Array:
         """Times (nt,), s, at which trajectories are compared."""
-        return np.linspace(self.system(None).t0, self.t_end, GRID)
+        return np.linspace(self.system(None).t0, self.t_end, INTERVALS + 1)
 
     @property
     def constrained(self) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.measures import Reference, decision, reaches, seconds
+from mbdae.engines import Converged, converged
 from mbdae.study import Study, grid
 from mbdae.system.base import Array
 from mbdae.values import flag, number, option
@@ -34,6 +35,10 @@ class Row:
     accurate and as cheap, and the error is above the uncertainty of the reference; loose: joint models in words where they model
     something else than the scene as stated, whose error is that against a reference of their own; chosen: whether `simulate`
     chose the solver, whose whole call was measured.
+
+    Of another program: engine: its name and version; setting: what the run was asked for, whose value is rtol too; order: by
+    which the error falls with the step as theory has it; soft: why it cannot converge to the scene; skipped: why the run was not
+    made.
     """
 
     label: str
@@ -65,6 +70,11 @@ class Row:
     errors: dict[str, float] = field(default_factory=dict)
     loose: str = ""
     chosen: bool = False
+    engine: str = ""
+    setting: str = ""
+    order: float | None = None
+    soft: str = ""
+    skipped: str = ""
 
     def __post_init__(self) -> None:
         parts = (self.start_s, self.cpu_s, self.companions_s, self.judgement_s)
@@ -85,9 +95,9 @@ def with_front(rows: Sequence[Row], uncertainty: float = 0.0) -> tuple[Row, ...]
     return tuple(replace(row, pareto=row.measured in front and not row.loose) for row in rows)
 
 
-def asked_for(accuracy: float | None) -> str:
-    """The accuracy asked of a run, in words; None: the solver's own tolerance or step."""
-    return "its own setting" if accuracy is None else f"{accuracy:.0e}"
+def asked_for(accuracy: float | None, setting: str = "") -> str:
+    """The accuracy asked of a run, in words; None: its setting, or the solver's own tolerance or step."""
+    return setting or "its own setting" if accuracy is None else f"{accuracy:.0e}"
 
 
 # -- Differences between all pairs of runs, each at its tightest accuracy; they do not depend on the reference
@@ -186,6 +196,15 @@ class ComparisonData(Study):
         return decision(self)
 
     @property
+    def converged(self) -> tuple[Converged, ...]:
+        """What the ladder of every method of other programs comes to."""
+        ladders = dict[str, list[Row]]()
+        for row in self.runs:
+            if row.engine:
+                ladders.setdefault(row.label, []).append(row)
+        return tuple(converged(label, rows, self.reference.difference or 0.0) for label, rows in ladders.items())
+
+    @property
     def caution(self) -> str | None:
         """A sentence where errors are smaller than the uncertainty of the reference; else None."""
         known = self.reference.difference
@@ -200,7 +219,8 @@ class ComparisonData(Study):
             "scene": self.scene, "t_end": self.t_end, "measure": self.measure, "error_is": self.what,
             "reference": asdict(self.reference), "accuracies": list(self.accuracies),
             "runs": [asdict(row) for row in self.runs], "cheapest": best, "pairwise": asdict(self.pairwise),
-            "decision": self.decision, "measures": self.units, "models": self.models, "tick_s": self.tick,
+            "decision": self.decision, "converged": [asdict(one) for one in self.converged],
+            "measures": self.units, "models": self.models, "tick_s": self.tick,
             "cpu_s": self.cpu_s, "total_cpu_s": self.total_cpu_s, "environment": self.environment,
         }
         return dict(json.loads(json.dumps(data)))
@@ -229,7 +249,7 @@ class ComparisonData(Study):
         for row in self.runs:
             errors = [_number(row.errors.get(name), ".1e") for name in more]
             times = (seconds(row.cpu_s), seconds(row.cpu_spread_s), seconds(row.call_s))
-            first = (row.label, _number(row.accuracy, ".0e"), _number(row.error, ".1e"))
+            first = (row.label, row.setting or _number(row.accuracy, ".0e"), _number(row.error, ".1e"))
             rows.append((*first, *errors, *times, str(row.steps), mark(row)))
         return [head, *rows]
 
@@ -245,12 +265,12 @@ class ComparisonData(Study):
         return found
 
 
-MARKS = ("*", "failed", "model")
+MARKS = ("*", "failed", "model", "not run")
 
 
 def mark(row: Row) -> str:
     """The mark of a run in the last column."""
-    return "failed" if row.failure else "*" if row.pareto else "model" if row.loose else ""
+    return "failed" if row.failure else "not run" if row.skipped else "*" if row.pareto else "model" if row.loose else ""
 
 
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
@@ -282,8 +302,10 @@ def failure_lines(failures: Sequence[Row]) -> list[str]:
     """One line for each different run and reason of failure, with the accuracies at which it failed."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in failures:
-        reasons.setdefault((row.label, " ".join((row.failure or "").split())), []).append(_number(row.accuracy, ".0e"))
-    return [f"failed: {label} asked for {', '.join(asked)}: {reason}" for (label, reason), asked in reasons.items()]
+        reasons.setdefault((row.label, " ".join((row.failure or "").split())), []).append(
+            row.setting or _number(row.accuracy, ".0e"))
+    return [f"failed: {label}{' asked for ' * (asked != ['-'])}{', '.join(a for a in asked if a != '-')}: {reason}"
+            for (label, reason), asked in reasons.items()]
 
 
 def pairwise_cells(p: Pairwise) -> list[tuple[str, ...]]:
@@ -302,7 +324,7 @@ def cells(row: Row) -> tuple[str, ...]:
     counts = (row.steps, row.rejected, row.residuals, row.jacobians, row.factorisations, row.newton_iterations)
     parts = (row.derive_s, row.compile_s, row.start_s, row.companions_s, row.judgement_s)
     times = tuple(map(seconds, (row.cpu_s, row.cpu_spread_s, row.call_s, *parts)))
-    asked = (_number(row.accuracy, ".0e"), _number(row.rtol, ".0e"))
+    asked = (row.setting or _number(row.accuracy, ".0e"), _number(row.rtol, ".0e"))
     size = None if row.stored_bytes is None else row.stored_bytes / 1000
     peak = None if row.peak_bytes is None else row.peak_bytes / 1e6
     memory = (_number(size, ".0f"), _number(peak, ".0f"))

@@ -104,11 +104,11 @@ class Refined:
         """The equations of the run; made again where it was stored."""
         if run.systems and isinstance(run.systems[0][1], SceneSystem):
             system = run.systems[0][1]
-            if not system.numbering.stresses or system.stated.waves:
+            if not system.assembly.passes:
                 return system
         form = form_of(self.result.info.form)
-        # derivatives follow all vibrations of beams, which steps may leave out of a run: velocities and forces contain them
-        if self.prepared.model.lines and hasattr(form, "waves"):
+        # derivatives follow all elastic vibrations, which steps may leave out of a run: velocities and forces contain them
+        if self.prepared.model.elastic and hasattr(form, "waves"):
             form, self._first = replace(form, waves=True), None  # type: ignore[type-var]
         return system_for(self.prepared, form, self.result.info.solver.highest_index)
 

@@ -296,16 +296,16 @@ BUILT = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-def compiled(name: str, text: str) -> bytes:
-    """The shared library of a C file for this machine."""
+def compiled(name: str, text: str, what: str = "format = 'fmi': the unit holds", *flags: str) -> bytes:
+    """The shared library of a C file for this machine. what: needs it, for messages; flags: further ones of the compiler."""
     with tempfile.TemporaryDirectory(prefix="mbdae-") as folder:
         (Path(folder) / f"{name}.c").write_text(text, encoding="utf-8")
         try:
             command = build.compiler()
-            whole = [*command, *build.flags(command), OPTIMISED, f"{name}.c", "-o", f"{name}{build.SUFFIX}", "-lm"]
+            whole = [*command, *build.flags(command), OPTIMISED, *flags, f"{name}.c", "-o", f"{name}{build.SUFFIX}", "-lm"]
             done = build.run(whole, Path(folder))
         except build.BuildError as error:
-            raise OptionError(f"format = 'fmi': the unit holds a compiled library. {error}") from None
+            raise OptionError(f"{what} a compiled library. {error}") from None
         if done.returncode:
-            raise OptionError(f"format = 'fmi': the C compiler refuses the unit: {done.stdout.strip()[:2000]}")
+            raise OptionError(f"{what} a compiled library, and the C compiler refuses it: {done.stdout.strip()[:2000]}")
         return (Path(folder) / f"{name}{build.SUFFIX}").read_bytes()

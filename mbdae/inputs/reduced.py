@@ -9,7 +9,7 @@ that they leave, centre of mass and angular momentum of small deformations stay 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,9 @@ SMALL = 0.04
 #: angular velocity of a body, over its lowest angular frequency with an interface held, that is not told: by the square of this,
 #: 1 %, centrifugal forces stiffen a rotating blade, which its matrices do not say
 SLOW = 0.1
+#: force at an interface towards the centre, over the stiffness of the lowest vibration with an interface held and its size, that
+#: is not told: a cantilever buckles at 0.8
+LIGHT = 0.008
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,15 +57,24 @@ class ReducedBody(NamesAttributes):
     #: modes kept cannot show: of the six accelerations along and about axes the one with the largest share, 0 to 1
     left_out: float
     points: Array  #: (p, 3, 1 + n) places, from the centre of mass, of p points of mass `mass / p`, and their change by the modes
+    #: (s, n, n) s displacements of the second order b_i = c^T bends[i] c / 2, m, c the coordinates of the modes (m): shortenings,
+    #: by which loads stiffen the body; by b_i a place x, m, from the centre of mass moves by b_i stretches[i] x, (s, 3, 3), 1/m,
+    #: and an interface by b_i interface_bends[name][:, i], (6, s)
+    bends: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    stretches: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    interface_bends: dict[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        n, k = np.size(self.modal_mass), len(self.nodes)
+        n, k, s = np.size(self.modal_mass), len(self.nodes), len(self.bends)
         wanted = {"mass": (), "left_out": (), "center": (3,), "inertia": (3, 3), "nodes": (k, 3), "modal_mass": (n,),
                   "shapes": (k, 3 if len(self.shapes) and np.shape(self.shapes)[1] == 3 else 6, n), "modal_stiffness": (n,),
-                  "held_frequencies": (np.size(self.held_frequencies),), "points": (len(self.points), 3, 1 + n)}
+                  "held_frequencies": (np.size(self.held_frequencies),), "points": (len(self.points), 3, 1 + n),
+                  "bends": (s, n, n) if s else (0, 0, 0), "stretches": (s, 3, 3)}
         found = {name: np.asarray(getattr(self, name), dtype=float) for name in wanted}
+        found |= {name: x.reshape(wanted[name]) for name, x in found.items() if not x.size and not np.prod(wanted[name])}
         places = {name: np.asarray(x, dtype=float) for name, x in dict(self.interfaces).items()}
         at = {name: np.asarray(x, dtype=float).reshape(6, n) for name, x in dict(self.interface_shapes).items()}
+        bent = {name: np.asarray(self.interface_bends.get(name, np.zeros((6, s))), dtype=float).reshape(6, s) for name in at}
         if wrong := [n for n, shape in wanted.items() if found[n].shape != shape or not np.all(np.isfinite(found[n]))]:
             raise OptionError(f"ReducedBody: {wrong[0]} has the shape {found[wrong[0]].shape}, not {wanted[wrong[0]]}, or is not "
                               f"finite: make it by mb.ReducedBody.craig_bampton")
@@ -70,6 +82,7 @@ class ReducedBody(NamesAttributes):
             object.__setattr__(self, name, value if value.ndim else float(value))
         object.__setattr__(self, "interfaces", places)
         object.__setattr__(self, "interface_shapes", at)
+        object.__setattr__(self, "interface_bends", bent)
 
     @property
     def size(self) -> float:
@@ -81,35 +94,55 @@ class ReducedBody(NamesAttributes):
         """(n,) frequencies of the free body that is reduced, Hz, without the six rigid motions."""
         return np.asarray(np.sqrt(self.modal_stiffness / self.modal_mass) / (2 * np.pi))
 
-    @cached_property
+    @property
     def lowest_held(self) -> float:
         """Lowest frequency with one of its interfaces held and the others free, of all of them the least, Hz."""
+        return self._lowest_held[0]
+
+    @cached_property
+    def _lowest_held(self) -> tuple[float, float]:
+        """`lowest_held` and the stiffness of that vibration to its largest displacement, N/m."""
         from scipy.linalg import eigh, null_space
 
-        n, found = len(self.modal_mass), [np.inf]
+        n, found = len(self.modal_mass), [(np.inf, np.inf)]
         M, K = np.zeros((6 + n, 6 + n)), np.diag(np.r_[np.zeros(6), self.modal_stiffness])
         M[:3, :3], M[3:6, 3:6], M[6:, 6:] = self.mass * np.eye(3), self.inertia, np.diag(self.modal_mass)
         for name, place in self.interfaces.items() if n else ():
             free = null_space(np.hstack([rigid_motions(place[None], self.center, 6), self.interface_shapes[name]]))
             if free.shape[1]:
-                found.append(np.sqrt(max(eigh(free.T @ K @ free, free.T @ M @ free, eigvals_only=True)[0], 0)) / (2 * np.pi))
-        return float(min(found))
+                values, vectors = eigh(free.T @ K @ free, free.T @ M @ free, subset_by_index=(0, 0))
+                c = free @ vectors[:, 0]
+                moved = self.shapes[:, :3] @ c[6:] + rigid_motions(self.nodes, self.center, 3).reshape(-1, 3, 6) @ c[:6]
+                stiffness = c @ K @ c / np.max(np.sum(moved**2, axis=1))
+                found.append((float(np.sqrt(max(values[0], 0)) / (2 * np.pi)), float(stiffness)))
+        return min(found)
 
     def doubts(self, result: Any, item: Any) -> list[str]:
         """What a run may have left out, a sentence each; item: that of its modes in the scene."""
         found, t = [], result.t
-        modes = np.array([getattr(result[item.name], mode) for mode in item.scalars])
+        modes = np.array([getattr(result[item.name], mode) for mode in list(item.scalars)[: len(self.modal_mass)]])
         speed = np.linalg.norm(result[item.k.name].angular_velocity, axis=1)
         sizes, bound = np.max(np.abs(modes), axis=0, initial=0), SMALL * self.size
         if (beyond := np.flatnonzero(sizes > bound)).size:
             found.append(f"at t = {t[beyond[0]]:.6g} s: a mode displaces by up to {np.max(sizes):.3g} m, more than {bound:.3g} "
                          f"m: the body moves as with small deformations, whose error is then about 1 % or more and grows with "
                          f"the square; use s.beam, or several bodies")
+        if len(self.bends):
+            return found
         bound = SLOW * 2 * np.pi * self.lowest_held
         if (beyond := np.flatnonzero(speed > bound)).size:
             found.append(f"at t = {t[beyond[0]]:.6g} s: it turns at up to {np.max(speed):.3g} rad/s, more than {bound:.3g} "
                          f"rad/s, a tenth of its lowest angular frequency with an interface held: stiffening by centrifugal "
-                         f"forces, of 1 % or more of its stiffness, is left out; use s.beam")
+                         f"forces, of 1 % or more of its stiffness, is left out; reduce it with stiffening=True, or use s.beam")
+        bound = LIGHT * self._lowest_held[1] * self.size
+        for name, place in self.interfaces.items():
+            arm = place - self.center
+            along = result[item.k.name].rotation @ (arm / max(float(np.linalg.norm(arm)), 1e-300))
+            pulled = np.abs(np.sum(result[f"{item.k.name}.interface {name}"].force * along, axis=-1))
+            if (beyond := np.flatnonzero(pulled > bound)).size:
+                found.append(f"at t = {t[beyond[0]]:.6g} s: a force of up to {np.max(pulled):.3g} N pulls or presses at its "
+                             f"interface '{name}' towards its centre, more than {bound:.3g} N: what this changes of its "
+                             f"stiffness, 1 % or more, is left out; reduce it with stiffening=True, or use s.beam")
         return found
 
     @property
@@ -120,7 +153,8 @@ class ReducedBody(NamesAttributes):
             return "no modes: it is rigid"
         return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
                 f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
-                f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
+                f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration; loads "
+                f"{'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
 
     def displacement(self, coordinates: Any) -> Array:
         """(..., k, 6 or 3) displacements of all nodes in the body's frame, m and rad, from coordinates (..., n), m."""
@@ -128,19 +162,24 @@ class ReducedBody(NamesAttributes):
 
     @classmethod
     def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
-                       accelerations: bool = False) -> ReducedBody:
+                       accelerations: bool = False, stiffening: Any = False) -> ReducedBody:
         """Reduce a free body with mass matrix M and stiffness K (both (f k, f k), kg and N/m, full or SciPy sparse) of k nodes,
         f = 6 freedoms each (ux uy uz rx ry rz, node by node) or 3 (ux uy uz).
 
         nodes (k, 3), m; interfaces: {name: numbers of its nodes, from 0}, each of which moves as a rigid body; modes: number of
         modes with held interfaces that are kept, None: as many as make `left_out` 1e-3 or less; accelerations: whether the
         static deformations by uniform accelerations along and about axes, with held interfaces, are kept too, as far as the modes
-        do not show them, so that nothing of these is left out. OptionError where the matrices are not those of such a body, with
-        the reason."""
+        do not show them, so that nothing of these is left out; stiffening: whether loads stiffen and soften it (geometric
+        stiffness by centrifugal forces, weight and forces at interfaces): True where K is of elements between two nodes with six
+        freedoms, else a function of two displacements u and v (f k,) that returns the internal force of the second order (f k,),
+        N, symmetric in both: K of the body strained by a small u, times v, is K v + that. OptionError where the matrices are not
+        those of such a body, with the reason."""
         body = FiniteElements(M, K, nodes, interfaces)
         count = None if modes is None else option("modes", modes, whole, "give the number of modes to be kept, or None",
                                                   least=0, most=body.inner.shape[1])
-        found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"))
+        stiffening = stiffening if callable(stiffening) else option("stiffening", stiffening, flag,
+                                                                    "give True, False, or a function of two displacements")
+        found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening)
         return cls(**found, points=inertia_points(body.M, **found))
 
 
@@ -155,9 +194,10 @@ def inertia_points(M: Any, nodes: Array, shapes: Array, inertia: Array, modal_ma
                    **_: Any) -> Array:
     """Points by which the body moves in space, see `ReducedBody.points`: as few as have the inertia of all its nodes.
 
-    Kinetic energy about the centre of mass is a sum of (omega x s + s')^2 over points s, linear in the modes, in which products
-    of components of s count alone. These are those of the nodes' masses (sums of rows of M; rotary inertia as masses beside the
-    node), corrected so that inertia tensor, modal masses and orthogonality to rigid motions are exactly those of M."""
+    Kinetic energy about the centre of mass, where the sum of points s is 0, is a sum of (omega x s + s')^2, linear in the modes,
+    in which products of components of s count alone. These are those of the nodes' masses (sums of rows of M; rotary inertia as
+    masses beside the node), corrected so that inertia tensor, modal masses and orthogonality to rigid motions are exactly those
+    of M."""
     k, f, n = shapes.shape
     along = np.tile(np.eye(f)[:, :3], (k, 1))
     lumped = np.einsum("kaa->k", (M @ along).reshape(k, f, 3)[:, :3]) / 3
@@ -170,7 +210,7 @@ def inertia_points(M: Any, nodes: Array, shapes: Array, inertia: Array, modal_ma
         turned = np.cross(shapes[:, None, 3:], arms.transpose(0, 2, 1)[..., None], axis=2)
         beside = np.concatenate([arms.transpose(0, 2, 1)[..., None], turned], axis=3)
         rows = np.concatenate([rows, beside.reshape(-1, 3, 1 + n)])
-    found = _fewest(_corrected(_fewest(rows), inertia, modal_mass))
+    found = _balanced(_fewest(_corrected(_fewest(rows), inertia, modal_mass)))
     return np.asarray(found * np.sqrt(len(found) / mass))
 
 
@@ -182,6 +222,16 @@ def _fewest(points: Array) -> Array:
     _, sigma, V = np.linalg.svd(factor, full_matrices=False)
     kept = sigma > 1e-9 * sigma[0]
     return np.asarray((sigma[:, None] * V)[kept].reshape(-1, 3, points.shape[2]) * size)
+
+
+def _balanced(points: Array) -> Array:
+    """One point more, with the same sums of products of components, and sums of components that are 0: a reflection of them that
+    takes the direction of the new point, which is 0, into that of equal numbers."""
+    count = len(points) + 1
+    normal = np.full(count, 1 / np.sqrt(count))
+    normal[-1] -= 1
+    found = np.concatenate([points, np.zeros((1, *points.shape[1:]))])
+    return np.asarray(found - np.multiply.outer(normal * 2 / (normal @ normal), np.tensordot(normal, found, 1)))
 
 
 def _root(matrix: Array, power: float) -> Array:

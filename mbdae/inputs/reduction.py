@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import eigsh, issparse, sp, splu
+from mbdae.deferred import Later, eigsh, issparse, sp, splu
 from mbdae.errors import OptionError
 from mbdae.values import Array, BadValueError, array, option, sequence, shown, whole
 
+second_displacements = Later("mbdae.inputs.stiffening", "second_displacements")
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")  #: freedoms of a node, in their order
 #: relative size up to which entries and forces that ought to vanish count as rounding: matrices of FE programs are written with
 #: 6 to 16 digits
@@ -129,16 +130,18 @@ class FiniteElements:
         inner = sp.csc_matrix((np.ones(len(self.kept)), (self.kept, np.arange(len(self.kept)))), shape=(n, len(self.kept)))
         return sp.csc_matrix(held), inner
 
-    def reduced(self, modes: int | None, accelerations: bool = False) -> dict[str, Any]:
+    def reduced(self, modes: int | None, accelerations: bool = False, stiffening: Any = False) -> dict[str, Any]:
         """The fields of `ReducedBody` with a number of modes with held interfaces; accelerations: with the static deformations by
-        uniform accelerations too."""
+        uniform accelerations too; stiffening: with displacements of the second order, by this function, or with True by K."""
         held, inner = self.held, self.inner
+        solve: Any = lambda forces: forces  # noqa: E731 - of no inner freedoms
         _positive("M", self.M, self._freedom)
         basis, frequencies, left_out = held.toarray(), np.zeros(0), 0.0
         if inner.shape[1]:
             K, M = (sp.csc_matrix(inner.T @ A @ inner) for A in (self.K, self.M))
             factors = self._stiffness(K)
-            static = -factors.solve((inner.T @ (self.K @ held)).toarray())
+            solve = factors.solve
+            static = -solve((inner.T @ (self.K @ held)).toarray())
             values, vectors, left_out = self._held_modes(K, M, factors, static, modes)
             frequencies = np.sqrt(values) / (2 * np.pi)
             if accelerations:
@@ -156,9 +159,13 @@ class FiniteElements:
         signs = np.sign(flat[[int(np.argmax(np.abs(c) > 0.999 * np.max(np.abs(c)))) for c in flat.T], np.arange(len(values))])
         shapes, turned, mass = shapes * signs / largest, turned * signs / largest, 1 / largest**2
         at = {name: turned[6 * i : 6 * i + 6] for i, name in enumerate(self.names)}
-        return {"mass": self.mass, "center": self.center, "inertia": self.inertia, "nodes": self.nodes,
-                "interfaces": dict(zip(self.names, self.places, strict=True)), "shapes": shapes, "modal_mass": mass,
-                "modal_stiffness": values * mass, "interface_shapes": at, "held_frequencies": frequencies, "left_out": left_out}
+        found = {"mass": self.mass, "center": self.center, "inertia": self.inertia, "nodes": self.nodes,
+                 "interfaces": dict(zip(self.names, self.places, strict=True)), "shapes": shapes, "modal_mass": mass,
+                 "modal_stiffness": values * mass, "interface_shapes": at, "held_frequencies": frequencies, "left_out": left_out}
+        if stiffening is not False:
+            force = None if stiffening is True else stiffening
+            found |= second_displacements(self, found, solve, basis[:, : held.shape[1]], force)
+        return found
 
     def _stiffness(self, K: Any) -> Any:
         """LU factors of the stiffness with held interfaces, which is positive definite."""

@@ -1,8 +1,8 @@
 """Step sizes near contacts: no step passes over a contact, and a step that begins a contact is short compared with the impact.
 
 Used where a system has `guards` (gap, rate of the gap and duration of an impact for every contact). A contact is open where its
-gap is positive, closed where it is negative. Plain Python numbers are four times faster here than arrays, because contacts are
-few.
+gap is positive, closed where it is negative. The contacts of one time are an array (contacts, 3): of each its gap (m or rad), the
+rate of the gap, and the duration (s) of an impact at this rate.
 """
 
 from __future__ import annotations
@@ -38,17 +38,18 @@ RETRIES = 4
 MET = 1e-2  #: fraction of a step; a zero of the gap nearer than this to either end counts as being there, by default
 
 
-class Contact(NamedTuple):
-    """One contact at one time: gap (m or rad), its rate, and the duration (s) of an impact at this speed."""
+def calm(contacts: Array) -> Array:
+    """Times (contacts,) in which gaps would change by their own size at their rates, s; inf where a rate is 0."""
+    gap, rate = contacts[:, 0], contacts[:, 1]
+    times: Array = np.abs(np.divide(gap, rate, out=np.full(len(gap), inf), where=rate != 0))
+    return times
 
-    gap: float
-    rate: float
-    duration: float
 
-    @property
-    def calm(self) -> float:
-        """Time (s) in which the gap would change by its own size at this rate."""
-        return abs(self.gap / self.rate) if self.rate else inf
+def suspect(here: Array, end: Array, h: float, margin: float) -> Any:
+    """Which gaps (contacts,) can fall below `margin` times the smaller of their values at both ends inside a step of length h, s:
+    a cheap bound on the cubic polynomial that rules out most steps."""
+    drop = np.maximum(-here[:, 1], 0) + np.maximum(end[:, 1], 0)
+    return (1 - margin) * np.minimum(here[:, 0], end[:, 0]) < SLOPE * h * drop
 
 
 def guard_name(system: System, i: int) -> str:
@@ -76,12 +77,6 @@ class Cubic(NamedTuple):
         """Gap at the fraction s of the step."""
         found: float = cubic(s, *self)
         return found
-
-    def suspect(self, margin: float) -> bool:
-        """Whether the minimum can be below `margin` times the smaller gap at the ends: a cheap bound that rules out most
-        steps."""
-        drop = max(-self.r0, 0.0) + max(self.r1, 0.0)
-        return (1 - margin) * min(self.g0, self.g1) < SLOPE * self.h * drop
 
     def minimum(self) -> tuple[float, float]:
         """Fraction of the step and gap at the minimum inside; at the end with the smaller gap where there is no minimum
@@ -117,17 +112,18 @@ class ContactSteps:
         nearer than this to either end counts as being at that end."""
         self.system, self.stats, self.impact, self.meets = system, stats, impact, meets
         self._t = self._t_end = float(system.t0)
-        self._here = self._before = self._end = self._contacts(system.t0, system.y0)
-        self._inside = [0] * len(self._here)  # accepted steps in the present contact, if it began in this run
+        self._end = self._contacts(system.t0, system.y0)
+        self._here, self._before = self._end.copy(), self._end.copy()
+        # accepted steps in the present contact, if it began in this run
+        self._inside = np.zeros(len(self._here), dtype=np.int64)
         # time (s) for each contact after which it counts as lasting
-        self._lasting = [self._t + LASTING * c.duration for c in self._here]
-        self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps (0 where open) at which the present Jacobian was evaluated
+        self._lasting = self._t + LASTING * self._here[:, 2]
+        self._stiff = np.minimum(self._here[:, 0], 0.0)  # gaps (0 where open) at which the present Jacobian was evaluated
         self._retries = 0
 
-    def _contacts(self, t: float, y: Array) -> list[Contact]:
+    def _contacts(self, t: float, y: Array) -> Array:
         assert self.system.guards is not None
-        parts = (np.asarray(part).tolist() for part in self.system.guards(t, y))
-        return [Contact(*values) for values in zip(*parts, strict=True)]
+        return np.array(self.system.guards(t, y), dtype=float).T
 
     def _gaps(self, t: float, y: Array) -> Array:
         """The gaps alone, which take much less time where the system has a function for them."""
@@ -138,16 +134,12 @@ class ContactSteps:
     def bound(self) -> float:
         """Largest step from the last accepted point, s: the time in which half of an open gap closes, or a fraction of the
         duration of an impact."""
-        bound = inf
-        for here, before, lasting in zip(self._here, self._before, self._lasting, strict=True):
-            # the shorter of the durations by the last two speeds, because at the turning point of an impact the speed is 0
-            short = self.impact * min(here.duration, before.duration)
-            if here.gap < 0:
-                if self._t < lasting:
-                    bound = min(bound, max(short, REST * min(here.calm, before.calm)))
-            elif here.rate < 0:
-                bound = min(bound, max(short, APPROACH * here.calm))
-        return max(bound, ROUND * abs(self._t))
+        here, before = self._here, self._before
+        # the shorter of the durations by the last two speeds, because at the turning point of an impact the speed is 0
+        short, closed, own = self.impact * np.minimum(here[:, 2], before[:, 2]), here[:, 0] < 0, calm(here)
+        struck, nearing = closed & (self._t < self._lasting), ~closed & (here[:, 1] < 0)
+        reach = np.where(struck, REST * np.minimum(own, calm(before)), np.where(nearing, APPROACH * own, inf))
+        return max(float(np.min(np.maximum(reach, short), initial=inf)), ROUND * abs(self._t))
 
     # -- many steps at a time
 
@@ -175,11 +167,12 @@ class ContactSteps:
         native = self.native
         assert native is not None
         self._t, self._retries = float(t[1]), 0
-        self._lasting, self._stiff, self._inside = native.lasting.tolist(), native.stiff.tolist(), native.inside.tolist()
-        self._here, self._before = ([Contact(*row) for row in rows.tolist()] for rows in (native.here, native.before))
+        self._lasting, self._stiff, self._inside = native.lasting.copy(), native.stiff.copy(), native.inside.copy()
+        self._here, self._before = native.here.copy(), native.before.copy()
         if dropped:
             self._before, self._here = (self._contacts(float(at), state) for at, state in zip(t, y, strict=True))
-            self._inside = [max(n - dropped, 1) if n and c.gap < 0 else n for n, c in zip(self._inside, self._here, strict=True)]
+            shut = (self._inside > 0) & (self._here[:, 0] < 0)
+            self._inside[shut] = np.maximum(self._inside[shut] - dropped, 1)
 
     # -- one step at a time
 
@@ -189,11 +182,13 @@ class ContactSteps:
 
     def hidden(self) -> float | None:
         """Time (s) at which the step should have ended, because it hides a contact or a deep penetration. None: accept it."""
-        found = [place for i in range(len(self._end)) if (place := self._hidden(i)) is not None]
+        here, end, h = self._here, self._end, self._t_end - self._t
+        asked = (here[:, 0] > 0) & (h > self.impact * np.minimum(here[:, 2], end[:, 2]))
+        asked &= (end[:, 0] < 0) | suspect(here, end, h, MARGIN)
+        found = [place for i in np.flatnonzero(asked).tolist() if (place := self._hidden(i)) is not None]
         if not found:
             return None
         part, surely = min(found)
-        h = self._t_end - self._t
         if self._retries >= RETRIES or part * h <= ROUND * max(abs(self._t), abs(self._t_end)):
             self.stats.missed_dips += surely
             return None
@@ -203,18 +198,13 @@ class ContactSteps:
 
     def _hidden(self, i: int) -> tuple[float, bool] | None:
         """Fraction of the step at which contact i may close, and whether it certainly does; None where it does not close, or
-        where the step ends soon enough after it."""
-        here, end, cubic = self._here[i], self._end[i], self._cubic(i)
-        short = self.impact * min(here.duration, end.duration)
-        if not (here.gap > 0 and cubic.h > short):
-            return None
-        if end.gap < 0:
+        where the step ends soon enough after it. The contact is open at the start of the step."""
+        cubic, short = self._cubic(i), self.impact * float(min(self._here[i, 2], self._end[i, 2]))
+        if cubic.g1 < 0:
             part = max(cubic.zero(1.0), short / cubic.h)
             return (part, True) if (1 - part) * cubic.h > short else None
-        if not cubic.suspect(MARGIN):
-            return None
         part, least = cubic.minimum()
-        if not (0 < part < 1 and least < MARGIN * min(here.gap, end.gap)):
+        if not (0 < part < 1 and least < MARGIN * min(cubic.g0, cubic.g1)):
             return None
         part = cubic.zero(part) if least < 0 else part
         # a step as short as `short` is never repeated, so that none shorter than that is asked for
@@ -222,12 +212,11 @@ class ContactSteps:
 
     def count_hidden(self, inner: list[tuple[float, Array]]) -> None:
         """Count the contacts that open and close inside a constant step; inner: times (s) and states inside it."""
-        between = [self._contacts(t, y) for t, y in inner]
-        for i, (here, end) in enumerate(zip(self._here, self._end, strict=True)):
-            if here.gap >= 0 and end.gap >= 0:
-                cubic = self._cubic(i)
-                dips = cubic.suspect(0.0) and cubic.minimum()[1] < 0
-                self.stats.missed_dips += dips or any(contacts[i].gap < 0 for contacts in between)
+        here, end = self._here, self._end
+        shut = np.any([self._gaps(t, y) < 0 for t, y in inner], axis=0) if inner else np.zeros(len(here), dtype=bool)
+        asked = suspect(here, end, self._t_end - self._t, 0.0)
+        for i in np.flatnonzero((here[:, 0] >= 0) & (end[:, 0] >= 0) & (asked | shut)).tolist():
+            self.stats.missed_dips += bool(shut[i]) or self._cubic(i).minimum()[1] < 0
 
     def shorter(self, h: float, inside: Callable[[float], Array]) -> float | None:
         """Length (s) that the step of length h should have had, so that it ends where a contact closes or opens, also one that
@@ -236,12 +225,13 @@ class ContactSteps:
         when = self.hidden()
         if when is not None:
             return when - self._t
-        crossed = [i for i, end in enumerate(self._end) if (end.gap < 0) != (self._here[i].gap < 0)]
+        was = self._here[:, 0] < 0
+        crossed = np.flatnonzero((self._end[:, 0] < 0) != was).tolist()
         if not crossed or self._retries >= RETRIES:
             return None
         part, gaps = None, None
         for i in crossed:
-            if gaps is not None and (gaps[i] < 0) == (self._here[i].gap < 0):
+            if gaps is not None and (gaps[i] < 0) == was[i]:
                 continue  # where the first one found closes or opens, this one has not done so yet: it does later
             found = self._zero(i, h, inside)
             if self.meets < found < 1 - self.meets and (part is None or found < part):
@@ -256,7 +246,7 @@ class ContactSteps:
 
         def gap(part: float) -> float:
             if part in (0.0, 1.0):
-                return (self._end if part else self._here)[i].gap
+                return float((self._end if part else self._here)[i, 0])
             return float(self._gaps(self._t + part * h, inside(part))[i])
 
         return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * self.meets)
@@ -264,40 +254,41 @@ class ContactSteps:
     def keep(self) -> None:
         """To be called when the last step is accepted: counts its contacts."""
         self._before, self._here, self._t, self._retries = self._here, self._end, self._t_end, 0
-        for i, (before, here) in enumerate(zip(self._before, self._here, strict=True)):
-            if here.gap < 0:
-                if before.gap >= 0:
-                    self.stats.contacts += 1
-                    self._inside[i] = 1
-                    self._lasting[i] = self._t + LASTING * min(before.duration, here.duration)
-                elif self._inside[i]:
-                    self._inside[i] += 1
-            elif self._inside[i]:
-                self.stats.shortest_contact = min(self._inside[i], self.stats.shortest_contact or self._inside[i])
-                self._inside[i] = 0
+        shut, inside = self._here[:, 0] < 0, self._inside
+        begun, opened = shut & (self._before[:, 0] >= 0), ~shut & (inside > 0)
+        inside[shut & (inside > 0)] += 1
+        if begun.any():
+            self.stats.contacts += int(np.count_nonzero(begun))
+            inside[begun] = 1
+            self._lasting[begun] = self._t + LASTING * np.minimum(self._before[begun, 2], self._here[begun, 2])
+        if opened.any():
+            fewest = int(np.min(inside[opened]))
+            self.stats.shortest_contact = min(fewest, self.stats.shortest_contact or fewest)
+            inside[opened] = 0
 
     def jacobian_at(self, t: float, y: Array) -> None:
         """To be called when the Jacobian was evaluated at (t, y): remembers the penetrations there for `stiffness_changed`."""
-        self._stiff = [min(c.gap, 0.0) for c in self._contacts(t, y)]
+        self._stiff = np.minimum(self._contacts(t, y)[:, 0], 0.0)
 
     def stiffness_changed(self) -> bool:
         """Whether a penetration at the last accepted point differs much from the one at which the Jacobian was evaluated.
 
         With the stiffness of a contact that has opened, all corrections and error estimates would be too small.
         """
-        gaps = (min(here.gap, 0.0) for here in self._here)
-        return any(abs(now - was) > -CHANGE * min(now, was) for now, was in zip(gaps, self._stiff, strict=True))
+        now, was = np.minimum(self._here[:, 0], 0.0), self._stiff
+        return bool(np.any(np.abs(now - was) > -CHANGE * np.minimum(now, was)))
 
     def nearest(self) -> str:
         """Part of a message: the contact that is closed, or will close first."""
-        if not self._here:
+        here = self._here
+        if not len(here):
             return ""
-        remaining = [c.gap if c.gap < 0 else c.calm if c.rate < 0 else inf for c in self._here]
+        remaining = np.where(here[:, 0] < 0, here[:, 0], np.where(here[:, 1] < 0, calm(here), inf))
         i = int(np.argmin(remaining))
         name, units = guard_name(self.system, i), self.system.guard_units
         unit = units[i] if i < len(units) else "m"
-        return f"; nearest contact: {name}, gap {self._here[i].gap:.2e} {unit}, changing by {self._here[i].rate:.2e} {unit}/s"
+        return f"; nearest contact: {name}, gap {here[i, 0]:.2e} {unit}, changing by {here[i, 1]:.2e} {unit}/s"
 
     def _cubic(self, i: int) -> Cubic:
-        here, end = self._here[i], self._end[i]
-        return Cubic(self._t_end - self._t, here.gap, end.gap, here.rate, end.rate)
+        (g0, r0, _), (g1, r1, _) = self._here[i].tolist(), self._end[i].tolist()
+        return Cubic(self._t_end - self._t, g0, g1, r0, r1)

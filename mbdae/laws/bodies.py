@@ -18,7 +18,7 @@ from mbdae.symbolic.law import Element, Force, TwoBodyLaw, params
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.part import Parameter
 from mbdae.symbolic.variation import rate
-from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.symbolic.vectors import Expr
 
 __all__ = ["BeamNode", "JointCoordinate", "PointMass", "RigidBody"]
 
@@ -122,10 +122,10 @@ def observed_value(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 class _ByModes(TwoBodyLaw):
-    """A law by the coordinates of the modes of a reduced body, unknowns of the joint `of`: c1, c2, ..., m. options: count, their
-    number."""
+    """A law by the coordinates of the modes of a reduced body, and of its displacements of the second order, unknowns of the
+    joint `of`: c1, c2, ..., m. options: their numbers, count and bends."""
 
-    options = ("count",)
+    options: ClassVar[tuple[str, ...]] = ("count", "bends")
     vectors: ClassVar[tuple[str, ...]] = ()  #: names of its vectors by modes: parameters "<name>_<axis>_<mode>"
 
     def __init__(self, name: str, of: str, numbers: Mapping[str, float], **values: Any) -> None:
@@ -134,17 +134,21 @@ class _ByModes(TwoBodyLaw):
         vars(self).update(numbers)
 
     def compose(self) -> None:
-        self.params = {**type(self).params, **{f"{v}_{a}_{n + 1}": Parameter("1", "shape of a mode") for v in self.vectors
-                                               for a in "xyz" for n in range(self.count)}}
+        self.params = {**type(self).params, **self.by_numbers()}
         vars(self).update({p: se.Symbol(p) for p in self.params})
         super().compose()
 
+    def by_numbers(self) -> dict[str, Parameter]:
+        """The parameters whose number is that of modes."""
+        return {f"{v}_{a}_{n + 1}": Parameter("1", "shape of a mode") for v in self.vectors for a in "xyz"
+                for n in range(self.count + self.bends)}
+
     @property
     def own_coordinates(self) -> tuple[str, ...]:
-        return tuple(f"c{n + 1}" for n in range(self.count))
+        return tuple(f"c{n + 1}" for n in range(self.count + self.bends))
 
     def coordinates_in(self, item: str) -> list[tuple[str, str]]:
-        return [(self.of, f"mode{n + 1}") for n in range(self.count)]
+        return [(self.of, name) for name in _names(self.count, self.bends)]
 
     def by_modes(self, vector: str) -> list[Expr]:
         """Sum (3) over the modes of coordinate times shape, in axes of the floating frame."""
@@ -153,31 +157,43 @@ class _ByModes(TwoBodyLaw):
 
 
 class InertiaPoint(_ByModes):
-    """A point mass l that moves about `center` as the axes of the floating frame k turn and the body deforms."""
+    """A point mass l that moves with the floating frame k and as the body deforms."""
 
-    params = params(center_x=("m", "point that it moves about, inertial"), center_y=("m", "y"), center_z=("m", "z"),
-                    place_x=("m", "place of the point without deformation, from there"), place_y=("m", "y"), place_z=("m", "z"))
-    vectors = ("shape",)
+    vectors: ClassVar[tuple[str, ...]] = ("shape",)
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:
         k, l = frames[:2]
         x, y, z = self.by_modes("shape")
-        off = l.r - Vec(self.center_x, self.center_y, self.center_z)
-        off = off - k.x * (self.place_x + x) - k.y * (self.place_y + y) - k.z * (self.place_z + z)
+        off = l.r - k.r - k.x * x - k.y * y - k.z * z
         return dict(zip("xyz", off, strict=True))
 
 
-class InterfaceOfBody(_ByModes):
+class InterfaceOfBody(InertiaPoint):
     """An interface l of a reduced body: it moves with the floating frame k and by the displacement and rotation of the modes."""
 
     vectors = ("shape", "turn")
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:
         k, l = frames[:2]
-        (x, y, z), turned = self.by_modes("shape"), self.by_modes("turn")
-        off = l.r - k.r - k.x * x - k.y * y - k.z * z
+        turned = self.by_modes("turn")
         sine = [(l.y @ k.z - l.z @ k.y) / 2, (l.z @ k.x - l.x @ k.z) / 2, (l.x @ k.y - l.y @ k.x) / 2]
-        return dict(zip("xyz", off, strict=True)) | {f"turn_{a}": s - t for a, s, t in zip("xyz", sine, turned, strict=True)}
+        return super().rows(k, l) | {f"turn_{a}": s - t for a, s, t in zip("xyz", sine, turned, strict=True)}
+
+
+class SecondDisplacement(_ByModes):
+    """The displacement of the second order by the modes, the coordinate number `bend`: b = sum bend_ik c_i c_k / 2."""
+
+    options = ("count", "bends", "bend")
+
+    def by_numbers(self) -> dict[str, Parameter]:
+        return {f"bend_{i + 1}_{k + 1}": Parameter("1/m", "second derivative of the displacement")
+                for i in range(self.count) for k in range(i + 1)}
+
+    def rows(self, *frames: Frame) -> dict[str, Expr]:
+        c = [getattr(self, name) for name in self.own_coordinates]
+        both = [c[i] * c[k] / (1 + (i == k)) * getattr(self, f"bend_{i + 1}_{k + 1}")
+                for i in range(self.count) for k in range(i + 1)]
+        return {"bend": sum(both, se.Integer(0)) - c[self.count + self.bend]}
 
 
 class ModalElasticity(Force):
@@ -185,6 +201,7 @@ class ModalElasticity(Force):
 
     params = params(stiffness=("N/m", "modal stiffness"), damping=("N s/m", "modal damping"))
     frames = ()
+    elastic = True
 
     def __init__(self, name: str, of: tuple[str, str], **values: Any) -> None:
         super().__init__(name, **values)
@@ -222,16 +239,22 @@ class Modes(Joint):
         return [self.reduced.summary]
 
 
+def _names(count: int, bends: int) -> list[str]:
+    return [f"mode{n + 1}" for n in range(count)] + [f"bend{n + 1}" for n in range(bends)]
+
+
 @cache
-def modes_of_body(count: int) -> type[Modes]:
-    """The class of items that have the coordinates of `count` modes."""
-    named = params(**{f"mode{n + 1}": ("m", "coordinate of a mode") for n in range(count)})
-    return type(f"Modes__{count}", (Modes,), {"coordinates": named, "__module__": __name__, "__doc__": Modes.__doc__})
+def modes_of_body(count: int, bends: int = 0) -> type[Modes]:
+    """The class of items that have the coordinates of `count` modes, and of `bends` displacements of the second order."""
+    meaning = ("coordinate of a mode", "displacement of the second order by the modes")
+    named = params(**{name: ("m", meaning[n >= count]) for n, name in enumerate(_names(count, bends))})
+    return type(f"Modes__{count}_{bends}", (Modes,), {"coordinates": named, "__module__": __name__, "__doc__": Modes.__doc__})
 
 
 def __getattr__(name: str) -> Any:
     """Classes of modes by their names, as pickles ask for them."""
-    head, _, count = name.partition("__")
-    if head != "Modes" or not count.isdigit():
+    head, _, numbers = name.partition("__")
+    counts = numbers.split("_")
+    if head != "Modes" or len(counts) != 2 or not all(n.isdigit() for n in counts):
         raise AttributeError(f"module {__name__} has no attribute {name}")
-    return modes_of_body(int(count))
+    return modes_of_body(*map(int, counts))

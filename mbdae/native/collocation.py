@@ -8,7 +8,7 @@ Integration by collocation methods with step size control: the Python side of `C
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from math import inf
 from typing import Any, NamedTuple
 
@@ -139,6 +139,16 @@ SPEEDS = 10.0 ** (np.arange(161) / 8 - 14)
 NUMBERS = ("impact", "approach", "rest", "margin", "slope", "change", "near", "round")
 
 
+def durations_at(logarithms: Array, speeds: Array) -> Array:
+    """Durations (k,) of impacts at speeds (k,), by the rule of contacts.c. logarithms (k, speeds): of the durations at SPEEDS."""
+    size, width = np.abs(speeds), len(SPEEDS)
+    place = np.minimum(np.maximum(8 * (np.log10(np.maximum(size, 1e-300)) + 14), 0.0), width - 1.001)
+    i = place.astype(np.intp)
+    at = i + np.arange(0, width * len(i), width)
+    low = logarithms.take(at)
+    return np.asarray(np.exp(low + (place - i) * (logarithms.take(at + 1) - low)) * (size > 0))
+
+
 class ContactTable(ctypes.Structure):
     """The C struct `Contacts` of contacts.h, with the same members in the same order."""
 
@@ -156,7 +166,7 @@ class Contacts:
     as an impact; stiff (count,): gaps at which the Jacobian in use was evaluated; inside (count,): number of steps since the
     contact closed."""
 
-    def __init__(self, scene: Any, by_joints: Sequence[bool], numbers: Mapping[str, float]) -> None:
+    def __init__(self, scene: Any, by_joints: Any, numbers: Mapping[str, float]) -> None:
         """scene: `Evaluator` of gap and gap rate of every contact; by_joints: of every contact, whether its effective mass
         contains bodies that joints tie to those in contact; numbers: the constants `NUMBERS` of the checks."""
         count = len(by_joints)
@@ -173,15 +183,15 @@ class Contacts:
                            *map(address, (self.here, self.before, self._end, self.lasting, self.stiff, self._pairs, self.inside)),
                            **numbers)
 
-    def hold(self, durations: Sequence[Array], known: NDArray[Any], at: Array, reach: float) -> None:
-        """Set the durations (s) of impacts at SPEEDS, an array of every contact. known (count,): whether its effective mass was
-        computed at the positions `at` (k,); reach: change of any of these up to which that mass is used."""
-        found, self._at = np.array(durations, dtype=float), np.array(at, dtype=float)
-        if found.shape != self._logarithms.shape or len(known) != len(found) or len(self._at) > self._scene.n:
-            raise internal(f"the watch over contacts in C was given durations of impacts of shape {found.shape} instead of "
+    def hold(self, logarithms: Array, known: NDArray[Any], at: Array, reach: float) -> None:
+        """Set the logarithms (count, speeds) of the durations (s) of impacts at SPEEDS. known (count,): whether the effective
+        mass of a contact was computed at the positions `at` (k,); reach: change of any of these up to which that mass is used."""
+        self._at = np.array(at, dtype=float)
+        if logarithms.shape != self._logarithms.shape or len(known) != len(logarithms) or len(self._at) > self._scene.n:
+            raise internal(f"the watch over contacts in C was given durations of impacts of shape {logarithms.shape} instead of "
                            f"{self._logarithms.shape}, {len(known)} marks for {len(self._known)} contacts, or "
                            f"{len(self._at)} positions where there are {self._scene.n} unknowns")
-        self._logarithms[:], self._known[:] = np.log(np.clip(found, 1e-300, 1e300)), known
+        self._logarithms[:], self._known[:] = logarithms, known
         self.table.at, self.table.positions, self.table.reach = address(self._at), len(self._at), reach
 
 

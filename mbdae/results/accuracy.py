@@ -37,8 +37,8 @@ class Accuracy:
     """The largest errors of a run over its time, as far as they are known.
 
     asked, estimated, verified: error of the motion (positions relative to the scene's length, angles in rad, velocities relative
-    to length / characteristic time; with beams positions and angles alone): asked for; estimated from a companion run of the same
-    method; verified by another method; or None.
+    to length / characteristic time; with elastic bodies positions and angles alone): asked for; estimated from a companion run of
+    the same method; verified by another method; or None.
     reactions: error of the forces and torques of joints and force elements, over the largest of the run (torques are divided by
     the scene's length); from the same runs as the errors of motion and mesh.
     amplification: growth of small disturbances over the run, computed when it is read (in about the time of the run).

@@ -8,17 +8,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
-from mbdae.deferred import distinct
+from mbdae.deferred import Later, distinct
 from mbdae.integrators.solution import Solution
 from mbdae.results.quantities import Quantity, magnitudes, named, unit_of, value
 from mbdae.system.base import Array
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 from mbdae.system.start_with_contacts import ExpectedContact
+
+if TYPE_CHECKING:
+    from mbdae.integrators.contact_steps import Cubic
+else:
+    Cubic = Later("mbdae.integrators.contact_steps", "Cubic")
 
 #: number of equal parts of every step; the quantity is evaluated at the begin of each and just before the end of the step
 INSIDE = 6
@@ -271,30 +276,41 @@ class Contacts:
 
 def contacts_at(prepared: Prepared, solution: Solution, expected: Sequence[ExpectedContact]) -> Contacts:
     """The contacts of one or several one-sided laws, found on the steps of a run and where a gap may turn inside a step."""
-    t, y = solution.t, solution.y
-    turning = [time for pair in _places(prepared, t, y, expected) for time in _turning(t, *pair)]
-    if turning:
-        inside = np.unique(turning)
-        t, y = np.concatenate([t, inside]), np.concatenate([y, solution(inside)])
-        order = np.argsort(t, kind="stable")
-        t, y = t[order], y[order]
-    found = [contacts_of(t, *pair) for pair in _places(prepared, t, y, expected)]
+    return _in_order([(c.begin, c.end, c.peak) for c in contacts_of_each(prepared, solution, expected).values()])
+
+
+def _in_order(found: Sequence[tuple[Array, Array, Array]]) -> Contacts:
     begin, end, peak = (np.concatenate(parts) for parts in zip(*found, strict=True))
     order = np.argsort(begin, kind="stable")
     return Contacts(begin[order], end[order], peak[order])
 
 
-def _places(prepared: Prepared, t: Array, y: Array, expected: Sequence[ExpectedContact]) -> list[tuple[Array, Array]]:
-    """Gaps and their rates (steps,) at every place of the laws."""
+def contacts_of_each(prepared: Prepared, solution: Solution,
+                     expected: Sequence[ExpectedContact]) -> dict[tuple[int, int], Contacts]:
+    """Place of a law in its model -> its contacts, as `contacts_at` finds them; each gap is evaluated once for all laws."""
+    t, y = solution.t, solution.y
+    turning = [time for one in _places(prepared, t, y, expected).values() for pair in one for time in _turning(t, *pair)]
+    if turning:
+        inside = np.unique(turning)
+        t, y = np.concatenate([t, inside]), np.concatenate([y, solution(inside)])
+        order = np.argsort(t, kind="stable")
+        t, y = t[order], y[order]
+    return {place: _in_order([contacts_of(t, *pair) for pair in pairs])
+            for place, pairs in _places(prepared, t, y, expected).items()}
+
+
+def _places(prepared: Prepared, t: Array, y: Array,
+            expected: Sequence[ExpectedContact]) -> dict[tuple[int, int], list[tuple[Array, Array]]]:
+    """Gaps and their rates (steps,) at every place of every law."""
     gaps = gaps_of(prepared.mechanics, t, *prepared.states(t, y)[:2])
-    return [(gap, rate) for one in expected for gap, rate in zip(*(part.T for part in gaps[one.place]), strict=True)]
+    return {one.place: list(zip(*(part.T for part in gaps[one.place]), strict=True)) for one in expected}
 
 
 def _turning(t: Array, gap: Array, rate: Array) -> list[float]:
     """Times (s) inside steps at which the cubic through a gap that is open at both ends is closed and smallest."""
     found = []
     for i in np.flatnonzero((gap[:-1] >= 0) & (gap[1:] >= 0) & (rate[:-1] < 0) & (rate[1:] > 0)):
-        part, least = _minimum(_hermite(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]))
+        part, least = _cubic(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]).minimum()
         if least < 0:
             found.append(float(t[i] + part * (t[i + 1] - t[i])))
     return found
@@ -314,19 +330,15 @@ def contacts_of(t: Array, gap: Array, rate: Array) -> tuple[Array, Array, Array]
     return begin, end, np.array(peak)
 
 
-def _hermite(t: Array, g: Array, r: Array) -> Array:
-    """Coefficients (4,) of the cubic through values and rates at both ends, highest power first, over 0..1."""
-    h = t[1] - t[0]
-    a, b = r[0] * h, r[1] * h
-    return np.array([2 * (g[0] - g[1]) + a + b, 3 * (g[1] - g[0]) - 2 * a - b, a, g[0]])
+def _cubic(t: Array, g: Array, r: Array) -> Cubic:
+    """The cubic through gaps and their rates at both ends of a step."""
+    return Cubic(float(t[1] - t[0]), *g.tolist(), *r.tolist())
 
 
 def _zero(t: Array, g: Array, r: Array) -> float:
     """Time between two steps at which the gap changes sign, s."""
-    roots = np.roots(_hermite(t, g, r))
-    real = roots[np.abs(roots.imag) < 1e-9].real
-    inside = real[(real >= 0) & (real <= 1)]
-    share = float(inside[0]) if len(inside) else float(g[0] / (g[0] - g[1]))
+    opens = g[0] < 0  # the same seen from the end of the step
+    share = 1 - _cubic(-t[::-1], g[::-1], -r[::-1]).zero(1.0) if opens else _cubic(t, g, r).zero(1.0)
     return float(t[0] + share * (t[1] - t[0]))
 
 
@@ -334,12 +346,5 @@ def _deepest(t: Array, gap: Array, rate: Array) -> Array:
     """(steps,) largest penetration inside every step."""
     depth = np.maximum(-gap[:-1], -gap[1:])
     for i in np.flatnonzero((rate[:-1] < 0) & (rate[1:] > 0) & (np.minimum(gap[:-1], gap[1:]) < 0)):
-        depth[i] = max(depth[i], -_minimum(_hermite(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]))[1])
+        depth[i] = max(depth[i], -_cubic(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]).minimum()[1])
     return np.maximum(depth, 0.0)
-
-
-def _minimum(c: Array) -> tuple[float, float]:
-    """Place inside 0 to 1 and value of the least turning point of a cubic (4,); infinite where there is none."""
-    turning = np.roots(np.polyder(c))
-    inside = turning[(np.abs(turning.imag) < 1e-9) & (turning.real > 0) & (turning.real < 1)].real
-    return min(((float(x), float(np.polyval(c, x))) for x in inside), key=lambda found: found[1], default=(0.5, np.inf))

@@ -300,8 +300,8 @@ class Errors:
         return None if found is None else found.error
 
     def _covered(self, result: Any, quantity: Quantity, unit: str) -> bool:
-        """Whether the accuracy of the motion speaks of a quantity: with beams it leaves velocities out."""
-        return moves(result, quantity) and not (self.prepared.model.lines and unit in ("m/s", "rad/s"))
+        """Whether the accuracy of the motion speaks of a quantity: with elastic bodies it leaves velocities out."""
+        return moves(result, quantity) and not (self.prepared.model.elastic and unit in ("m/s", "rad/s"))
 
     def tell(self, name: str, unit: str, found: Estimate | None, asked: float, read: str = "") -> None:
         """Warn once about a quantity whose error is above the accuracy asked; read: "" for its values over time, or what was read
@@ -322,15 +322,15 @@ class Errors:
 
     @property
     def _leaves_out(self) -> bool:
-        """Whether the run may leave out vibrations of beams."""
-        return bool(self.prepared.model.lines) and any(other.kind == "window" for other in self.others)
+        """Whether the run may leave out elastic vibrations."""
+        return self.prepared.model.elastic and any(other.kind == "window" for other in self.others)
 
     def _remedy(self, asked: float) -> str:
         smaller = f"accuracy={asked / 10:.0e}"
         if self.prepared.contacts:
             return f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or ask for {smaller}"
         if self._leaves_out:
-            return (f"the run leaves out fast vibrations of the beams, which hardly move them and carry forces; ask for "
+            return (f"the run leaves out fast elastic vibrations, which hardly move them and carry forces; ask for "
                     f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")
         return f"ask for {smaller}"
 

@@ -133,7 +133,7 @@ def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, F
     form = given if given is not None else default_form(prepared)
     if not isinstance(choice.solver, RadauIIA):
         yield RadauIIA(3), form
-    if not prepared.model.lines and not prepared.contacts and form.within(IDA.highest_index):
+    if not prepared.model.elastic and not prepared.contacts and form.within(IDA.highest_index):
         yield IDA(), form
 
 
@@ -158,8 +158,8 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
 
 def _hard(prepared: Prepared) -> str:
     """Why a scene needs Radau IIA at every accuracy; "" where it does not."""
-    if prepared.model.lines:
-        return "elastic beams: BDF adds energy to their fast modes, or takes very many steps to follow them"
+    if prepared.model.elastic:
+        return "elastic bodies: BDF adds energy to their fast modes, or takes very many steps to follow them"
     if prepared.contacts:
         return "contacts: its steps end where they begin, and BDF gains or loses more energy in them"
     if prepared.mechanics.reactive:

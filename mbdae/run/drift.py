@@ -12,22 +12,24 @@ energy it dissipated.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdae.deferred import median
-from mbdae.integrators.solution import rejecting, systems_at
+from mbdae.integrators.solution import rejecting
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
-from mbdae.results.contacts import contacts_at
+from mbdae.results.contacts import Contacts, contacts_of_each
 from mbdae.results.result import Result
 from mbdae.results.states import Energy, has_power
 from mbdae.run.contacts import RESOLVED, reversing, slowest_velocities, stepped_over, typical_speed
 from mbdae.run.estimate import Controlled
-from mbdae.system.motion.mechanics import row_sizes
+from mbdae.run.growth_roots import held_by_stability
+from mbdae.system.motion.mechanics import InstanceNumber, row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.system.start_with_contacts import ExpectedContact
 from mbdae.values import largest
@@ -46,12 +48,12 @@ SAMPLES = 200  #: largest number of steps of a run at which constraint rows are 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
     """A warning where the energy balance drifts; none if the run met its accuracy and energy is dissipated or supplied.
 
-    Constant steps, contacts and friction have a check of their own (`reliability`). Beams lose the energy of vibrations that long
-    steps damp away (`lost_vibrations`), so that with beams only BDF is checked."""
+    Constant steps, contacts and friction have a check of their own (`reliability`). Elastic bodies lose the energy of vibrations
+    that long steps damp away (`lost_vibrations`), so that with them only BDF is checked."""
     prepared, order = result.prepared, run.solver.bdf_order
     supplied = has_power(prepared.mechanics)
     met = asked is not None and run.estimate <= asked
-    elsewhere = prepared.contacts or prepared.mechanics.reactive or (prepared.model.lines and order <= 2)
+    elsewhere = prepared.contacts or prepared.mechanics.reactive or (prepared.model.elastic and order <= 2)
     if run.solver.fixed or elsewhere or (met and supplied):
         return []
     t = result.solution.t
@@ -154,10 +156,12 @@ def reliability(result: Result, run: Controlled) -> Assessment:
         return Assessment(tuple(made), False)
     if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
         return Assessment()
-    energy = _of_energy(result, run)
+    touched = contacts_of_each(prepared, result.solution, prepared.contacts)
+    energy = _of_energy(result, run, _stored(prepared, touched))
     notes, reliable = list(energy), not energy
+    told = [one for contact in prepared.contacts for one in _of_contact(result, run, contact, touched[contact.place])]
+    notes += [_worst([one for one in told if one.kind == kind]) for kind in dict.fromkeys(one.kind for one in told)]
     for contact in prepared.contacts:
-        notes += _of_contact(result, run, contact)
         sensor = result[contact.item]
         if isinstance(sensor, ClearanceSensor):
             whirl = _whirl(result, sensor, contact.item)
@@ -167,26 +171,26 @@ def reliability(result: Result, run: Controlled) -> Assessment:
     return Assessment((*notes, *_of_friction(result, run)), reliable)
 
 
-def _of_energy(result: Result, run: Controlled) -> list[str]:
+def _of_energy(result: Result, run: Controlled, stored: float) -> list[str]:
     """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or by more than a
     hundredth of what a contact stores, where that is larger; nor is there one where the error that was estimated explains it: a
-    speed that is off by the fraction a changes a kinetic energy by 2 a of it."""
+    speed that is off by the fraction a changes a kinetic energy by 2 a of it. stored: the largest energy of a contact, J."""
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
     explained = 2 * run.estimate * moving if compared(run, result.info.accuracy.asked) else 0.0
-    allowed = ALARM * max(lost, MOVING * moving, STORED * _stored(result))
+    allowed = ALARM * max(lost, MOVING * moving, STORED * stored)
     if off <= max(allowed, explained, round_off(result.prepared, e)):
         return []
     return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
             f"a smaller accuracy, or rtol"]
 
 
-def _stored(result: Result) -> float:
-    """The largest energy (J) stored by a contact of a run."""
+def _stored(prepared: Prepared, made: Mapping[InstanceNumber, Contacts]) -> float:
+    """The largest energy (J) stored by a contact of a run. made: the contacts of every law."""
     found = [0.0]
-    for contact in result.prepared.contacts:
-        deepest = contacts_at(result.prepared, result.solution, [contact]).deepest
+    for contact in prepared.contacts:
+        deepest = made[contact.place].deepest
         load = contact.law.elastic_load(deepest) if deepest > 0 else None
         found.append(load[1] if load is not None else 0.0)
     return max(found)
@@ -203,10 +207,28 @@ def _of_constant_steps(result: Result) -> list[str]:
             f"{moved:.2g} J were exchanged: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]
 
 
-def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> list[str]:
+ALSO = 3  #: number of further contacts whose names a warning gives that is the same for all
+
+
+class _Told(NamedTuple):
+    """A warning of one contact: what it is of, how far it is exceeded, the contact's name, and the words after it."""
+
+    kind: str
+    excess: float
+    item: str
+    words: str
+
+
+def _worst(told: list[_Told]) -> str:
+    """The warning of the contact that exceeds most, with the names of the others of which the same is to be said."""
+    first, *others = sorted(told, key=lambda one: -one.excess)
+    names = ", ".join(f"'{one.item}'" for one in others[:ALSO]) + (", ..." if len(others) > ALSO else "")
+    return f"'{first.item}' {first.words}" + (f" (the same of {counted(len(others), 'other')}: {names})" if others else "")
+
+
+def _of_contact(result: Result, run: Controlled, expected: ExpectedContact, contacts: Contacts) -> list[_Told]:
     """Warnings where penetrations are small compared with the tolerance, or beyond the range of validity of the contact law."""
     law, item, unit = expected.law, expected.item, expected.unit
-    contacts = contacts_at(result.prepared, result.solution, [expected])
     if not len(contacts):
         return []
     found = []
@@ -215,13 +237,14 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
     coarse = tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical and typical > ROUNDED * expected.size
     if coarse and not compared(run, result.info.accuracy.asked):
         wanted = run.solver.penetration_share * typical / expected.size
-        found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median of its contacts), {run.solver.label} with its rtol "
-                     f"resolves only {tolerance:.2g} {unit}: "
-                     f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}")
+        found.append(_Told("resolved", tolerance / typical, item,
+                           f"penetrates by {typical:.2g} {unit} (median of its contacts), {run.solver.label} with its rtol "
+                           f"resolves only {tolerance:.2g} {unit}: "
+                           f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}"))
     limit, limit_in_words, likely_cause = law.doubtful_depth()
     if deepest > limit:
-        found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} "
-                     f"({limit_in_words}): {likely_cause}")
+        found.append(_Told(limit_in_words, deepest / limit, item, f"penetrates by up to {deepest:.2g} {unit}, more than "
+                           f"{limit:.2g} {unit} ({limit_in_words}): {likely_cause}"))
     return found
 
 
@@ -307,31 +330,4 @@ def doubts_of_steps(run: Controlled, asked: float | None = None) -> list[str]:
     if 0 < stats.shortest_contact < FEW_STEPS and not compared(run, asked):
         found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
                      f"smaller rtol or step")
-    return [*found, *(text for text in (rejecting(run.solution), held_by_stability(run)) if text)]
-
-
-#: HELD: decay within a step (rate times step, median over some steps of the run) from which on stability and not the error test
-#: held the steps, where MANY_STEPS or more were made. Measured with CVODE (Adams) and DOP853 at 1e-3 to 1e-9: 4.5 to 150 on
-#: Robertson's reaction, HIRES, the Oregonator and a decay at 1e4 1/s; at most 1.9 where the decay is not faster than ten times
-#: what drives it
-HELD, MANY_STEPS, SOME, LARGE_MATRIX = 3.0, 1000, 8, 100
-
-
-def held_by_stability(run: Controlled) -> str:
-    """The hint that a method for equations that are not stiff was stepped through stiff ones; "" where it was not."""
-    solution = run.solution
-    if run.solver.highest_index or run.solver.bdf_order or solution.stats.steps < MANY_STEPS or not solution.systems:
-        return ""
-    at = solution.t[np.linspace(0, len(solution.t) - 1, SOME + 1).astype(int)[1:] - 1]
-    h, decays = solution.t[np.searchsorted(solution.t, at) + 1] - at, []
-    for system, t, y, yp in zip(systems_at(solution, at, solution.systems[0][1]), at, solution(at), solution.derivative(at),
-                                strict=True):
-        if system.n > LARGE_MATRIX or system.guards is not None or system.sampled is not None:
-            return ""
-        A, E = system.dense_parts(float(t), y, yp)
-        rates = np.linalg.eigvals(-np.linalg.solve(E, A))
-        decays.append(float(np.max(-rates.real, where=np.abs(rates.real) > np.abs(rates.imag), initial=0.0)))
-    if not median(h * decays) > HELD:
-        return ""
-    return (f"the equations are stiff: what decays within a fraction of a step held the {solution.stats.steps} steps of "
-            f"{run.solver.label} short, and not its error; mb.RadauIIA(3), or mb.CVODE(method='BDF'), takes far fewer")
+    return [*found, *(text for text in (rejecting(run.solution), held_by_stability(run.solver, run.solution)) if text)]

@@ -238,7 +238,7 @@ FIRST_STEPS, PROBES = 5.0, 200
 @dataclass(frozen=True)
 class Controlled:
     """A run, its estimated error, the number of runs made for it and their CPU time (s). others: runs that it was compared with;
-    waves: whether it resolves all vibrations of beams although its form does not demand it; told: for every run with an estimate,
+    waves: whether it resolves all elastic vibrations although its form does not demand it; told: for every run with an estimate,
     in order, its tolerance (or constant step, s) and the estimate from runs of its method alone; limit: the smallest tolerance
     that round-off allows; hidden: contacts that close and open inside its steps; growth: of small disturbances along it."""
 

@@ -5,7 +5,7 @@ Modules of this folder in the order in which a run uses them:
 1. `choice`           joints, form and solver where the user names none (`checks` shows them before the run);
 2. `control`          runs of the solver until the estimated error (`estimate`) is below the accuracy; `contact_tolerances` bounds
                       the tolerance where there is contact or friction;
-3. `lost_vibrations`  vibrations of stiff beams that long steps damp away, after the start and after `excitations`;
+3. `lost_vibrations`  vibrations of stiff bodies that long steps damp away, after the start and after `excitations`;
    `verification`     with verify=True: a run of another method, and one on a finer `mesh` of the beams; a closer run when
                       a quantity is read that the estimate does not cover;
 4. `assessment`       warnings about the run that is returned: `reliability`, `drift`, `singular_positions`,
@@ -69,7 +69,7 @@ UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out
 #: than MOST
 LOOSER, MOST = 10.0, 1e-3
 #: without contacts, and where the ratio of estimate to accuracy is below this, a tighter run is tried before one that resolves
-#: all vibrations of beams
+#: all elastic vibrations
 NEARLY = 10.0
 #: ratio of the first to the last estimate of a search above which the runs count as convergent
 CONVERGED = 10.0
@@ -105,7 +105,7 @@ class Job:
             if solver.fixed or solver.rtol is not None:
                 return run_once(system, solver, self.asked, self.accuracy, self.prepared.length)
             run = self._controlled(system, solver)
-            if not system.numbering.stresses or self.form.waves:
+            if not system.assembly.passes:
                 return run
             with keeping(run.solution, UNTESTED):
                 return self._with_waves(run, solver, system)
@@ -119,7 +119,7 @@ class Job:
         return run_controlled(system, self.prepared, solver, accuracy, replace(self.asked, begin=self.begin), self.times)
 
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
-        """The run itself where the vibrations of beams that its long steps damp away are below the accuracy. Where they are above
+        """The run itself where the elastic vibrations that its long steps damp away are below the accuracy. Where they are above
         it by at most the factor NEARLY, a tighter run, whose shorter steps damp less away; else one that resolves all
         vibrations."""
         resolving = shared_system(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
@@ -234,7 +234,7 @@ class Job:
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
                 found = found._replace(notes=(*found.notes, *missed.notes))
             if (errors := known.errors) is not None and not run.solver.fixed and run.solver.rtol is not None and found.reliable:
-                waves = bool(self._system(run.solver).numbering.stresses) and not (self.form.waves or run.waves)
+                waves = self._system(run.solver).assembly.passes and not run.waves
                 errors.closer = CloserRun(self.prepared, self.form, run.solver, run.solution, self.accuracy, self.asked, waves)
             if wanted:
                 known, notes = told(made, known, wanted)

@@ -3,7 +3,7 @@
 The finer mesh has the same elements with one order more; measured, the estimate is 0.5 to 1.9 times the error. A comparison with
 half the elements can give a thousandth of the error where a coarse mesh shifts the frequencies of vibrations (docs/beams.md).
 
-Vibrations of stiff beams that the start excites and that long steps damp away.
+Vibrations of stiff bodies that the start excites and that long steps damp away.
 
 Errors of velocities and stresses are weighted by the step, so that stiff beams can be integrated with steps far longer than their
 shortest periods. The vibrations lost in this way keep their amplitude in the exact solution, and no comparison of two such runs
@@ -175,7 +175,7 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
 
 
 CLOSER = 0.03  #: tolerance of a closer run over that of the run
-#: with vibrations of beams that the run leaves out, its tolerance over that which delivers the accuracy in positions
+#: with elastic vibrations that the run leaves out, its tolerance over that which delivers the accuracy in positions
 RESOLVED = 0.1
 #: it may take so many evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (about
 #: half a second for all sizes)
@@ -219,7 +219,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, ask
     """Differences from a run of another method at a tenth of the accuracy."""
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)
-    if prepared.model.lines:  # with beams not IDA, whose steps would have to resolve the fastest vibrations
+    if prepared.model.elastic:  # with these not IDA, whose steps would have to resolve the fastest vibrations
         other = next(method for method in (RadauIIA(3), RadauIIA(2)) if method.label != run.solver.label)
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
@@ -255,7 +255,7 @@ class CloserRun:
     """Makes, when it is called, a run far more accurate than the one returned. It is made when a quantity is read whose error,
     estimated from companions, is above the accuracy: such an estimate is a bound, and says so of many numbers that are right.
 
-    waves: whether it is to resolve vibrations of beams that the run leaves out; accuracy: that was asked for."""
+    waves: whether it is to resolve elastic vibrations that the run leaves out; accuracy: that was asked for."""
 
     prepared: Prepared
     form: Form

@@ -10,7 +10,7 @@ import numpy as np
 from mbdae.deferred import later
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.inputs.reduced import ReducedBody
-from mbdae.laws.bodies import ORDERS, InertiaPoint, InterfaceOfBody, ModalElasticity, modes_of_body
+from mbdae.laws.bodies import ORDERS, InertiaPoint, InterfaceOfBody, ModalElasticity, SecondDisplacement, modes_of_body
 from mbdae.notation import counted
 from mbdae.scene import reading
 from mbdae.scene.components import Beam, BeamLoad, Body, Classical, Connection
@@ -179,29 +179,34 @@ class BeamStatements(SceneItems):
                                        given_velocity=bool(np.any(v) or np.any(w)), **more))
 
         places = [at + x for x in body.interfaces.values()]
-        frame = part("", body.mass, origin, v, outline=np.array([*places[:1], origin, *places[1:]]))
-        modes, count = f"{name}.modes", len(body.modal_mass)
+        frame = part("", 0.0, origin, v, outline=np.array([*places[:1], origin, *places[1:]]))
+        modes, count, bends = f"{name}.modes", len(body.modal_mass), len(body.bends)
         place = {"k": frame, "l": frame, "at": origin, "axis": (0.0, 0.0, 1.0), "axis_x": (1.0, 0.0, 0.0)}
         ratio = 2 * damping * np.sqrt(body.modal_mass * body.modal_stiffness)
         laws = [ModalElasticity(modes, (modes, f"mode{n + 1}"), stiffness=float(body.modal_stiffness[n]),
                                 damping=float(ratio[n]) if damping else None, **place) for n in range(count)]
-        joint = modes_of_body(count)(modes, kept=True, **place)
+        second = [SecondDisplacement(f"{modes} {i + 1}", modes, {f"bend_{a + 1}_{b + 1}": float(body.bends[i, a, b])
+                                     for a in range(count) for b in range(a + 1)}, count=count, bends=bends, bend=i, **place)
+                  for i in range(bends)]
+        joint = modes_of_body(count, bends)(modes, kept=True, **place)
         joint.reduced = body
         still = dict.fromkeys(joint.coordinates, 0.0)  # it starts as drawn, without vibration
-        self._enter(Connection(modes, "reduced body", frame, frame, [joint, *laws], True, still, dict(still), model=Classical()))
+        self._enter(Connection(modes, "reduced body", frame, frame, [joint, *laws, *second], True, still, dict(still),
+                               model=Classical()))
         for interface, shape in body.interface_shapes.items():
             x = at + body.interfaces[interface]
             node = part(interface, 0.0, x, v + np.cross(w, x - origin), shapes=())
+            shape = np.hstack([shape, body.interface_bends[interface]])
             numbers = _by_axes(shape=shape[:3], turn=shape[3:])
-            law = InterfaceOfBody(f"{name}.interface {interface}", modes, numbers, count=count, **{**place, "l": node, "at": x})
+            law = InterfaceOfBody(f"{name}.interface {interface}", modes, numbers, count=count, bends=bends,
+                                  **{**place, "l": node, "at": x})
             self._enter(Connection(law.name, "interface", frame, node, [law]))
         for i, point in enumerate(body.points):
-            node = part(f"inertia {i + 1}", body.mass / len(body.points), origin + point[:, 0], np.cross(w, point[:, 0]),
-                        is_point=True, gravity=np.zeros(3), shapes=())
+            node = part(f"inertia {i + 1}", body.mass / len(body.points), origin + point[:, 0], v + np.cross(w, point[:, 0]),
+                        is_point=True, shapes=())
             node.inertia = None
-            numbers = _by_axes(shape=point[:, 1:]) | {f"{what}_{a}": float(x) for what, vector in (
-                ("center", origin), ("place", point[:, 0])) for a, x in zip("xyz", vector, strict=True)}
-            rows = InertiaPoint(f"{name}.rows {i + 1}", modes, numbers, count=count,
+            numbers = _by_axes(shape=np.column_stack([point[:, 1:], *(A @ point[:, 0] for A in body.stretches)]))
+            rows = InertiaPoint(f"{name}.rows {i + 1}", modes, numbers, count=count, bends=bends,
                                 **{**place, "l": node, "at": node.drawn.position})
             self._enter(Connection(rows.name, "inertia", frame, node, [rows]))
         if self.space == "auto":

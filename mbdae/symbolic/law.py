@@ -67,8 +67,7 @@ class Law:
     states: Mapping[str, Parameter] = MappingProxyType({})
     frames: ClassVar[tuple[str, ...]] = ()  #: names of the bodies' frames on which the law is stated
     axes_of: ClassVar[str] = "axis"  #: source of the frames' axes: z along the item's "axis", or the axes of body "k" or "l"
-    #: whether the law's parameters have to be numbers, not expressions of time, sensors or controllers
-    timeless: ClassVar[bool] = False
+    timeless: ClassVar[bool] = False  #: whether its parameters have to be numbers, not expressions of time, sensors, controllers
     at_nodes: ClassVar[bool] = False  #: whether the law acts at its bodies' nodes along inertial axes, so that `axis` is not used
     loads: ClassVar[bool] = False  #: whether it is a load: an equilibrium applies it step by step, a joint has a sensor of it
     dissipative: ClassVar[bool] = False  #: whether the power of the law's `wrench` counts as dissipated rather than as work
@@ -77,6 +76,7 @@ class Law:
     sticks: ClassVar[bool | None] = None
     follows: ClassVar[str] = ""  #: name of the internal state that follows the joint's angle to count whole turns, if any
     keeps_states: ClassVar[bool] = False  #: whether its states are unknowns although nothing that it states depends on them
+    elastic: ClassVar[bool] = False  #: whether its stiffness is a body's own, over whose fast vibrations steps may pass
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

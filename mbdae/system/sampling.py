@@ -36,16 +36,16 @@ MotionRows = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
 
 def motion_distance(prepared: Prepared, a: MotionRows, b: MotionRows) -> Array:
     """(nt,) distance of two motions at the same times: the largest difference of a position over the scene's length, or of an
-    angle in rad. In scenes without beams (their velocities contain vibrations) also of velocities, over the larger of length /
-    characteristic time and the speed reached; but not while one of the motions is in contact, because an impact that is slightly
-    later would count as a large error of velocity."""
+    angle in rad. In scenes without elastic bodies (their velocities contain vibrations) also of velocities, over the larger of
+    length / characteristic time and the speed reached; but not while one of the motions is in contact, because an impact that is
+    slightly later would count as a large error of velocity."""
     m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
     worst = np.zeros(len(q_a))
     apart = np.ones(len(q_a), dtype=bool)
     if prepared.contacts:
         apart = ~np.logical_or(touching(m, *a), touching(m, *b))
     for mask, unit in ((~m.rotational, prepared.length), (m.rotational, 1.0)):
-        if mask.any() and not m.model.lines:
+        if mask.any() and not m.model.elastic:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
             worst = np.maximum(worst, apart * np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
     if "alike" not in prepared.kept:

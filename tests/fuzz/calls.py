@@ -284,7 +284,7 @@ CALLS: dict[str, Call] = {
         "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None, "meanings": None}),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
-        "reference": None, **RUNS}, "mbdae.compare.identity"),
+        "reference": None, "engines": None, **RUNS}, "mbdae.compare.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
         "measure": "hinge.angle", **RUNS, "budget": 60.0}, "mbdae.extremes._Execution"),

@@ -42,7 +42,7 @@ NO_KEPT = ["", " ", "absent/file.json", "folder", "file/below", "x" * 300]
 NO_FILES = ["", " ", "absent.py", "folder", "a\0b", "x" * 300, "~", "*", "nul\n", "http://x.py", "-", "file/below.py", "\udcff"]
 #: words that mean something here: what each kind of option must refuse
 HOSTILE = {"accuracy": NO_NUMBERS, "t_end": NO_NUMBERS, "max_wall": NO_NUMBERS, "hours": NO_NUMBERS, "budget": NO_NUMBERS,
-           "accuracies": NO_LISTS,
+           "accuracies": NO_LISTS, "engines": ["", ",", "=", "absent", "scipy=", "scipy=/absent/python", "scipy=file", "x" * 300],
            "out": NO_FOLDERS, "resume": NO_KEPT, "meanings": NO_FILES,
            "root": ["", " ", "absent", "file", "folder", "x" * 300], "file": NO_FILES,
            "solver": NO_WORDS, "form": NO_WORDS,

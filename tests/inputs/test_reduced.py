@@ -46,6 +46,7 @@ def test_points_have_the_inertia_of_the_body_and_of_its_modes() -> None:
     found = mass * np.einsum("pca,pcb->ab", moved, moved) / size / size[:, None]
     np.testing.assert_allclose(found, np.eye(len(size)), atol=1e-12)
     assert np.max(np.abs(np.cross(place[:, :, None], moved, axis=1).sum(axis=0))) < 1e-12
+    assert np.max(np.abs(body.points.sum(axis=0))) < 1e-12
 
 
 def test_a_block_of_three_freedoms_a_node_has_its_interfaces_at_faces() -> None:
@@ -61,6 +62,16 @@ def test_a_block_of_three_freedoms_a_node_has_its_interfaces_at_faces() -> None:
     held = np.linalg.solve(K[12:, 12:], np.repeat([0, 1.0], [24, 12]) * np.tile([1.0, 0, 0], 12))
     stretch = float(np.sum((body.interface_shapes["right"] - body.interface_shapes["left"])[0] ** 2 / body.modal_stiffness))
     assert 0.8 * held[24::3].mean() / 4 < stretch < held[24::3].mean() / 4
+
+
+def springs() -> Any:
+    """K of four nodes at a corner, three freedoms each, springs between all."""
+    K, at = np.zeros((12, 12)), np.eye(4, 3)
+    for i, j in zip(*np.tril_indices(4, -1), strict=True):
+        line = np.zeros(12)
+        line[3 * i : 3 * i + 3], line[3 * j : 3 * j + 3] = (n := at[i] - at[j]), -n
+        K += 1e6 * np.outer(line, line)
+    return K
 
 
 M, K, NODES = beam_matrices(4)
@@ -80,7 +91,9 @@ NEGATIVE = sp.csc_matrix(M + sp.csc_matrix(([-5e-3, -5e-3], ([9, 15], [15, 9])),
     ((M, K, NODES, {"a": []}), "interfaces['a'] has no nodes"), ((M, K, NODES, {"a": [5]}), "0 to 4"),
     ((M, K, NODES, {"a": [0], "b": [0]}), "which interface 'a' has too"), ((M, K, NODES, None), "interfaces = None"),
     ((M, sp.triu(K), NODES, {"a": [0]}), "K is not symmetric"), ((M, K, NODES, {"a": [0]}, 99), "modes = 99"),
-    ((M, K, NODES, {"a": [0]}, 2, "all"), "accelerations = 'all'"),
+    ((M, K, NODES, {"a": [0]}, 2, "all"), "accelerations = 'all'"), ((M, K, NODES, {"a": [0]}, 2, False, 3), "stiffening = 3"),
+    ((M, K, NODES, {"a": [0]}, 1, False, lambda u, v: u[:3]), "give a function that returns 30 forces"),
+    ((sp.identity(12), springs(), np.eye(4, 3), {"a": [0, 1, 2]}, 1, False, True), "reads two-node elements"),
     ((M, K, NODES[:4], {"a": [0]}), "for 4 nodes"), ((M, K, "nodes", {"a": [0]}), "nodes = 'nodes'"),
 ], ids=lambda part: part if isinstance(part, str) else "")
 def test_what_is_no_free_body_is_refused_with_the_reason(given: Any, words: str) -> None:
@@ -166,6 +179,47 @@ def test_what_is_left_out_is_the_share_of_whole_accelerations_that_the_modes_do_
         assert reduced(modes).left_out == pytest.approx(np.max(1 - shown / energy), rel=1e-6)
 
 
+@pytest.mark.parametrize("share", [0.5, -0.5])
+def test_a_column_softens_under_a_load_and_stiffens_when_pulled(share: float) -> None:
+    """Deflection by a force across a cantilever that is pressed by a share of Euler's load."""
+    EI, F = 2.1e11 * SECOND, 1e-3 * 2.1e11 * SECOND
+    body = mb.ReducedBody.craig_bampton(*beam_matrices(10), ENDS, 4, stiffening=True)
+    s = mb.Scene("column")
+    s.reduced_body("beam", body)
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (-(P := share * np.pi**2 / 4 * EI), F, F))
+    k = np.sqrt(abs(P) / EI)
+    deflection = F * ((np.tan if P > 0 else np.tanh)(k) - k) / (P * k)
+    np.testing.assert_allclose(s.equilibrium()["beam.tip"].position[0, 1:], deflection, rtol=5e-4)
+    assert "loads stiffen and soften it" in str(s.check())
+
+
+def test_a_load_that_changes_the_stiffness_of_a_body_without_stiffening_is_told() -> None:
+    s = mb.Scene("column")
+    s.reduced_body("beam", reduced(0))
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (0.0, 5.0, 0.0))
+    s.force("P", "beam.tip", (-100.0, 0, 0))
+    with pytest.warns(mb.AccuracyWarning, match=r"pulls or presses at its interface 'tip' towards its centre"):
+        s.simulate(0.01, accuracy=1e-3)
+
+
+def test_a_turning_beam_stiffens_as_wright_says() -> None:
+    """Clamped to a hub that turns at 6 sqrt(EI / (m L^4)): flap and lag by Galerkin's method (rotating_beam_frequencies)."""
+    M, K, nodes = beam_matrices(16)
+    body = mb.ReducedBody.craig_bampton(M, K, nodes, {"root": [0], "tip": [16]}, 8, accelerations=True, stiffening=True)
+    unit = np.sqrt(2.1e11 * SECOND / PER_LENGTH)
+    rate = 6 * unit
+    s = mb.Scene("hub")
+    hub = s.rigid_body("hub", 1.0, np.eye(3), at=(0, 0, 0), angular_velocity=(0, 0, rate))
+    s.reduced_body("beam", body, velocity=(0, rate * LENGTH / 2, 0), angular_velocity=(0, 0, rate))
+    s.weld("root", hub, "beam.root", at=(0, 0, 0))
+    s.revolute("shaft", s.ground, hub, at=(0, 0, 0), angle=rate * mb.t)
+    found = s.linearize(at=s.equilibrium(frame="hub"), frame="hub").angular_frequencies / unit
+    for flap in (7.3604, 26.8091, 66.6839):
+        assert np.min(np.abs(found / flap - 1)) < 2e-3
+
+
 def thrown(s: mb.Scene, add: Any) -> Any:
     add(velocity=(1, 2, 3), angular_velocity=(5.0, 3.0, 20.0))
     return s.simulate(0.1, accuracy=1e-5)
@@ -181,7 +235,7 @@ def test_a_stiff_one_flies_as_the_rigid_body_and_keeps_momentum_and_energy() -> 
     # about the centre of mass all angular momentum is that of the points
     names = [f"rod.inertia {i + 1}" for i in range(len(body.points))]
     mass = body.mass / len(names)
-    about = sum(mass * np.cross(r[n].position - body.center, r[n].velocity) for n in names)
+    about = sum(mass * np.cross(r[n].position - r["rod"].position, r[n].velocity) for n in names)
     assert np.max(np.abs(about - about[0])) < 1e-5 * np.linalg.norm(about[0])
     assert np.max(np.abs(r.energy.total - r.energy.total[0])) < 1e-3 * r.energy.kinetic[0]
 

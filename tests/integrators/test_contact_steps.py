@@ -21,7 +21,7 @@ from dae_problems import pendulum, pendulum_exact
 import mbdae as mb
 from mbdae.integrators import contact_steps
 from mbdae.integrators.base import Asked
-from mbdae.integrators.contact_steps import ContactSteps, Cubic
+from mbdae.integrators.contact_steps import ContactSteps, Cubic, suspect
 from mbdae.integrators.solution import Stats
 from mbdae.run.control import run_controlled
 
@@ -297,6 +297,11 @@ def test_guards_are_checked_at_the_start(guards, names, message):
 # -- the parts
 
 
+def ends_of(cubic):
+    """The contact of a cubic at both ends of its step."""
+    return np.array([[cubic.g0, cubic.r0, 1.0]]), np.array([[cubic.g1, cubic.r1, 1.0]])
+
+
 def test_cubic_minimum_and_zero():
     """(s - 0.4)^2 (s + 1) + c over a step of 2 s."""
     value = lambda s: (s - 0.4) ** 2 * (s + 1)  # noqa: E731
@@ -305,10 +310,11 @@ def test_cubic_minimum_and_zero():
         cubic = Cubic(2.0, value(0) + c, value(1) + c, slope(0) / 2, slope(1) / 2)
         assert cubic.minimum() == pytest.approx((0.4, c), abs=1e-12)
         assert cubic.value(0.7) == pytest.approx(value(0.7) + c)
-        assert cubic.suspect(0.0)
+        assert suspect(*ends_of(cubic), cubic.h, 0.0).tolist() == [True]
     assert value(cubic.zero(0.4)) == pytest.approx(0.01, rel=1e-6)
     assert Cubic(1.0, 1.0, 2.0, 1.0, 1.0).minimum() == (0.0, 1.0)
-    assert not Cubic(1.0, 1.0, 2.0, 1.0, 1.0).suspect(0.1)
+    rising = Cubic(1.0, 1.0, 2.0, 1.0, 1.0)
+    assert suspect(*ends_of(rising), rising.h, 0.1).tolist() == [False]
 
 
 def test_a_place_is_not_taken_back_for_ever():

@@ -11,12 +11,13 @@ import pytest
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.contact_steps import Contact, ContactSteps
+from mbdae.integrators.contact_steps import ContactSteps
 from mbdae.integrators.solution import Stats
 from mbdae.native import address, declared
-from mbdae.native.collocation import SPEEDS
+from mbdae.native.collocation import SPEEDS, durations_at
 from mbdae.native.equations import Number, Pointer
-from mbdae.system.base import System
+from mbdae.system.assembled.guards import ContactGuards
+from mbdae.system.base import Array, System
 from mbdae.system.prepare import prepare
 
 functions = declared(
@@ -33,11 +34,11 @@ def pendulum(play: float = 1e-3) -> System:
     return system_for(prepare(s))
 
 
-def gaps(rng: Any) -> list[Contact]:
-    """One gap at one time, of any size."""
+def gaps(rng: Any) -> Array:
+    """One gap at one time, of any size: gap, its rate, duration of an impact."""
     sign = rng.choice([-1.0, 1.0], 2)
     gap, rate, duration = 10 ** rng.uniform((-7, -4, -5), (-3, 1, -2))
-    return [Contact(float(sign[0] * gap), float(sign[1] * rate), float(duration))]
+    return np.array([[sign[0] * gap, sign[1] * rate, duration]])
 
 
 def watched() -> tuple[ContactSteps, Any]:
@@ -52,7 +53,7 @@ def test_steps_are_bounded_as_in_python() -> None:
     rng, seen = np.random.default_rng(0), set()
     for _ in range(500):
         steps._here, steps._before, steps._t = gaps(rng), gaps(rng), float(rng.uniform(0, 1))
-        steps._lasting = [steps._t + float(rng.choice([-1.0, 1.0]))]
+        steps._lasting = steps._t + rng.choice([-1.0, 1.0], 1)
         native = steps.given()
         assert native is not None
         expected = steps.bound()
@@ -66,14 +67,14 @@ def test_what_needs_a_closer_look_is_what_python_looks_at() -> None:
     steps, native = watched()
     system, rng, found = steps.system, np.random.default_rng(1), []
     y = system.y0
-    (end,) = steps._contacts(system.t0, y)
+    end = steps._contacts(system.t0, y)
     for _ in range(1000):
         h = 10 ** float(rng.uniform(-6, 0))
         steps._here, steps._t = gaps(rng), system.t0 - h
-        steps._t_end, steps._end, steps._retries = system.t0, [end], 0
+        steps._t_end, steps._end, steps._retries = system.t0, end, 0
         native = steps.given()
         assert native is not None
-        looked = steps._hidden(0) is not None or (steps._here[0].gap < 0) != (end.gap < 0)
+        looked = steps.hidden() is not None or bool((steps._here[0, 0] < 0) != (end[0, 0] < 0))
         calm = functions().contacts_calm(ctypes.addressof(native.table), system.t0, h, address(y))
         assert not (looked and calm)
         found.append((looked, calm))
@@ -111,3 +112,47 @@ def test_tables_of_other_sizes_are_refused() -> None:
                              (durations, np.ones(1), np.zeros(1000))):
         with pytest.raises(ValueError, match="positions"):
             native.hold(wrong, known, at, 0.1)
+
+
+def discs(place: float = 0.0) -> mb.Scene:
+    """Two discs over a floor; place: how far the centre of each circle that touches is from its body's centre, m."""
+    s = mb.Scene("discs", gravity=(0, -9.81, 0))
+    law = mb.Hertz(1e6, 0.1)
+    for n, name in enumerate("ab"):
+        s.rigid_body(name, 1.0 + n, 0.02, at=(0, 0.3 + 0.5 * n))
+        circle = mb.Sphere(at=(place, 0.3 + 0.5 * n, 0), radius=0.2)
+        s.contact(f"floor {name}", s.ground, name, mb.Plane(normal=(0, 1, 0)), circle, normal=law)
+    s.contact("between", "a", "b", mb.Sphere(radius=0.2), mb.Sphere(radius=0.2), normal=law)
+    return s
+
+
+def test_masses_that_do_not_depend_on_the_position_are_found_once() -> None:
+    """Centred spheres always carry the masses of their bodies; what is off the centre, or tied, does not."""
+    for place, equal in ((0.0, {"floor a", "floor b", "between"}), (0.1, {"between"})):
+        guards = system_for(prepare(discs(place))).guards
+        assert isinstance(guards, ContactGuards)
+        assert {p.name for p, varies in zip(guards.places, guards._varying, strict=True) if not varies} == equal
+    s = discs()
+    s.revolute("hinge", s.ground, "b", at=(1, 0.8))
+    guards = system_for(prepare(s)).guards
+    assert isinstance(guards, ContactGuards)
+    assert {p.name for p, varies in zip(guards.places, guards._varying, strict=True) if not varies} == {"floor a"}
+
+
+def test_no_effective_mass_is_computed_again_while_spheres_bounce(monkeypatch: pytest.MonkeyPatch) -> None:
+    system, asked = system_for(prepare(discs())), []
+    monkeypatch.setattr("mbdae.system.assembled.guards.effective_masses", lambda *args: asked.append(args))
+    run = mb.RadauIIA(3, rtol=1e-6).solve(system, 0.6)
+    assert run.stats.contacts > 2
+    assert not asked
+
+
+def test_durations_in_python_are_those_in_c() -> None:
+    steps, native = watched()
+    guards = steps.system.guards
+    assert isinstance(guards, ContactGuards)
+    law, mass = guards.places[0].law, guards.places[0].mass
+    speeds = np.array([0.0, 1e-14, 3e-5, -0.7, 12.0])
+    found = durations_at(np.repeat(native._logarithms, len(speeds), axis=0), speeds)
+    assert found[1:] == pytest.approx(law.contact_duration(mass, np.abs(speeds[1:])), rel=1e-3)
+    assert found[0] == 0.0

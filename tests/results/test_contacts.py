@@ -19,3 +19,15 @@ def test_a_contact_within_one_step_is_counted():
     assert r.contacts["peg"]["contacts"] == 1
     assert r.contacts["peg"]["first"] == pytest.approx(0.05, abs=1e-3)
     assert r.contacts["peg"]["deepest"] == pytest.approx(1e-4, rel=0.05)
+
+
+def test_a_warning_that_many_contacts_share_is_given_once():
+    """Five soft balls that fall from different heights: the deepest is told, the others by name."""
+    s = mb.Scene("balls", gravity=(0, -9.81, 0))
+    for i in range(5):
+        s.rigid_body(f"b{i}", 1.0, 0.01, at=(i, 0.5 + 0.1 * i))
+        s.contact(f"c{i}", s.ground, f"b{i}", mb.Plane(normal=(0, 1, 0)), mb.Sphere(radius=0.1), normal=mb.Hertz(1e5))
+    told = [text for text in s.simulate(0.6, accuracy=1e-3).warnings if "smallest radius" in text]
+    assert len(told) == 1
+    assert told[0].startswith("'c4' penetrates")
+    assert "the same of 4 others: 'c3', 'c2', 'c1', ..." in told[0]

@@ -37,9 +37,9 @@ else:
     batches = Later("mbdae.system.model.beams", "batches")
     ElementJacobian = Later("mbdae.kernels.line_nodes", "ElementJacobian")
 
-#: index of some kinds of unknowns, in place of that of the form, where the stresses of beams are unknowns ("z"). ELASTIC: steps
-#: may pass over elastic vibrations; with nearly rigid strains velocities and stresses then behave like unknowns of index 2 and 3,
-#: and the error test weighs them so. RESOLVED: elastic vibrations are resolved (option `waves`)
+#: index of some kinds of unknowns, in place of that of the form, in scenes with elastic bodies ("z": stresses of beams). ELASTIC:
+#: steps may pass over elastic vibrations; with nearly rigid strains velocities and stresses then behave like unknowns of index 2
+#: and 3, and the error test weighs them so. RESOLVED: elastic vibrations are resolved (option `waves`)
 ELASTIC = {"v": 2, "z": 3, "lambda": 3, "mu": 2}
 RESOLVED = {"z": 3}
 #: number of unknowns above which the Jacobian is sparse unless stated otherwise; with fewer, dense linear algebra is faster
@@ -63,7 +63,8 @@ class Assembly:
         nb = self.numbering
         self.n, self.names = nb.n, nb.names()
         self.kinds = self._kinds()
-        index = dict(spec.index) | ((RESOLVED if spec.waves else ELASTIC) if nb.stresses else {})
+        self.passes = model.elastic and spec.mixed and not spec.waves  #: whether steps may pass over elastic vibrations
+        index = dict(spec.index) | (ELASTIC if self.passes else RESOLVED if nb.stresses else {})
         self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.first_input - self.n)  # constants in the rows of F, a spare row and rows of loaded nodes

@@ -11,14 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from random import Random
 from typing import Any
 
 import numpy as np
 
 from mbdae.kernels.plan import plan
 from mbdae.laws.bodies import Observed, observed_value
-from mbdae.native.collocation import SPEEDS, Contacts
+from mbdae.native.collocation import SPEEDS, Contacts, durations_at
 from mbdae.native.program import Operations
+from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.switches import switch_kinds, switch_outputs
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.assembly import Assembly
@@ -38,6 +40,8 @@ NEAR = 10.0
 #: largest change of a number among the positions (m, rad or component of a quaternion), over the scene's length in m or 1,
 #: whichever is smaller, up to which effective masses are not calculated again
 SAME = 0.01
+#: a mass that differs by at most this fraction in so many positions that are drawn does not depend on the positions
+EQUAL, DRAWN = 1e-9, 3
 
 StateReader = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes
 
@@ -51,15 +55,6 @@ class ContactPlace:
     name: str
     law: Any
     mass: float
-
-    def duration(self, speed: float, mass: float | None = None) -> float:
-        """Duration (s) of an impact at a speed (m/s or rad/s); mass: effective mass, None: that at the start."""
-        return float(self.durations(speed, mass))
-
-    def durations(self, speed: Any, mass: float | None = None) -> Any:
-        """Durations (s) of impacts at speeds of any shape; infinite where nothing can move, so that there is no impact."""
-        resisting = self.mass if mass is None else mass
-        return self.law.contact_duration(resisting, speed) if resisting < np.inf else np.full(np.shape(speed), np.inf)
 
 
 class ContactGuards:
@@ -84,27 +79,36 @@ class ContactGuards:
         self._evaluator = Evaluator(system.numbering, system.motion())
         self._emitted = partial(emitted, list(zip(kernels, gathers, strict=True)))
         self._positions = system.numbering.nq
-        # `_masses`: effective masses by the number of the contact; `_at` (nq,): the positions at which they were calculated
-        self._at, self._masses = np.zeros(0), dict[int, float]()
-        self._durations: dict[tuple[int, float], Array] = {}
+        # effective masses by the number of the contact, the positions (nq,) at which they were calculated, and the logarithms
+        # (contacts, speeds) of the durations of impacts with the masses known now
+        self._masses, self._at = dict[int, float](), np.zeros(0)
+        equal = constant_masses(mechanics, list({p.place: None for p in self.places if p.law.with_joints}))
+        self._varying = np.array([p.law.with_joints and p.place not in equal for p in self.places], dtype=bool)
+        self._kept: dict[tuple[Any, float], Array] = {}
+        self._at_start = np.array([self._durations(n, p.mass) for n, p in enumerate(self.places)])
+        self._logarithms = self._at_start.copy()
         # the last state and its result, because solvers evaluate the same state twice in a row
         self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None
 
     def native(self, numbers: Mapping[str, float]) -> Contacts:
         """The contacts as a table that the native methods read. numbers: constants of the checks, see `Contacts`."""
         self._evaluator.choose("gaps", self._emitted)
-        return Contacts(self._evaluator, [p.law.with_joints for p in self.places], {**numbers, "near": NEAR})
+        return Contacts(self._evaluator, self._varying, {**numbers, "near": NEAR})
 
     def hold(self, contacts: Contacts) -> None:
         """Update the table of the native methods: the durations of impacts with the effective masses known now."""
-        known = np.array([n in self._masses for n in range(len(self.places))])
-        found = []
-        for n, place in enumerate(self.places):
-            mass = self._masses.get(n, place.mass)
-            if (n, mass) not in self._durations:
-                self._durations[n, mass] = np.broadcast_to(place.durations(SPEEDS, mass), SPEEDS.shape)
-            found.append(self._durations[n, mass])
-        contacts.hold(found, known, self._at, SAME * min(1.0, self._mechanics.model.length))
+        known = np.zeros(len(self.places), dtype=bool)
+        known[list(self._masses)] = True
+        contacts.hold(self._logarithms, known, self._at, SAME * min(1.0, self._mechanics.model.length))
+
+    def _durations(self, n: int, mass: float) -> Array:
+        """Logarithms of the durations (s) at SPEEDS of impacts of contact n with an effective mass (kg or kg m^2); infinite where
+        nothing can move, so that there is no impact."""
+        law = self.places[n].law
+        if (law, mass) not in self._kept:
+            found = law.contact_duration(mass, SPEEDS) if mass < np.inf else np.inf
+            self._kept[law, mass] = np.broadcast_to(np.log(np.clip(found, 1e-300, 1e300)), SPEEDS.shape)
+        return self._kept[law, mass]
 
     def memory(self) -> dict[str, Any]:
         """The effective masses known now and the positions at which they were calculated, for a run that is continued."""
@@ -112,8 +116,20 @@ class ContactGuards:
 
     def remember(self, memory: dict[str, Any]) -> None:
         """Restore the effective masses that `memory` returned."""
-        self._at, self._last = memory["at"], None
-        self._masses = dict(zip(memory["places"], memory["masses"], strict=True))
+        self._last = None
+        self._forget(memory["at"])
+        self._learn(memory["places"], memory["masses"])
+
+    def _forget(self, at: Array) -> None:
+        """Go back to the effective masses at the start; those that are found next are those at the positions `at` (nq,)."""
+        self._at, self._masses = at, {}
+        self._logarithms[:] = self._at_start
+
+    def _learn(self, contacts: Sequence[int], masses: Sequence[float]) -> None:
+        """Take effective masses of contacts, and the durations of their impacts."""
+        self._masses |= dict(zip(contacts, masses, strict=True))
+        for n, mass in zip(contacts, masses, strict=True):
+            self._logarithms[n] = self._durations(n, mass)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -147,27 +163,42 @@ class ContactGuards:
     def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
         pairs = self.pairs(np.array([t]), y[None])[0]
         gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
-        duration = np.array([p.duration(v) for p, v in zip(self.places, rate, strict=True)])
-        near = [n for n, p in enumerate(self.places)
-                if p.law.with_joints and (gap[n] < 0 or (rate[n] < 0 and gap[n] < -NEAR * rate[n] * duration[n]))]
-        if near:
-            self._with_present_masses(duration, rate, near, t, y)
+        duration = durations_at(self._logarithms, rate)
+        near = self._varying & ((gap < 0) | ((rate < 0) & (gap < -NEAR * rate * duration)))
+        if near.any():
+            self._with_present_masses(duration, rate, np.flatnonzero(near), t, y)
         return gap, rate, duration
 
-    def _with_present_masses(self, duration: Array, rate: Array, near: Sequence[int], t: float, y: Array) -> None:
+    def _with_present_masses(self, duration: Array, rate: Array, near: Any, t: float, y: Array) -> None:
         """Replace the durations of the impacts `near` (numbers of contacts), which are about to begin or under way, by those with
         effective masses at the present positions."""
         moved = np.abs(y[: len(self._at)] - self._at) if len(self._at) else np.array([np.inf])
         if np.max(moved) > SAME * min(1.0, self._mechanics.model.length):
-            self._at, self._masses = y[: self._positions].copy(), {}
-        missing = [n for n in near if n not in self._masses]
+            self._forget(y[: self._positions].copy())
+        missing = [n for n in near.tolist() if n not in self._masses]
         if missing:
             q = self._states(np.array([t]), y[None])[0][0]
-            rows = approaches(self._mechanics, t, q)
+            rows = approaches(self._mechanics, t, q, {self.places[n].place for n in missing})
             found = effective_masses(self._mechanics, t, q, True, [rows[self.places[n].place] for n in missing])
-            self._masses |= dict(zip(missing, found, strict=True))
-        for n in near:
-            duration[n] = self.places[n].duration(rate[n], self._masses[n])
+            self._learn(missing, found)
+            duration[near] = durations_at(self._logarithms[near], rate[near])
+
+
+def constant_masses(mechanics: Mechanics, contacts: Sequence[InstanceNumber]) -> set[InstanceNumber]:
+    """Those contacts between bodies that no joint and no beam ties whose effective mass is equal, to round-off, in positions that
+    are drawn: it is the same everywhere then, as that of spheres. A joint ties all bodies that it is between."""
+    model = mechanics.model
+    tied = {node for group in model.groups if group.derived.rows or isinstance(group.derived.law, Joint)
+            for one in group.instances for node in one.nodes} | {node for line in model.lines for node in line.nodes}
+    found = [(g, i) for g, i in contacts if not {*model.groups[g].instances[i].nodes} & (tied - {None})]
+    masses, rng = [], Random(len(found))  # NumPy's generators take longer to be imported than most runs
+    for _ in range(DRAWN if found else 0):
+        q = model.length * np.array([rng.gauss(0, 1) for _ in range(model.nq)])
+        for turned in (q[node.q : node.q + 4] for node in model.nodes if node.kind.sizes[0] - node.kind.translations == 4):
+            turned /= np.linalg.norm(turned)
+        rows = approaches(mechanics, 0.0, q, set(found))
+        masses.append(effective_masses(mechanics, 0.0, q, False, [rows[place] for place in found]))
+    return {place for place, of in zip(found, np.transpose(masses), strict=True) if np.ptp(of) <= EQUAL * np.max(of)}
 
 
 def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:

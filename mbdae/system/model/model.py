@@ -74,6 +74,11 @@ class Model:
         """Number of velocity unknowns."""
         return sum(n.kind.sizes[1] for n in self.nodes)
 
+    @cached_property
+    def elastic(self) -> bool:
+        """Whether it has elastic bodies, whose fast vibrations hardly move them: steps may pass over these."""
+        return bool(self.lines) or any(group.derived.law.elastic for group in self.groups)
+
     @property
     def bodies(self) -> list[tuple[Node, Body]]:
         """Every node that is a body or a node of a beam, with its body (the station of a beam)."""

@@ -24,7 +24,7 @@ from mbdae.kernels.tree_passes import TreePasses
 from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
 from mbdae.native.program import Operations
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Force
 from mbdae.symbolic.links import directions
 from mbdae.symbolic.outputs import insert, loads
 from mbdae.symbolic.tree_motion import Open
@@ -126,7 +126,7 @@ BESIDE_BEAMS = 360  #: the same up to which trees stay trees beside beams, with 
 
 def acting_on(instance: Instance) -> list[Node]:
     """The moving nodes that a law reads or acts on; of a force on a joint's own coordinate the node of this coordinate alone."""
-    own = instance.law.own_coordinates and not isinstance(instance.law, Joint)
+    own = instance.law.own_coordinates and isinstance(instance.law, Force)
     return [n for n in (instance.nodes[len(instance.law.frames) :] if own else instance.nodes) if n is not None]
 
 

@@ -5,7 +5,7 @@ Effective masses of impacts: the inertia that a contact force accelerates, along
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -317,12 +317,13 @@ def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return out
 
 
-def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[InstanceNumber, Array]:
-    """For every contact law the rows (directions, nu) at positions q (nq,): rows @ u are the rates of the relative displacements
-    along which its force may act."""
+def approaches(mechanics: Mechanics, t: float, q: Array,
+               of: Collection[InstanceNumber] | None = None) -> dict[InstanceNumber, Array]:
+    """For every contact law, or those of `of` alone, the rows (directions, nu) at positions q (nq,): rows @ u are the rates of
+    the relative displacements along which its force may act."""
     found = {}
     for g, p, values in mechanics.evaluate(approach_outputs, np.array([t]), q[None], np.zeros((1, mechanics.nu))):
-        for i in range(len(mechanics.model.groups[g].instances)):
+        for i in (i for i in range(len(mechanics.model.groups[g].instances)) if of is None or (g, i) in of):
             rows = np.zeros((1 + max(target[1] for target in p.targets), mechanics.nu))
             for o, (_, r, side, column) in enumerate(p.targets):
                 rows[r, mechanics.numbering.velocity(("u", side, column), g, i)] += values[0, i, o]

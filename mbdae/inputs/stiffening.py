@@ -1,0 +1,168 @@
+"""What a body displaces by in the second order of its modes, from which loads stiffen or soften it.
+
+A beam that bends becomes shorter. Where a force or a turning frame pulls at it, this shortening does work, which is the geometric
+stiffness. A body moves by u = sum c_i shape_i + 1/2 sum c_i c_k second_ik, and its elastic energy in the coordinates c of the
+modes keeps no terms of the third order where
+
+    K second_ik = -(force of the second order by the modes i and k)
+
+in all directions but those of the modes, and where second_ik has of mode l the force on it over -(k_i + k_k + k_l): the stiffest
+of three modes takes up nearly all, which is the shortening by two modes of bending. Energy, momentum and all derivatives follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from mbdae.deferred import sp
+from mbdae.errors import OptionError
+from mbdae.inputs.reduction import FiniteElements, rigid_motions
+from mbdae.values import Array, array, option
+
+#: (f k,) and (f k,) displacements u and v -> (f k,) N: the internal force of the second order, symmetric in u and v; with both
+#: equal it is twice that by u
+SecondForce = Callable[[Array, Array], Array]
+EXACT = 1e-6  #: relative size of what two-node elements may leave of K
+KEPT = 1e-6  #: displacements of the second order, over the largest, below which they are left out
+
+
+def second_displacements(body: FiniteElements, found: dict[str, Any], solve: Callable[[Array], Array], static: Array,
+                         force: SecondForce | None) -> dict[str, Any]:
+    """Fields `bends`, `stretches` and `interface_bends` of `ReducedBody`. found: its other fields; solve: displacement of the
+    inner freedoms by forces on them with held interfaces; static: (f k, 6 interfaces) static deformations; force: None takes K as
+    that of two-node elements."""
+    shapes, stiffness = found["shapes"].reshape(body.K.shape[0], -1), found["modal_stiffness"]
+    n, pairs = len(stiffness), np.array(np.triu_indices(len(stiffness)))
+    if not n:
+        return {}
+    by_pairs = _TwoNodes(body)(shapes, *pairs) if force is None else np.column_stack(
+        [option("stiffening", force(shapes[:, i], shapes[:, k]), lambda x: array(x, (len(shapes),)),
+                f"give a function that returns {len(shapes)} forces, N") for i, k in pairs.T])
+    inertia = body.M @ body.rigid
+    of_modes = shapes.T @ by_pairs
+    relieved = by_pairs - inertia @ np.linalg.solve(body.rigid.T @ inertia, body.rigid.T @ by_pairs)
+    second = body.inner @ solve(body.inner.T @ relieved)
+    second += static @ np.linalg.lstsq(static.T @ (body.K @ static), static.T @ relieved, rcond=1e-10)[0]
+    second -= shapes @ (of_modes / stiffness[:, None])
+    second -= body.rigid @ np.linalg.solve(body.rigid.T @ inertia, inertia.T @ second)
+    second += shapes @ (of_modes / (stiffness[:, None] + np.sum(stiffness[pairs], axis=0)))
+    return _coordinates(body, found, -second, pairs, n)
+
+
+def _coordinates(body: FiniteElements, found: dict[str, Any], second: Array, pairs: Any, n: int) -> dict[str, Any]:
+    """The displacements (f k, pairs) of the second order as few coordinates: what moves the inertia (six sums of mass times place
+    times displacement) and the interfaces."""
+    fields = _stretches(body)
+    moments = np.stack([fields[a, b].T @ (body.M @ second) for a in range(3) for b in range(3)]) / (body.mass * body.size)
+    held = np.linalg.lstsq((body.held.T @ body.held).toarray(), body.held.T @ second, rcond=None)[0]
+    units = np.tile(np.repeat([1.0, body.size], 3), len(body.names))
+    left, sigma, right = np.linalg.svd(np.vstack([moments, held * units[:, None]]), full_matrices=False)
+    kept = sigma > KEPT * max(sigma[0], 1e-300)
+    left, right = left[:, kept] * sigma[kept], right[kept]
+    bends = np.zeros((len(right), n, n))
+    bends[:, pairs[0], pairs[1]] = bends[:, pairs[1], pairs[0]] = right
+    there = np.trace(found["inertia"]) / 2 * np.eye(3) - found["inertia"]
+    values, axes = np.linalg.eigh(there)
+    inverse = (axes / np.where(values > 1e-9 * np.max(values), values, np.inf)) @ axes.T
+    stretches = np.moveaxis(left[:9].reshape(3, 3, -1), 2, 0) * body.mass * body.size @ inverse
+    at = left[9:] / units[:, None]
+    return {"bends": bends, "stretches": stretches,
+            "interface_bends": {name: at[6 * i : 6 * i + 6] for i, name in enumerate(body.names)}}
+
+
+def _stretches(body: FiniteElements) -> Array:
+    """(3, 3, f k) displacements e_a x_b, symmetric in a and b, of the nodes, x from the centre of mass."""
+    out = np.zeros((3, 3, len(body.nodes), body.freedoms))
+    for a in range(3):
+        for b in range(3):
+            out[a, b, :, a] += (body.nodes - body.center)[:, b] / 2
+            out[a, b, :, b] += (body.nodes - body.center)[:, a] / 2
+    return out.reshape(3, 3, -1)
+
+
+class _TwoNodes:
+    """The elements between two nodes that K consists of, six freedoms a node, and their forces of the second order.
+
+    In the axes of the line between its nodes, which turn with it, an element is stretched by e and its ends are turned by a and
+    b: V = (e, a, b) k (e, a, b) / 2, and the normal force N acts on the slopes along a cubic line between the ends, by
+    N h (2 a^2 - a b + 2 b^2) / 30 in either plane."""
+
+    def __init__(self, body: FiniteElements) -> None:
+        if body.freedoms != 6:
+            raise OptionError("stiffening = True reads two-node elements, with six freedoms a node, from K: give the function of "
+                              "two displacements (u, v) that returns the internal force of the second order, N")
+        blocks = sp.triu(sp.bsr_matrix(body.K, blocksize=(6, 6)).tocoo(), 1)
+        pairs = np.unique(np.stack([blocks.row // 6, blocks.col // 6], axis=1), axis=0)
+        self.pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+        self.rows = (6 * self.pairs[:, :, None] + np.arange(6)).reshape(-1, 12)
+        line = np.diff(body.nodes[self.pairs], axis=1)[:, 0]
+        self.h = np.linalg.norm(line, axis=1)
+        if not np.all(self.h > 0):
+            raise OptionError("stiffening = True: two nodes that K connects are at the same place: give the function of two "
+                              "displacements (u, v) that returns the internal force of the second order, N")
+        k = np.zeros((len(self.pairs), 12, 12))
+        K = body.K.tocsr()
+        for e, (i, j) in enumerate(self.pairs):  # rigid motions of an element need no force
+            block, turn = K[6 * i : 6 * i + 6, 6 * j : 6 * j + 6].toarray(), rigid_motions(line[e : e + 1], np.zeros(3), 6)
+            k[e, :6, 6:], k[e, 6:, :6] = block, block.T
+            k[e, :6, :6], k[e, 6:, 6:] = -block @ turn, -block.T @ np.linalg.inv(turn)
+        at = np.broadcast_to(self.rows[:, :, None], k.shape), np.broadcast_to(self.rows[:, None], k.shape)
+        missing = sp.csc_matrix((k.ravel(), (at[0].ravel(), at[1].ravel())), shape=K.shape) - body.K
+        if abs(missing).max() > EXACT * abs(body.K).max():
+            raise OptionError("stiffening = True: K is not that of elements between two nodes: give the function of two "
+                              "displacements (u, v) that returns the internal force of the second order, N")
+        self.axes = np.kron(np.eye(4), np.ones((3, 3))) * np.tile(np.stack([_axes(x) for x in line]), (1, 4, 4))
+        self.k = self.axes @ k @ self.axes.transpose(0, 2, 1)
+        unit = np.eye(12)
+        alone = [self._bent(x) for x in unit]
+        #: (elements, 7, 12, 12) second derivatives of stretch and turns of the ends
+        self.second = np.stack([np.stack([self._bent(x + y) - alone[a] - alone[b] for b, y in enumerate(unit)], axis=2)
+                                for a, x in enumerate(unit)], axis=2)
+        self.turned = np.stack([self._turns(x) for x in unit], axis=2)  #: (elements, 4, 12): of the ends about y, y, z, z
+        self.slopes = self.h[:, None, None] / 30 * np.kron(np.eye(2), [[4.0, -1.0], [-1.0, 4.0]])
+
+    def _bent(self, x: Array) -> Array:
+        """(elements, 7) terms of the second order of stretch and turns of both ends, by displacements x (12,) in its axes."""
+        d, first, last = x[6:9] - x[:3], x[3:6], x[9:]
+        h = self.h
+        phi = np.stack([0 * h + (first[0] + last[0]) / 2, -d[2] / h, d[1] / h], axis=1)
+        more = np.stack([0 * h, d[0] * d[2] / h**2 + phi[:, 0] * phi[:, 2] / 2,
+                         -d[0] * d[1] / h**2 - phi[:, 0] * phi[:, 1] / 2], axis=1)
+        return np.column_stack([(d[1] ** 2 + d[2] ** 2) / (2 * h), *(-more - np.cross(phi, end) / 2 for end in (first, last))])
+
+    def _turns(self, x: Array) -> Array:
+        d = x[6:9] - x[:3]
+        along = np.stack([-d[2] / self.h, d[1] / self.h], axis=1)
+        return np.stack([x[4] - along[:, 0], x[10] - along[:, 0], x[5] - along[:, 1], x[11] - along[:, 1]], axis=1)
+
+    def __call__(self, shapes: Array, i: Array, k: Array) -> Array:
+        """(f k, pairs) forces of the second order by the pairs (i, k) of shapes (f k, n)."""
+        W = np.einsum("eab,ebn->ean", self.axes, shapes[self.rows])
+        forces = self.k @ W
+        G, N = forces[:, [6, 3, 4, 5, 9, 10, 11]], forces[:, 6]
+        turned = np.einsum("eab,ebn->ean", self.turned, W)
+        by_turns = np.einsum("eab,ean->ebn", self.turned, self.slopes @ turned)  # of Q(., w)
+        T = np.einsum("eoab,eon->enab", self.second, G)  # n: the mode whose forces act
+        found = np.zeros((len(shapes), len(i)))
+        pull = self.k[:, 6]  # (elements, 12): N of a displacement
+        for p, (a, b) in enumerate(zip(i, k, strict=True)):
+            own = (T[:, a] @ W[:, :, b, None] + T[:, b] @ W[:, :, a, None])[:, :, 0]
+            bent = np.einsum("eoab,ea,eb->eo", self.second, W[:, :, a], W[:, :, b])
+            d = np.zeros((len(self.h), 12))
+            d[:, [6, 3, 4, 5, 9, 10, 11]] = bent
+            own += (self.k @ d[:, :, None])[:, :, 0]
+            both = np.einsum("ea,ea->e", turned[:, :, a], (self.slopes @ turned[:, :, b, None])[:, :, 0])
+            own += N[:, a, None] * by_turns[:, :, b] + N[:, b, None] * by_turns[:, :, a] + pull * both[:, None]
+            np.add.at(found[:, p], self.rows, np.einsum("eba,eb->ea", self.axes, own))
+        return found
+
+
+def _axes(line: Array) -> Array:
+    """(3, 3) unit vectors along a line and across it."""
+    x = line / np.linalg.norm(line)
+    y = np.cross(np.eye(3)[np.argmin(np.abs(x))], x)
+    y /= np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)])
