@@ -27,7 +27,7 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import RowsInForce
 from mbdae.system.sampling import Sampling
-from mbdae.system.start import Start
+from mbdae.system.start import ChangedVelocity, Start
 from mbdae.system.start_of_beams import POLYNOMIALS, Slow
 from mbdae.system.start_with_contacts import multiplier_scales, state_scale, stress_scale
 from mbdae.threads import alone, single_threaded
@@ -38,7 +38,8 @@ WATCH_INPUTS_AND_SWITCHES = True
 RELAXED = "relaxed"  #: word of a start that `relaxed` finds
 #: singular value, over the largest, of velocities that count as allowed by joints and free of strain
 FREE = 1e-9
-UNFOUND = 0.01  #: estimated error of the velocities, over the largest one, from which a relaxed start is refused
+#: estimated error of the velocities, over the largest one, from which a relaxed start is told, and refused
+TOLD, UNFOUND = 1e-4, 0.01
 
 
 class SceneSystem(System):
@@ -239,18 +240,19 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
     prepared, nb = system._prepared, system.numbering
     m, start, time = prepared.mechanics, prepared.start, np.array([prepared.start.t])
     nq, nu = nb.nq, nb.nu
-    modes = {c.name for c in prepared.model.scene.joints if getattr(c.joint, "reduced", None) is not None}
-    if not prepared.model.lines and not modes:
+    if not prepared.model.elastic:
         return start
+    if loose := [c.name for c in prepared.model.scene.joints if c.loose]:
+        raise StartError([f'start="relaxed": where the pin of {loose[0]} would touch is not known; start without it'])
     H = np.array([m.rates(start.q, e)[nb.of_positions] for e in np.eye(m.nu)[nb.of_velocities]]).T
     moved = prepared.all_bodies.velocity_map(time, system.y0[None, :nq])[0]
-    rigid = _without_strain(prepared, time, moved, modes)
+    rigid = _without_strain(prepared, time, moved)
     weight = rigid.T @ moved.T @ as_full(m.mass) @ moved
     rows, forces = np.zeros((2, 2 * rigid.shape[1], system.n))
-    count, states = rigid.shape[1], np.flatnonzero(np.array(system.kinds) == "s")
+    count = rigid.shape[1]
     rows[:count, :nq], rows[count:, nq : nq + nu] = weight @ (H / np.sum(H * H, axis=0)).T, weight
     forces[:count, :nq], forces[count:, nq : nq + nu] = (H @ rigid).T, weight
-    kept = np.eye(system.n)[states]
+    kept = np.eye(system.n)[np.array(system.kinds) == "s"]
     quaternions = [np.flatnonzero((nb.of_positions >= n.q + 3) & (nb.of_positions < n.q + 7))
                    for n in prepared.model.nodes if n.kind is NodeKind.SPATIAL]
     quaternions = [own for own in quaternions if len(own)]
@@ -269,28 +271,28 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
         raise StartError([f'start="relaxed": no motion without ringing was found near the start of the scene (its velocities are '
                           f"known to {error:.1g} of the largest one): elastic bodies vibrate as slowly as the scene moves"])
     (q,), (u,), (s,) = prepared.states(time, y[None])
-    return replace(start, q=q, u=u, s=s, relaxed=error)
+    told = [ChangedVelocity(f'start="relaxed": velocities are known to {error:.1g} of the largest alone')] if error > TOLD else []
+    return replace(start, q=q, u=u, s=s, relaxed=error, changes=[*start.changes, *told])
 
 
-def _without_strain(prepared: Prepared, time: Array, moved: Array, modes: set[str]) -> Array:
+def _without_strain(prepared: Prepared, time: Array, moved: Array) -> Array:
     """(nu, k) velocities of the unknowns that strain no elastic body and are allowed by the joints. moved (all nodes, nu):
-    velocities of all nodes from those of the unknowns; modes: names of the modes of reduced bodies."""
+    velocities of all nodes from those of the unknowns."""
     m, q = prepared.mechanics, prepared.start.q
     rows = [m.constraint_jacobian(time, q[None])[0] @ moved]
     for line in prepared.model.lines:
         at = np.unique(line.places("u"))
         rigid = np.zeros((m.nu, 6))
-        first = line.nodes[0].position(q)
         for node in line.nodes:
-            n = node.kind.translations
-            arm = node.position(q) - first
+            n, arm = node.kind.translations, node.position(q) - line.nodes[0].position(q)
             rigid[node.u : node.u + n, :3] = np.eye(3)[:n]
             rigid[node.u : node.u + n, 3:] = np.cross(np.eye(3), arm).T[:n]
             turning = node.kind.sizes[1] - n
             R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]).T
-            rigid[node.u + n : node.u + n + turning, 3:] = R if turning == 3 else np.eye(3)[2:][:turning]
+            rigid[node.u + n : node.u + n + turning, 3:] = R[3 - turning :]
         own = rigid[at]
         rows.append(moved[at] - own @ (np.linalg.pinv(own) @ moved[at]))
+    modes = {c.name for c in prepared.model.scene.joints if getattr(c.joint, "reduced", None) is not None}
     rows += [moved[n.u][None] for n in prepared.model.nodes if n.joint in modes]
     units = m.velocity_units[prepared.all_bodies.numbering.of_velocities]
     A = np.vstack(rows) * units

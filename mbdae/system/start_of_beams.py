@@ -32,7 +32,7 @@ POLYNOMIALS = ((7, 1.0), (9, 1.5), (11, 2.0), (13, 2.5), (17, 4.0), (21, 6.0))
 SHORTER, GOOD, ENOUGH = (1, 4, 16), 1e-5, 1e-7
 BALANCED = 8  #: number of times that rows and columns of the linear equations are divided by the roots of their largest entries
 #: largest number of corrections; size of the last one relative to the first, and up to which it may be round-off
-NEWTON, SMALL, ROUND = 15, 1e-10, 1e-4
+NEWTON, SMALL, ROUND = 8, 1e-10, 1e-4
 
 
 def can_bend(mechanics: Mechanics) -> bool:
@@ -149,14 +149,12 @@ class Slow:
         with system.within(system.t0 + length / 2):
             for _ in range(NEWTON):
                 away, slopes = self.unit(Y[0])
-                F, parts = np.empty((points, n)), []
-                Yp = D @ Y
+                F, Yp = np.empty((points, n)), D @ Y
                 for i in range(points):
                     system.residual(t[i], Y[i], Yp[i], F[i])
-                    parts.append([sp.csc_matrix(part) for part in system.dense_parts(t[i], Y[i], Yp[i])])
                 F[0] += loose @ begin
-                K = sp.bmat([[D[i, j] * parts[i][1] + (parts[i][0] if i == j else 0) for j in range(points)]
-                             for i in range(points)], format="csc")
+                by_y, by_yp = (sp.block_diag(list(parts), format="csc") for parts in system.dense_stages(t, Y, Yp))
+                K = by_y + by_yp @ sp.kron(D, sp.identity(n), format="csc")
                 kept = np.vstack([self.rows, slopes])
                 beside, below = (sp.csc_matrix((a, b)) for a, b in (((points - 1) * n, len(kept)), (len(kept), (points - 1) * n)))
                 K = sp.bmat([[K, sp.vstack([sp.csc_matrix(loose), beside])], [sp.hstack([sp.csc_matrix(kept), below]), None]],
@@ -185,9 +183,12 @@ def _differentiation(degree: int, length: float) -> tuple[Array, Array]:
 
 def _solved(K: Any, right: Array) -> Array:
     """x with K x = right, of a sparse matrix whose entries have very different sizes."""
-    r, c = np.ones(K.shape[0]), np.ones(K.shape[0])
+    r, c, A = np.ones(K.shape[0]), np.ones(K.shape[0]), sp.coo_matrix(K)
+    size = abs(A.data)
     for _ in range(BALANCED):
-        A = abs(sp.diags(r) @ K @ sp.diags(c))
-        r = r / np.sqrt(A.max(axis=1).toarray().ravel())
-        c = c / np.sqrt(A.max(axis=0).toarray().ravel())
+        for factor, at in ((r, A.row), (c, A.col)):
+            most = np.zeros(len(factor))
+            np.maximum.at(most, at, size)
+            factor /= np.sqrt(most)
+            size = size / np.sqrt(most)[at]
     return np.asarray(c * splu((sp.diags(r) @ K @ sp.diags(c)).tocsc()).solve(r * right))
