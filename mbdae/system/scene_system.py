@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.deferred import as_full
+from mbdae.deferred import as_full, later
 from mbdae.errors import StartError
 from mbdae.native.equations import Equations
 from mbdae.symbolic.frames import NodeKind
@@ -21,23 +21,24 @@ from mbdae.system.assembled.right_hand_side import numbers_of, partition_of, rig
 from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.dependent_rows import Rows
 from mbdae.system.model.moved_bodies import timeline
-from mbdae.system.model.nodes import rotation_of
 from mbdae.system.motion.all_bodies import Displacements
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import RowsInForce
 from mbdae.system.sampling import Sampling
 from mbdae.system.start import ChangedVelocity, Start
-from mbdae.system.start_of_beams import POLYNOMIALS, Slow
 from mbdae.system.start_with_contacts import multiplier_scales, state_scale, stress_scale
 from mbdae.threads import alone, single_threaded
 from mbdae.values import largest
 
+if TYPE_CHECKING:
+    from mbdae.system.start_of_beams import Slow, strainless
+else:
+    Slow, strainless = later("mbdae.system.start_of_beams", "Slow", "strainless")
+
 #: tests set this to False, so that solvers step over inputs of time and switching laws, which checks after a run have to find
 WATCH_INPUTS_AND_SWITCHES = True
 RELAXED = "relaxed"  #: word of a start that `relaxed` finds
-#: singular value, over the largest, of velocities that count as allowed by joints and free of strain
-FREE = 1e-9
 #: estimated error of the velocities, over the largest one, from which a relaxed start is told, and refused
 TOLD, UNFOUND = 1e-4, 0.01
 
@@ -246,7 +247,7 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
         raise StartError([f'start="relaxed": where the pin of {loose[0]} would touch is not known; start without it'])
     H = np.array([m.rates(start.q, e)[nb.of_positions] for e in np.eye(m.nu)[nb.of_velocities]]).T
     moved = prepared.all_bodies.velocity_map(time, system.y0[None, :nq])[0]
-    rigid = _without_strain(prepared, time, moved)
+    rigid = strainless(m, time, start.q, moved, m.velocity_units[nb.of_velocities])
     weight = rigid.T @ moved.T @ as_full(m.mass) @ moved
     rows, forces = np.zeros((2, 2 * rigid.shape[1], system.n))
     count = rigid.shape[1]
@@ -264,8 +265,7 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
         return (slopes @ y - 1) / 2, slopes
 
     rate = max(m.speed(start.u) / prepared.length, 1 / prepared.time)
-    slow = Slow(system, np.vstack([rows, kept]), np.vstack([forces, kept]).T, lengths, lengths(system.y0)[1].T,
-                near(POLYNOMIALS[-1][1] / rate))
+    slow = Slow(system, np.vstack([rows, kept]), np.vstack([forces, kept]).T, lengths, lengths(system.y0)[1].T, near)
     y, error = slow.start(rate)
     if error > UNFOUND:
         raise StartError([f'start="relaxed": no motion without ringing was found near the start of the scene (its velocities are '
@@ -273,32 +273,6 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
     (q,), (u,), (s,) = prepared.states(time, y[None])
     told = [ChangedVelocity(f'start="relaxed": velocities are known to {error:.1g} of the largest alone')] if error > TOLD else []
     return replace(start, q=q, u=u, s=s, relaxed=error, changes=[*start.changes, *told])
-
-
-def _without_strain(prepared: Prepared, time: Array, moved: Array) -> Array:
-    """(nu, k) velocities of the unknowns that strain no elastic body and are allowed by the joints. moved (all nodes, nu):
-    velocities of all nodes from those of the unknowns."""
-    m, q = prepared.mechanics, prepared.start.q
-    rows = [m.constraint_jacobian(time, q[None])[0] @ moved]
-    for line in prepared.model.lines:
-        at = np.unique(line.places("u"))
-        rigid = np.zeros((m.nu, 6))
-        for node in line.nodes:
-            n, arm = node.kind.translations, node.position(q) - line.nodes[0].position(q)
-            rigid[node.u : node.u + n, :3] = np.eye(3)[:n]
-            rigid[node.u : node.u + n, 3:] = np.cross(np.eye(3), arm).T[:n]
-            turning = node.kind.sizes[1] - n
-            R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]).T
-            rigid[node.u + n : node.u + n + turning, 3:] = R[3 - turning :]
-        own = rigid[at]
-        rows.append(moved[at] - own @ (np.linalg.pinv(own) @ moved[at]))
-    modes = {c.name for c in prepared.model.scene.joints if getattr(c.joint, "reduced", None) is not None}
-    rows += [moved[n.u][None] for n in prepared.model.nodes if n.joint in modes]
-    units = m.velocity_units[prepared.all_bodies.numbering.of_velocities]
-    A = np.vstack(rows) * units
-    A = A / np.maximum(np.linalg.norm(A, axis=1, keepdims=True), 1e-300)
-    _, sizes, V = np.linalg.svd(A)
-    return np.asarray(V[int(np.sum(sizes > FREE * sizes[0])) :].T * units[:, None])
 
 
 def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tuple[Array, Array]:

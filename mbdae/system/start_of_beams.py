@@ -17,6 +17,7 @@ import numpy as np
 from mbdae.deferred import sp, splu
 from mbdae.system.base import Array
 from mbdae.system.changes import cheapest, largest_violation
+from mbdae.system.model.nodes import rotation_of
 from mbdae.system.motion.mechanics import Mechanics, in_units
 
 #: assumed ratio of the motion's frequency to the lowest bending frequency. Its square weighs the inertia against the stiffness
@@ -30,6 +31,8 @@ POLYNOMIALS = ((7, 1.0), (9, 1.5), (11, 2.0), (13, 2.5), (17, 4.0), (21, 6.0))
 #: the times are divided by these numbers in turn, until the error of the velocities over the largest one is below GOOD; one
 #: below ENOUGH ends the search at once
 SHORTER, GOOD, ENOUGH = (1, 4, 16), 1e-5, 1e-7
+#: singular value, over the largest, of velocities that count as allowed by joints and free of strain
+FREE = 1e-9
 BALANCED = 8  #: number of times that rows and columns of the linear equations are divided by the roots of their largest entries
 #: largest number of corrections; size of the last one relative to the first, and up to which it may be round-off
 NEWTON, SMALL, ROUND = 8, 1e-10, 1e-4
@@ -114,17 +117,18 @@ class Slow:
     forces: Array
     unit: Callable[[Array], tuple[Array, Array]]  #: y (n,) -> lengths of quaternions less 1 (m,), and their derivatives (m, n)
     turns: Array  #: (n, m) as forces: along the quaternions
-    near: Callable[[Array], Array]  #: times (k,) -> y (k, n) of a motion with long steps, from which corrections begin
+    #: length of a motion with long steps, s -> times (k,) -> y (k, n), from which corrections begin
+    near: Callable[[float], Callable[[Array], Array]]
 
     def start(self, rate: float) -> tuple[Array, float]:
         """y (n,) at the start, and the estimated error of its velocities over the largest one. rate: largest velocity, 1/s."""
         best, error, moving = self.system.y0, np.inf, np.array(self.system.kinds) == "v"
-        scale = self.system.scale[moving]
+        scale, near = self.system.scale[moving], self.near(POLYNOMIALS[-1][1] / rate)
         for shorter in SHORTER:
             before = None
             for points, length in POLYNOMIALS:
                 try:
-                    found = self.over(length / rate / shorter, points)
+                    found = self.over(length / rate / shorter, points, near)
                 except (np.linalg.LinAlgError, RuntimeError):
                     continue
                 size = max(1.0, float(np.max(np.abs(found[moving]) / scale)))
@@ -138,12 +142,12 @@ class Slow:
                 break
         return best, error
 
-    def over(self, length: float, points: int) -> Array:
-        """y (n,) at the start of the polynomial through `points` points over a time, s."""
+    def over(self, length: float, points: int, near: Callable[[Array], Array]) -> Array:
+        """y (n,) at the start of the polynomial through `points` points over a time, s; near: where corrections begin."""
         system, n = self.system, self.system.n
         t, D = _differentiation(points - 1, length)
         t = system.t0 + t
-        Y = self.near(t)
+        Y = near(t)
         loose = np.hstack([self.forces, self.turns])
         begin, first, before = np.zeros(loose.shape[1]), 0.0, np.inf
         with system.within(system.t0 + length / 2):
@@ -170,6 +174,30 @@ class Slow:
                     return np.asarray(Y[0])
                 before = size
         raise np.linalg.LinAlgError  # the corrections do not converge
+
+
+def strainless(m: Mechanics, time: Array, q: Array, moved: Array, units: Array) -> Array:
+    """(nu, k) velocities of the unknowns that strain no elastic body and that the joints allow, at positions q (nq,). moved (all
+    nodes, nu): velocities of all nodes from those of the unknowns, of sizes `units` (nu,)."""
+    rows = [m.constraint_jacobian(time, q[None])[0] @ moved]
+    for line in m.model.lines:
+        at = np.unique(line.places("u"))
+        rigid = np.zeros((m.nu, 6))
+        for node in line.nodes:
+            n, arm = node.kind.translations, node.position(q) - line.nodes[0].position(q)
+            rigid[node.u : node.u + n, :3] = np.eye(3)[:n]
+            rigid[node.u : node.u + n, 3:] = np.cross(np.eye(3), arm).T[:n]
+            turning = node.kind.sizes[1] - n
+            R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]).T
+            rigid[node.u + n : node.u + n + turning, 3:] = R[3 - turning :]
+        own = rigid[at]
+        rows.append(moved[at] - own @ (np.linalg.pinv(own) @ moved[at]))
+    modes = {c.name for c in m.model.scene.joints if getattr(c.joint, "reduced", None) is not None}
+    rows += [moved[n.u][None] for n in m.model.nodes if n.joint in modes]
+    A = np.vstack(rows) * units
+    A = A / np.maximum(np.linalg.norm(A, axis=1, keepdims=True), 1e-300)
+    _, sizes, V = np.linalg.svd(A)
+    return np.asarray(V[int(np.sum(sizes > FREE * sizes[0])) :].T * units[:, None])
 
 
 def _differentiation(degree: int, length: float) -> tuple[Array, Array]:
