@@ -34,10 +34,10 @@ from mbdae.scene.contacts import READERS
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.system.scene_system import SceneSystem
+from mbdae.system.scene_system import RELAXED, SceneSystem
 from mbdae.system.start import Start
 from mbdae.threads import limited, single_threaded
-from mbdae.values import flag, number, of_class, option, optional, sequence, shown, text, whole
+from mbdae.values import flag, number, of_class, option, optional, sequence, shown, text, whole, word
 
 if TYPE_CHECKING:
     from mbdae.analysis import Branch, Equilibrium, Floquet, Linearization, Periodic
@@ -64,7 +64,15 @@ READERS["color"] = _by("plots", "hexadecimal")
 
 DEFAULT_OUTPUTS = 201
 MOST_STATES = 1_000_000  #: largest number of states that a stepper takes together
-START = "give a Result of this scene (mb.load reads one), an equilibrium, or None for the start of the scene"
+START = (f"give a Result of this scene (mb.load reads one), an equilibrium, '{RELAXED}' (elastic bodies strained by the loads of "
+         "the start), or None for the start of the scene")
+
+
+def begun_by(start: Any) -> Result | str | None:
+    """The option `start` of a run, checked."""
+    if isinstance(start, str):
+        return option("start", start, word, START, words=(RELAXED,))
+    return optional("start", start, of_class, START, base=Result)
 
 
 @naming_arguments
@@ -209,7 +217,7 @@ class Scene(SceneData):
     @single_threaded
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
-                 start: Result | None = None, verify: bool = False, max_wall: float | None = None,
+                 start: Result | str | None = None, verify: bool = False, max_wall: float | None = None,
                  progress: Callable[..., None] | bool | None = None, checkpoint: Any = None, every: int | None = None,
                  until: Any = None, record: Any = None, derivatives: bool = False, of: Any = None) -> Result:
         """Integrate the equations of motion to t_end (s), or to the event `until`.
@@ -221,7 +229,9 @@ class Scene(SceneData):
         `accuracy.covers` of the result says whether the accuracy also covers reactions and the mesh of beams. A solver with its
         own tolerance or step runs once.
         solver, form: an object, a class or a name, such as mb.RadauIIA(3), mb.IDA, "radau3", "ggl"; by default chosen.
-        outputs: a number of equally spaced times, or the times (s). start: a Result to continue. verify: measure the error by a
+        outputs: a number of equally spaced times, or the times (s). start: a Result to continue, or "relaxed": beams and reduced
+        bodies begin strained by the loads of the start as in a steady motion at the driven rates, instead of ringing; prescribed
+        motions are kept, and those that are left if elastic bodies were rigid. verify: measure the error by a
         second run with another method at a tenth of the accuracy, and that of the mesh of beams by a finer mesh. max_wall: limit
         of wall-clock time (s), after which WallClockError is raised.
         progress: True shows a bar; a function is called as progress(t, t_end, stats), ten times per second at most.
@@ -241,8 +251,7 @@ class Scene(SceneData):
         """
         accuracy = plausible(accuracy)
         method, own = solver_of(solver) if solver is not None else None, form_of(form) if form is not None else None
-        optional("start", start, of_class, START, base=Result)
-        begin = float(start.solution.t[-1]) if start is not None else 0.0
+        begin = float(start.solution.t[-1]) if isinstance(start := begun_by(start), Result) else 0.0
         end = end_after(begin, t_end)
         times = output_times(begin, end, outputs if outputs is not None else DEFAULT_OUTPUTS)
         verify = option("verify", verify, flag, "give True to have the error measured by a second method, or False")
@@ -259,17 +268,18 @@ class Scene(SceneData):
                                    DEFAULT_OUTPUTS if outputs is None else outputs, wanted, of)
 
     def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
-                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any,
+                   start: Result | str | None, verify: bool, asked: Asked, watched: Watched, outputs: Any,
                    derivatives: bool, of: Any) -> Result:
         """`simulate` after its options have been checked."""
         default = method is None and own is None
-        taken_, key = taken(self, (end, default) if start is None and asked.progress is None else None,
+        taken_, key = taken(self, (end, default, start) if not isinstance(start, Result) and asked.progress is None else None,
                             partial(prepared_from, start=start, t_end=end, default=default))
         prepared = watched.with_turns(taken_, lambda scene: prepared_from(scene, start, end))
         if derivatives:
             _derivatives("refuse_scene")(prepared, start, bool(watched.until))
         asked = replace(asked, wanted=wanted_of(of, prepared))
-        found = self._solved(prepared, end, accuracy, method, own, times, start is not None, verify, asked, watched, outputs)
+        found = self._solved(prepared, end, accuracy, method, own, times, isinstance(start, Result), verify, asked, watched,
+                             outputs)
         give_back(taken_, key)
         return found
 

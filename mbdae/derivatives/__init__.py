@@ -270,11 +270,11 @@ def names_of(to: Any) -> list[str]:
 
 
 def refuse_scene(prepared: Prepared, continued: Any = None, ends: bool = False) -> None:
-    """Raise DerivativeError for a scene whose runs have no derivatives; for runs that begin where another ended (`continued`), or
-    that end at an event."""
+    """Raise DerivativeError for a scene whose runs have no derivatives; for runs that begin where another ended or relaxed
+    (`continued`), or that end at an event."""
     if continued is not None:
-        raise DerivativeError("there are no derivatives of a run that begins where another one ended (start=): what that state "
-                              "depends on is not known; run the scene from its own start")
+        raise DerivativeError("there are no derivatives of a run that begins where another one ended, or relaxed (start=): what "
+                              "that state depends on is not known; run the scene from its own start")
     if ends:
         raise DerivativeError("there are no derivatives of a run that ends at an event (until=), whose time would move with the "
                               "numbers; run to a fixed time, and record= the event")
@@ -315,6 +315,8 @@ def refuse_run(result: Result) -> None:
     if ended:
         refuse_scene(prepared, ends=True)
     fresh = prepared_from(prepared.model.scene, None, end).start
+    if prepared.start.relaxed is not None:
+        refuse_scene(prepared, continued=True)
     for a, b in ((prepared.start.q, fresh.q), (prepared.start.u, fresh.u), (prepared.start.s, fresh.s)):
         if prepared.start.t != fresh.t or np.any(np.abs(a - b) > SAME * np.max(np.abs(b), initial=1.0)):
             refuse_scene(prepared, continued=True)

@@ -206,7 +206,7 @@ def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iter
         raise ended from None
 
 
-def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form | None, start: Result | None,
+def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form | None, start: Result | str | None,
                  **options: Any) -> dict[str, Any]:
     """Plain data of a call: scene, options and versions. OptionError where its runs cannot be stored."""
     try:
@@ -216,7 +216,8 @@ def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form
                           f"{error}; or run it without checkpoint=") from error
     return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]),
             "solver": repr(solver), "form": repr(form), "every": every,
-            "start": None if start is None else _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1]),
+            "start": _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1])
+                     if isinstance(start, Result) else start,
             "own": own_of(scene) | own_classes(solver, form), "versions": versions(),
             **{name: _told(value) for name, value in options.items()}}
 

@@ -1,9 +1,8 @@
-"""The choice of joints, form and solver for a run in which the user names none, with the reason.
+"""The choice of joints, form and solver for a run in which the user names none, with the reason; benchmarks/choice.py measures
+the rules and their bounds, docs/accuracy.md has the table.
 
-The rules and their bounds are measured by benchmarks/choice.py; docs/accuracy.md has the table.
-
-Numbers of unknowns, equations and operations of a scene, from the naive formulation (in space, classical joints with their
-coordinates, all rows of all joints, no shared unknowns) to the one integrated by default.
+Numbers of unknowns, equations and operations, from the naive formulation (in space, classical joints with their coordinates, all
+rows, no shared unknowns) to the one integrated by default.
 """
 
 from __future__ import annotations
@@ -35,6 +34,7 @@ from mbdae.system.model.moved_bodies import MOST_FULL, MovedBodies
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.scene_system import RELAXED, relaxed
 from mbdae.system.without_multipliers import WithoutMultipliers
 
 if TYPE_CHECKING:
@@ -52,14 +52,11 @@ STIFF, SMOOTH = 100.0, 0.3
 SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if every motion is prescribed
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}' may let bodies stick, as friction, unless the class {} says sticks = False"
-#: number of eigenvalues, those of largest magnitude, that are computed for a system of more than EIGENVALUES unknowns without
-#: multipliers
-LARGEST = 8
-#: largest number of unknowns for which all eigenvalues are computed; with more and with multipliers none are, and the scene
-#: counts as stiff
+LARGEST = 8  #: number of largest eigenvalues that are computed of more than EIGENVALUES unknowns without multipliers
+#: largest number of unknowns for which all eigenvalues are computed; with more and with multipliers the scene counts as stiff
 EIGENVALUES = 300
-#: condition number of a mass matrix below which it is inverted; with a larger one a generalised eigenvalue problem is solved
-WELL_CONDITIONED = 1e8
+ROUGH = 1e-3  #: tolerance of the run from which a relaxed start is found
+WELL_CONDITIONED = 1e8  #: condition number of a mass matrix up to which it is inverted, not taken into the eigenvalue problem
 
 
 @dataclass(frozen=True)
@@ -85,9 +82,15 @@ class Choice:
         return f"{self.solver.label}, {self.form.label}, {plane}, {counted(n, 'unknown')}, {linear}{joints}: {self.why}"
 
 
-def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | None = None, default: bool = False) -> Prepared:
-    """The scene prepared with its own start, or from the end of a Result, by default with recursive joints where these are taken;
-    raises SceneError with every problem found."""
+def prepared_from(scene: SceneData, start: Result | str | None = None, t_end: float | None = None,
+                  default: bool = False) -> Prepared:
+    """The scene prepared with its own start, from the end of a Result, or RELAXED, by default with recursive joints where these
+    are taken; raises SceneError with every problem found."""
+    if start == RELAXED:
+        system = system_for(own := prepared_from(scene, None, t_end, default), highest_index=3)
+        begin = relaxed(system, lambda length: RadauIIA(3, rtol=ROUGH).solve(system, system.t0 + length))
+        return prepare(own.model.scene, begin, t_end=t_end)
+    assert not isinstance(start, str)
     found = with_recursive_joints(scene, start, t_end) if default else None
     return found or prepare(scene, start.state_for(scene) if start is not None else None, t_end=t_end)
 
@@ -109,8 +112,7 @@ def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
     """Form and solver of a default run, from the equations at the start and the accuracy, before anything is solved."""
-    solver, own, why = _chosen(prepared, accuracy, form)
-    return Choice(prepared, stated, own, solver, why)
+    return Choice(prepared, stated, *_chosen(prepared, accuracy, form))
 
 
 def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
@@ -131,23 +133,23 @@ def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, F
         yield IDA(), form
 
 
-def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Solver, Form, str]:
+def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Form, Solver, str]:
     form = given if given is not None else default_form(prepared)
     hard = _hard(prepared) or ("" if form.within(Solver.highest_index) else f"only Radau takes the index of form {form.label}")
     if hard:
-        return RadauIIA(3), form, hard
+        return form, RadauIIA(3), hard
     rates = prepared.kept.setdefault(Rates, Rates(prepared))
     if not form.spec().blocks:
         if rates.decay > STIFF or rates.oscillation > STIFF:
-            return RadauIIA(3), form, f"stiff: {rates}"
-        return DOP853(), form, "an ordinary differential equation that is not stiff"
+            return form, RadauIIA(3), f"stiff: {rates}"
+        return form, DOP853(), "an ordinary differential equation that is not stiff"
     if given is None or given.within(DOP853.highest_index):
         eliminated = given or Index1()
         if not prepared.rank.degrees_of_freedom and (given or unknowns(prepared, GGL(), 2) > SMALL):
-            return DOP853(), eliminated, "every motion is prescribed, so nothing can vibrate"
+            return eliminated, DOP853(), "every motion is prescribed, so nothing can vibrate"
         if accuracy < TIGHT and rates.decay <= STIFF and rates.oscillation <= SMOOTH:
-            return DOP853(), eliminated, "rigid bodies that neither vibrate nor decay fast, to a tight accuracy"
-    return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy" if accuracy >= TIGHT else f"{rates}"
+            return eliminated, DOP853(), "rigid bodies that neither vibrate nor decay fast, to a tight accuracy"
+    return form, RadauIIA(3), "long steps of order 5 are enough for this accuracy" if accuracy >= TIGHT else f"{rates}"
 
 
 def _hard(prepared: Prepared) -> str:
@@ -175,10 +177,10 @@ def _largest_eigenvalues(system: System) -> np.ndarray:
     def product(v: np.ndarray) -> np.ndarray:
         return np.asarray(system.rate_products(system.t0, system.y0, v.reshape(1, -1))[0])
 
-    begin = np.random.default_rng(7).normal(size=system.n)
+    operator = LinearOperator((system.n, system.n), matvec=product, dtype=float)
     try:
-        operator = LinearOperator((system.n, system.n), matvec=product, dtype=float)
-        return np.asarray(eigs(operator, LARGEST, which="LM", v0=begin, tol=0.05, return_eigenvectors=False))
+        v = np.random.default_rng(7).normal(size=system.n)
+        return np.asarray(eigs(operator, LARGEST, which="LM", v0=v, tol=0.05, return_eigenvectors=False))
     except ArpackNoConvergence as stopped:
         return np.asarray(stopped.eigenvalues if len(stopped.eigenvalues) else [complex(-np.inf, np.inf)])
 
@@ -249,8 +251,8 @@ class Rates:
 
 @dataclass(frozen=True)
 class Size:
-    """Size of a system: numbers of unknowns, of equations, of multipliers (lambda and mu), of kernels (compiled functions of
-    laws), and of the arithmetic operations of all kernels for one residual with its derivatives."""
+    """Numbers of unknowns, equations, multipliers (lambda and mu), kernels (compiled functions of laws), and of the arithmetic
+    operations of all kernels for one residual with its derivatives."""
 
     unknowns: int
     equations: int
@@ -278,12 +280,11 @@ def size_of(system: Assembly) -> Size:
                   if (g, i) not in system.moved.replaced and not (idle and (g, i) not in live)]
         if active:
             p = linearised_plan(d, system.spec.outputs)
-            own = (p.residual.operations if p.nonlinear else 0) + (p.jacobian.operations if p.jacobian_places else 0)
             kernels += bool(p.nonlinear) + bool(p.jacobian_places)
-            operations += own * len(active)
-    trees = system.moved.trees
-    sizes = [system.moved.passes(system.numbering, tree).size for tree in trees]
-    kernels += sum(k for k, _ in sizes) if system.moved.ordered else 2 * len({tree.structure for tree in trees})
+            operations += len(active) * ((p.residual.operations if p.nonlinear else 0)
+                                         + (p.jacobian.operations if p.jacobian_places else 0))
+    sizes = [system.moved.passes(system.numbering, tree).size for tree in system.moved.trees]
+    kernels += sum(k for k, _ in sizes) if system.moved.ordered else 2 * len({tree.structure for tree in system.moved.trees})
     operations += sum(o for _, o in sizes)
     multipliers = sum(kind in ("lambda", "mu") for kind in system.kinds)
     return Size(system.n, len(system.equations), multipliers, kernels, operations)

@@ -35,6 +35,7 @@ from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
 from mbdae.run.amplification import Amplified
+from mbdae.run.choice import prepared_from
 from mbdae.run.control import closer, run_controlled
 from mbdae.run.estimate import Controlled, Probe, cpu_of, measure_of, other_run, with_left_out
 from mbdae.scene.components import Beam, Station
@@ -43,7 +44,7 @@ from mbdae.system.base import Array
 from mbdae.system.model.nodes import rotation_matrices
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.sampling import position_distance
-from mbdae.system.scene_system import SceneSystem
+from mbdae.system.scene_system import RELAXED, SceneSystem
 from mbdae.threads import one_thread
 
 if TYPE_CHECKING:
@@ -84,7 +85,9 @@ def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, as
     same run on a finer mesh; and that finer run, with which reactions are compared too. The run must begin at the start of the
     scene. Raises MbdaeError where the finer run fails."""
     end = float(run.t[-1])
-    finer = prepare(with_finer_beams(prepared.model.scene), t0=prepared.start.t, t_end=end)
+    scene = with_finer_beams(prepared.model.scene)
+    finer = (prepared_from(scene, RELAXED, end) if prepared.start.relaxed is not None else
+             prepare(scene, t0=prepared.start.t, t_end=end))
     again = solver.run(system_for(finer, form, solver.highest_index), replace(asked, t_end=end))
     times = np.linspace(float(run.t[0]), end, TIMES)
 

@@ -295,9 +295,10 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
         known |= dict(zip(start.names, start.s, strict=True))
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
     u, changes = _joined_suddenly(mechanics, start)
+    changes += start.changes if start.relaxed is not None else []
     a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
     return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates,
-                 controllers=start.controllers)
+                 controllers=start.controllers, relaxed=start.relaxed)
 
 
 def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:

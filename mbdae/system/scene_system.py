@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbdae.deferred import as_full, later
+from mbdae.errors import StartError
 from mbdae.native.equations import Equations
+from mbdae.symbolic.frames import NodeKind
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.guards import ContactGuards, switches_of_model
 from mbdae.system.assembled.jacobian_entries import FormSpec
@@ -22,13 +26,21 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import RowsInForce
 from mbdae.system.sampling import Sampling
-from mbdae.system.start import Start
+from mbdae.system.start import ChangedVelocity, Start
 from mbdae.system.start_with_contacts import multiplier_scales, state_scale, stress_scale
 from mbdae.threads import alone, single_threaded
 from mbdae.values import largest
 
+if TYPE_CHECKING:
+    from mbdae.system.start_of_beams import Slow, strainless
+else:
+    Slow, strainless = later("mbdae.system.start_of_beams", "Slow", "strainless")
+
 #: tests set this to False, so that solvers step over inputs of time and switching laws, which checks after a run have to find
 WATCH_INPUTS_AND_SWITCHES = True
+RELAXED = "relaxed"  #: word of a start that `relaxed` finds
+#: estimated error of the velocities, over the largest one, from which a relaxed start is told, and refused
+TOLD, UNFOUND = 1e-4, 0.01
 
 
 class SceneSystem(System):
@@ -220,6 +232,47 @@ class SceneSystem(System):
     def _positions(self, t: float, y: Array) -> Array:
         """Positions q (nq,) of all nodes."""
         return np.asarray(self._prepared.states(np.array([t]), y[None])[0][0])
+
+
+def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array]]) -> Start:
+    """The start of a scene in which elastic bodies are strained as in a motion without ringing: prescribed motions are kept, and
+    of the others the part that would be there if elastic bodies were rigid, in the mean over the masses.
+    near: length of a run with long steps, s -> times (k,) -> its unknowns (k, n)."""
+    prepared, nb = system._prepared, system.numbering
+    m, start, time = prepared.mechanics, prepared.start, np.array([prepared.start.t])
+    nq, nu = nb.nq, nb.nu
+    if not prepared.model.elastic:
+        return start
+    if loose := [c.name for c in prepared.model.scene.joints if c.loose]:
+        raise StartError([f'start="relaxed": where the pin of {loose[0]} would touch is not known; start without it'])
+    H = np.array([m.rates(start.q, e)[nb.of_positions] for e in np.eye(m.nu)[nb.of_velocities]]).T
+    moved = prepared.all_bodies.velocity_map(time, system.y0[None, :nq])[0]
+    rigid = strainless(m, time, start.q, moved, m.velocity_units[nb.of_velocities])
+    weight = rigid.T @ moved.T @ as_full(m.mass) @ moved
+    rows, forces = np.zeros((2, 2 * rigid.shape[1], system.n))
+    count = rigid.shape[1]
+    rows[:count, :nq], rows[count:, nq : nq + nu] = weight @ (H / np.sum(H * H, axis=0)).T, weight
+    forces[:count, :nq], forces[count:, nq : nq + nu] = (H @ rigid).T, weight
+    kept = np.eye(system.n)[np.array(system.kinds) == "s"]
+    quaternions = [np.flatnonzero((nb.of_positions >= n.q + 3) & (nb.of_positions < n.q + 7))
+                   for n in prepared.model.nodes if n.kind is NodeKind.SPATIAL]
+    quaternions = [own for own in quaternions if len(own)]
+
+    def lengths(y: Array) -> tuple[Array, Array]:
+        slopes = np.zeros((len(quaternions), system.n))
+        for slope, own in zip(slopes, quaternions, strict=True):
+            slope[own] = y[own]
+        return (slopes @ y - 1) / 2, slopes
+
+    rate = max(m.speed(start.u) / prepared.length, 1 / prepared.time)
+    slow = Slow(system, np.vstack([rows, kept]), np.vstack([forces, kept]).T, lengths, lengths(system.y0)[1].T, near)
+    y, error = slow.start(rate)
+    if error > UNFOUND:
+        raise StartError([f'start="relaxed": no motion without ringing was found near the start of the scene (its velocities are '
+                          f"known to {error:.1g} of the largest one): elastic bodies vibrate as slowly as the scene moves"])
+    (q,), (u,), (s,) = prepared.states(time, y[None])
+    told = [ChangedVelocity(f'start="relaxed": velocities are known to {error:.1g} of the largest alone')] if error > TOLD else []
+    return replace(start, q=q, u=u, s=s, relaxed=error, changes=[*start.changes, *told])
 
 
 def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tuple[Array, Array]:

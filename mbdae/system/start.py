@@ -45,7 +45,9 @@ class Start:
     in force; changes: sentences on what differs from the drawing.
 
     For a run that is continued, possibly with other joint models: names of the states s; coordinates: (joint, coordinate) ->
-    value, m, or rad with whole turns; controllers: name -> state of those called before (`system.sampling.UnderWay`)."""
+    value, m, or rad with whole turns; controllers: name -> state of those called before (`system.sampling.UnderWay`).
+    relaxed: where elastic bodies are strained as in a motion without ringing, the estimated error of the velocities over the
+    largest one."""
 
     t: float
     q: Array
@@ -57,6 +59,7 @@ class Start:
     names: tuple[str, ...] | None = None
     coordinates: dict[tuple[str, str], float] = field(default_factory=dict)
     controllers: dict[str, Any] = field(default_factory=dict)
+    relaxed: float | None = None
 
 
 def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:

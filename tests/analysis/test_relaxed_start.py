@@ -1,0 +1,103 @@
+"""A start in which elastic bodies are strained by their loads: no ringing, beside equilibria, and what is kept."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+
+import mbdae as mb
+from mbdae.run.choice import prepared_from
+
+STEEL = mb.Section.rectangular(0.02, 0.01, E=210e9, nu=0.3, rho=7850.0, damping=1e-6)
+
+
+def engine(**drive: Any) -> mb.Scene:
+    """A slider-crank with an elastic rod."""
+    R, L = 0.05, 0.2
+    s = mb.Scene("engine")
+    crank, rod = s.link("crank", (0, 0), (R, 0), mass=2.0), s.beam("rod", (R, 0), (R + L, 0), section=STEEL, elements=2)
+    ram = s.rigid_body("ram", 0.5, 1e-3, at=(R + L, 0))
+    s.revolute("A", s.ground, crank, at=(0, 0), **drive)
+    s.revolute("B", crank, rod, at=(R, 0))
+    s.revolute("C", rod, ram, at=(R + L, 0))
+    s.prismatic("D", s.ground, ram, at=(R + L, 0), axis=(1, 0, 0))
+    return s
+
+
+def rotor(angle: Any) -> mb.Scene:
+    """A beam on a hub; its first frequency is 580 rad/s."""
+    s = mb.Scene("rotor")
+    hub, blade = s.rigid_body("hub", 1.0, 1e-3, at=(0, 0)), s.beam("blade", (0.02, 0), (0.32, 0), section=STEEL, elements=3)
+    s.revolute("A", s.ground, hub, at=(0, 0), angle=angle)
+    s.weld("F", hub, blade, at=(0.02, 0))
+    return s
+
+
+def test_the_first_peak_of_a_flexible_rod_is_that_of_its_steady_running() -> None:
+    """3000 1/min; the steady peak is that of `test_periodic`."""
+    s = engine(angle=100 * np.pi * mb.t)
+    first = s.simulate(0.02, 1e-3, start="relaxed", of=["B.force"])
+    assert first.peak("B.force").value == pytest.approx(4826.0, rel=1e-3)
+    assert not first.warnings
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert s.simulate(0.02, 1e-3).peak("B.force").value > 1.8 * 4826.0
+
+
+@pytest.mark.parametrize("rate", [100, 300, pytest.param(700, marks=pytest.mark.slow)])
+def test_a_turning_beam_begins_in_its_relative_equilibrium(rate: float) -> None:
+    """Also above the first frequency of the beam, where only long polynomials find it."""
+    s = rotor(rate * mb.t)
+    found, rest = prepared_from(s, "relaxed").start, s.equilibrium(frame="hub").prepared.start
+    assert found.relaxed < 1e-4
+    assert np.linalg.norm(found.u - rest.u) <= max(found.relaxed, 1e-8) * np.linalg.norm(rest.u)
+    np.testing.assert_allclose(found.q, rest.q, atol=max(found.relaxed, 1e-8))
+
+
+def test_a_shaken_beam_has_the_peak_of_its_periodic_motion() -> None:
+    s, T = rotor(0.1 * sympy.sin(50 * mb.t)), 2 * np.pi / 50
+    first = s.simulate(T, 1e-3, start="relaxed", of=["F.torque"]).peak("F.torque")
+    assert first.value == pytest.approx(3.91452, rel=1e-3)  # that of s.periodic(T, 1e-4, of=["F.torque"])
+
+
+def test_momentum_of_what_is_free_is_kept() -> None:
+    """A beam that flies and turns: nothing acts, so that it is stretched, and its momentum is the one that was stated."""
+    s = mb.Scene("flight", gravity=(0, 0, 0), space="spatial")
+    s.beam("b", (0, 0, 0), (1, 0, 0), section=STEEL, elements=2, angular_velocity=(3, 100, 2), velocity=(1, 2, 3))
+    unstrained, relaxed = (prepared_from(s, start) for start in (None, "relaxed"))
+    M = unstrained.mechanics.mass
+    kept = [float(sum((M @ p.start.u)[n.u + i] for n in p.model.nodes)) for p in (unstrained, relaxed) for i in range(3)]
+    np.testing.assert_allclose(kept[3:], kept[:3], rtol=1e-10)
+    ends = [[n.position(p.start.q) for n in (p.model.nodes[0], p.model.nodes[-1])] for p in (unstrained, relaxed)]
+    length = [float(np.linalg.norm(b - a)) for a, b in ends]
+    assert length[1] - length[0] == pytest.approx(7850 * 1e4 / 12 / 210e9, rel=2e-3)  # rho w^2 L^3 / (12 E)
+
+
+def test_a_crank_under_a_torque_begins_without_ringing() -> None:
+    s = engine(torque=10.0)
+    prepared = prepared_from(s, "relaxed")
+    assert prepared.start.relaxed < 1e-4
+    run = s.simulate(0.01, 1e-3, start="relaxed", of=["B.force"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        shock = s.simulate(0.01, 1e-3, of=["B.force"])
+    early = [float(np.ptp(np.linalg.norm(r["B"].force[:20], axis=1))) for r in (run, shock)]
+    assert early[0] < 0.1 * early[1]
+
+
+def test_what_it_cannot_do_is_refused_and_rigid_scenes_start_as_drawn() -> None:
+    s = engine(angle=100 * mb.t)
+    with pytest.raises(mb.OptionError, match="'strained' is not one of 'relaxed'"):
+        s.simulate(0.01, start="strained")
+    with pytest.raises(mb.DerivativeError, match="relaxed"):
+        s.simulate(0.01, 1e-3, start="relaxed", derivatives=True)
+    with pytest.raises(mb.StartError, match="elastic bodies vibrate as slowly as the scene moves"):
+        rotor(3000 * mb.t).simulate(0.01, start="relaxed")
+    rigid = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    rigid.revolute("A", rigid.ground, rigid.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+    a, b = (rigid.simulate(0.1, start=start) for start in (None, "relaxed"))
+    np.testing.assert_array_equal(a["A"].angle, b["A"].angle)
