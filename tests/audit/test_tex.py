@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,61 @@ def test_displays_with_numbers_labels_and_macros() -> None:
     markdown = "# One\n\n$$ a = b \\tag{2} $$\n\n```math\nc = d\n```\n\n```python\nx = '$$ e $$'\n```\n$$ f $$ {#eq:f}\n"
     assert [(d.number, d.label, d.line, d.latex, d.section) for d in displays(markdown, markdown=True)] == [
         ("2", "", 3, "a = b", "One"), ("", "", 6, "c = d", "One"), ("", "eq:f", 12, "f", "One")]
+
+
+@pytest.mark.parametrize(("tex", "shown"), [  # of each display its number, TeX, label
+    (r"\begin{IEEEeqnarray}{rCl} g & = & h \IEEEnonumber \\ & = & a \\ i &=& j \label{i} \end{IEEEeqnarray}",
+     [("1", "g & = & h & = & a", ""), ("2", "i &=& j", "i")]),
+    (r"\begin{empheq}[left=\empheqlbrace]{align*} a &= b \\ c &= d \end{empheq}", [("", "a &= b", ""), ("", "c &= d", "")]),
+    (r"\begin{numcases}{|x| =} x, & for $x > 0$ \\ -x, & for $x < 0$ \end{numcases}",
+     [("1", r"|x| = \begin{cases} x, &\text{for} x > 0 \\ -x, &\text{for} x < 0 \end{cases}", "")]),
+    (r"\equation a = b \endequation", [("1", "a = b", "")]),
+    (r"\def\be{\begin{equation}}\def\ee{\end{equation}} \be a = b \ee", [("1", "a = b", "")]),
+    (r"\let\be\equation\let\ee\endequation \be a = b \ee", [("1", "a = b", "")]),
+    (r"\newcommand{\eqn}[2][x]{\begin{equation}\label{#1} #2 \end{equation}} \eqn[y]{a = b} \eqn{c = d}",
+     [("1", "a = b", "y"), ("2", "c = d", "x")]),
+    (r"\newenvironment{law}[1]{\begin{equation}\label{#1}}{\end{equation}} \begin{law}{l} a = b \end{law}",
+     [("1", "a = b", "l")]),
+    (r"\begin{alignat}{2} a &= b &\quad c &= d \end{alignat}", [("1", r"a &= b \quad \quad c &= d", "")]),
+    (r"\begin{flalign} && a = b && \\ & -c = d & \end{flalign}",
+     [("1", r"&\quad  a = b &\quad", ""), ("2", r"& -c = d \quad", "")]),
+    (r"\begin{dmath}[label={q}] a = b \end{dmath}", [("1", "a = b", "q")]),
+    (r"\begin{equation} a = b \end{equation} \begin{equation} & = c \end{equation}", [("1", "a = b", ""), ("2", "& = c", "")]),
+    (r"$$ a = b \eqno (7) $$ and $c$$d$", [("7", "a = b", "")]),
+    (r"\setcounter{equation}{6} \begin{equation} a = b \end{equation}", [("7", "a = b", "")]),
+    (r"\numberwithin{equation}{section} \section*{0} \section{1} \appendix \section{2} \begin{align} a = b \end{align}",
+     [("A.1", "a = b", "")]),
+])
+def test_displays_of_every_kind(tex: str, shown: list[tuple[str, str, str]]) -> None:
+    assert [(d.number, d.latex, d.label) for d in displays(tex) if not d.trouble] == shown
+    assert not [d for d in displays(tex) if d.trouble]
+
+
+@pytest.mark.parametrize(("tex", "why"), [
+    (r"Words \begin{boxed} F = m a \end{boxed} words.", "the environment `boxed` is not known"),
+    (r"Words \beq F = m a \quad\text{for $a$} \eeq words.", r"macros `\\beq` and `\\eeq` are defined nowhere"),
+    (r"\formula m \ddot x = F \end", "outside of all displays"),
+    (r"\begin{equation} F = m a", r"not closed by `\\end{equation}`"), ("$$ F = m a\n\nWords $$", r"not closed by `\$\$`"),
+    ("\\[ F = m a\n\n\\[ c = d \\]", r"not closed by `\\\]` before line"),
+    (r"\begin{equation} F = m a \end{align}", r"closed by `\\end{align}`"), (r"Words \end{equation}", "closes no display"),
+    (r"\begin{empheq}[left={F=}]{align} m a \end{empheq}", "is not read"), (r"\input{forces}", "`forces` displays is not read"),
+    (r"\setcounter{equation}{\value{page}}", "sets the numbers of equations"),
+    (r"\begin{dgroup} \end{dgroup}", "counts is not known")])
+def test_no_display_is_left_out(tex: str, why: str) -> None:
+    """What is not read is said in its place, and later equations have no number that may be wrong."""
+    first, last = r"\begin{equation} a = b \end{equation}", r"\begin{align} c = d \label{c} \end{align}"
+    found = displays(f"First.\n{first}\n\n{tex}\n\n{last}\n")
+    assert (found[0].number, found[0].line) == ("1", 2)
+    assert (found[-1].number, found[-1].label, found[-1].latex) == ("", "c", "c = d")
+    told = [d for d in found if d.trouble]
+    assert re.search(why, told[0].trouble), told
+    assert told[0].line == 4
+
+
+def test_displays_of_markdown() -> None:
+    text = "> $$\n> a = b\n> $$\n\n```{math}\n:label: c\nc = d\n```\n\nFor $5 x = 3, a_b = c_d.\n\n$$ e = f\n\n$$ g = h $$\n"
+    found = [(d.latex, d.label, bool(d.trouble)) for d in displays(text, markdown=True)]
+    assert found == [("a = b", "", False), ("c = d", "c", False), ("$$ e = f", "", True), ("g = h", "", False)]
 
 
 SPRING = r"""The deflection is $x$; $m$ is the mass of the body and $k$ is the stiffness of the spring.
