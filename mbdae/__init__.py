@@ -102,12 +102,10 @@ __all__ = [
     "FixedOrientation", "Force", "Free", "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine",
     "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "ReducedBody", "Revolute", "Run", "Scene", "SceneError", "Screw",
-    "Section",
-    "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
+    "Section", "SolverError", "Sphere", "Spherical", "StartError", "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld",
     "arena", "at_end", "audit", "compare", "curve", "design", "export", "extremes", "fit", "function", "integral", "largest",
     "load", "mass", "measure_order", "number", "params", "rate", "read_fe", "read_mjcf", "read_table", "read_urdf", "report",
-    "selftest",
-    "sweep", "t", "table",
+    "selftest", "sweep", "t", "table",
 ]
 
 
