@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["Later", "LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
-           "cython_lapack", "dijkstra", "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse",
-           "later", "maximum_flow", "median", "qr", "sp", "splu"]
+           "cython_lapack", "dijkstra", "distinct", "eigh", "eigsh", "eigvals", "entries_of", "group_columns", "identity",
+           "issparse", "later", "maximum_flow", "median", "qr", "sp", "splu"]
 
 
 class Later:
