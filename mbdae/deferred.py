@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["Later", "LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
-           "cython_lapack", "dijkstra", "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse",
-           "later", "maximum_flow", "median", "qr", "sp", "splu"]
+           "cython_lapack", "dijkstra", "distinct", "eigh", "eigsh", "eigvals", "entries_of", "group_columns", "identity",
+           "issparse", "later", "maximum_flow", "median", "qr", "sp", "splu"]
 
 
 class Later:
@@ -56,7 +56,7 @@ def later(module: str, *names: str) -> tuple[Later, ...]:
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
-    from scipy.linalg import cython_lapack, eigvals, qr
+    from scipy.linalg import cython_lapack, eigh, eigvals, qr
     from scipy.optimize._numdiff import group_columns
     from scipy.sparse import bmat, csc_matrix, csr_matrix, identity, issparse
     from scipy.sparse.csgraph import connected_components, dijkstra, maximum_flow
@@ -65,7 +65,7 @@ else:
 
     sp, cython_lapack = Later("scipy.sparse"), Later("scipy.linalg.cython_lapack")
     bmat, csc_matrix, csr_matrix, identity = later("scipy.sparse", "bmat", "csc_matrix", "csr_matrix", "identity")
-    eigvals, qr = later("scipy.linalg", "eigvals", "qr")
+    eigh, eigvals, qr = later("scipy.linalg", "eigh", "eigvals", "qr")
     group_columns = Later("scipy.optimize._numdiff", "group_columns")
     connected_components, dijkstra, maximum_flow = later(
         "scipy.sparse.csgraph", "connected_components", "dijkstra", "maximum_flow")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from mbdae.errors import ListsAttributes
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import counted, lines, titled
 from mbdae.run.choice import Choice, Reduction, choose, reductions, with_recursive_joints
+from mbdae.run.verification import ringing_of
 from mbdae.scene.components import Beam, Classical, Connection, Recursive
 from mbdae.scene.models import not_joined
 from mbdae.scene.scene import SceneData
@@ -21,6 +22,9 @@ from mbdae.system.model.moved_bodies import expressions_of, timeline
 from mbdae.system.model.trees import Tree
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 from mbdae.values import Array
+
+if TYPE_CHECKING:
+    from mbdae.system.start_of_beams import Ringing
 
 #: a joint whose point is off a rigid link that it holds by more than this fraction of the link's length is reported
 OFF = 0.01
@@ -45,6 +49,11 @@ class Check(ListsAttributes):
     def reductions(self) -> list[Reduction]:
         """How the equations become fewer from the naive formulation to the default run; see `mbdae.run.choice`."""
         return reductions(self.prepared.model.scene, self.prepared, self.choice)
+
+    @cached_property
+    def ringing(self) -> Ringing | None:
+        """What rings because beams start unstrained under load: amplitude, frequency, decay; None where nothing does."""
+        return ringing_of(self.prepared)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -191,7 +200,7 @@ class Check(ListsAttributes):
         lines += [f"  {note}" for note in doubts(p)]
         if p.rows:
             lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
-        lines += [f"  start: {change}" for change in p.start.changes]
+        lines += [f"  start: {change}" for change in (*p.start.changes, self.ringing) if change]
         lines.append(f"  length {p.length:.4g} m, characteristic time {p.time:.4g} s")
         steps = ", ".join(f"{r.size.unknowns} ({r.reason.split(': ')[0]})" for r in self.reductions)
         lines.append(f"  unknowns, multipliers included, from the full equations to those that are solved: {steps}")

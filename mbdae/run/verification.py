@@ -52,15 +52,20 @@ if TYPE_CHECKING:
     from mbdae.laws.beam import table
     from mbdae.results.beams import Fields, in_space
     from mbdae.system.model.beams import Line
+    from mbdae.system.start_of_beams import Ringing, allowed_by, ringing
 else:
     IDA = Later("mbdae.integrators.sundials", "IDA")
     table = Later("mbdae.laws.beam", "table")
+    allowed_by, ringing = later("mbdae.system.start_of_beams", "allowed_by", "ringing")
     Fields, in_space = later("mbdae.results.beams", "Fields", "in_space")
 
 TIMES = 201  #: number of times at which both meshes are compared
 PLACES = np.linspace(0, 1, 5)  #: places of every element, from 0 to 1, at which both meshes are compared
 #: fraction of an element by which a place at its end is moved inside it, to find the element of the other mesh on the same side
 INWARDS = 1e-6
+#: largest number of velocities of a scene of which it is looked at what rings after its start, and smallest amplitude that is
+#: told, over the scene's length
+LOOKED, SEEN = 300, 1e-9
 
 
 def with_finer_beams(scene: SceneData) -> SceneData:
@@ -96,6 +101,24 @@ def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, as
 
     apart = Beside(again, times, measure, better=True).distance(run)
     return apart, OtherRun.beside(again, times, 1.0, finer, "mesh")
+
+
+def ringing_of(prepared: Prepared) -> Ringing | None:
+    """What rings because the beams of a scene start unstrained under load; None where nothing does, where it is not known what a
+    start without ringing is, and with more than LOOKED velocities."""
+    m, start = prepared.mechanics, prepared.start
+    if not m.model.lines or m.nu > LOOKED or start.relaxed is not None:
+        return None
+    try:
+        relaxed = prepared_from(m.model.scene, RELAXED).start
+    except (MbdaeError, np.linalg.LinAlgError):
+        return None
+    time, units = np.array([start.t]), m.velocity_units[prepared.all_bodies.numbering.of_velocities]
+    moved = prepared.all_bodies.velocity_map(time, prepared.all_bodies.reduced(start.q[None], start.u[None])[0])[0]
+    x = np.linalg.lstsq(np.array([m.rates(start.q, e) for e in np.eye(m.nu)]).T, start.q - relaxed.q, rcond=None)[0]
+    free = allowed_by(m.constraint_jacobian(time, start.q[None])[0] @ moved, units)
+    found = ringing(m, start.q, x, start.u - relaxed.u, moved, free)
+    return found if found.amplitude > max(SEEN, relaxed.relaxed or 0.0) * prepared.length else None
 
 
 def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> float:

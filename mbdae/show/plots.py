@@ -24,6 +24,7 @@ STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)
 SECTION = {"strain": ["Γ1", "Γ2", "Γ3", "K1", "K2", "K3"], "stress_resultants": ["N1", "N2", "N3", "M1", "M2", "M3"]}
 PANELS = {"strain": (("Γ", "strain", "-"), ("K", "curvature", "1/m")),
           "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}
+BAND = 0.25  #: opacity of the band of the error of a plotted quantity
 WIDTH = 100  #: largest number of letters in one line of a legend
 PLACE = "name a body, a joint, a position sensor or a place such as body.at(point)"
 PICTURES = (".png", ".svg", ".pdf")
@@ -211,11 +212,14 @@ def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: S
 def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str], letter: str) -> None:
     for sensor in sensors:
         for label, result in results:
+            error = result.error(sensor)
             for component, values in components(result, sensor):
                 if not component.startswith(letter):
                     continue
                 name = " ".join(part for part in (sensor, component, f"({label})" if label else "") if part)
-                axis.plot(result.t, values, label=name, **style(len(axis.lines)))
+                (line,) = axis.plot(result.t, values, label=name, **style(len(axis.lines)))
+                if error is not None and np.isfinite(error):  # a band, seen where it is wider than the line
+                    axis.fill_between(result.t, values - error, values + error, color=line.get_color(), alpha=BAND, linewidth=0)
     steady(axis)
 
 

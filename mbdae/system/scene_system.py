@@ -32,9 +32,9 @@ from mbdae.threads import alone, single_threaded
 from mbdae.values import largest
 
 if TYPE_CHECKING:
-    from mbdae.system.start_of_beams import Slow, strainless
+    from mbdae.system.start_of_beams import Slow, slowest, strainless
 else:
-    Slow, strainless = later("mbdae.system.start_of_beams", "Slow", "strainless")
+    Slow, slowest, strainless = later("mbdae.system.start_of_beams", "Slow", "slowest", "strainless")
 
 #: tests set this to False, so that solvers step over inputs of time and switching laws, which checks after a run have to find
 WATCH_INPUTS_AND_SWITCHES = True
@@ -264,7 +264,7 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
             slope[own] = y[own]
         return (slopes @ y - 1) / 2, slopes
 
-    rate = max(m.speed(start.u) / prepared.length, 1 / prepared.time)
+    rate = max(m.speed(start.u) / prepared.length, 1 / prepared.time, slowest(m))
     slow = Slow(system, np.vstack([rows, kept]), np.vstack([forces, kept]).T, lengths, lengths(system.y0)[1].T, near)
     y, error = slow.start(rate)
     if error > UNFOUND:

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.deferred import sp, splu
+from mbdae.deferred import eigh, sp, splu
 from mbdae.system.base import Array
 from mbdae.system.changes import cheapest, largest_violation
 from mbdae.system.model.nodes import rotation_of
@@ -33,6 +33,8 @@ POLYNOMIALS = ((7, 1.0), (9, 1.5), (11, 2.0), (13, 2.5), (17, 4.0), (21, 6.0))
 SHORTER, GOOD, ENOUGH = (1, 4, 16), 1e-5, 1e-7
 #: singular value, over the largest, of velocities that count as allowed by joints and free of strain
 FREE = 1e-9
+FADED = 0.01  #: part of a vibration's amplitude from which it counts as over
+STILL = 1e-9  #: square of a frequency over that of the largest, of motions that strain nothing
 BALANCED = 8  #: number of times that rows and columns of the linear equations are divided by the roots of their largest entries
 #: largest number of corrections; size of the last one relative to the first, and up to which it may be round-off
 NEWTON, SMALL, ROUND = 8, 1e-10, 1e-4
@@ -101,6 +103,11 @@ def _lowest(mechanics: Mechanics) -> float:
     lengths = [float(np.sum(np.linalg.norm(np.diff(beam.outline, axis=0), axis=1))) for beam in beams]
     sections = [beam.section for beam in beams]
     return float(min(min(s.EI2, s.EI3) / s.mass_per_length / l**4 for s, l in zip(sections, lengths, strict=True)))
+
+
+def slowest(mechanics: Mechanics) -> float:
+    """Rate, 1/s, of motions so slow beside the vibrations of all beams that they are not told from rest; 0 without beams."""
+    return SLOW * float(np.sqrt(_lowest(mechanics))) if mechanics.model.lines else 0.0
 
 
 @dataclass(frozen=True)
@@ -176,6 +183,38 @@ class Slow:
         raise np.linalg.LinAlgError  # the corrections do not converge
 
 
+class Ringing(NamedTuple):
+    """The vibrations that an unstrained start excites: largest displacement, m, and the time, s, at which the damping of the
+    beams has left FADED of their amplitude, inf without damping."""
+
+    amplitude: float
+    over: float
+
+    def __str__(self) -> str:
+        damped = f"until about t = {self.over:.2g} s, by the damping of the beams"
+        until = damped if np.isfinite(self.over) else "for the whole run"
+        return (f"beams start unstrained: expect ringing {until} ({self.amplitude:.1e} m at first, and its forces); "
+                f'simulate(..., start="relaxed") begins without')
+
+
+def ringing(m: Mechanics, q: Array, x: Array, v: Array, moved: Array, allowed: Array) -> Ringing:
+    """What rings after a start at q (nq,) that is x (nu,) and v (nu,) away from positions and velocities without ringing: the
+    decay of the energy of all modes. moved (all nodes, nu): velocities of all nodes from those of the unknowns; allowed (nu, k):
+    those that the joints allow."""
+    B, K, M = moved @ allowed, stiffness(m, q), m.mass
+    squares, modes = eigh(B.T @ (K @ B), B.T @ (M @ B))
+    modes = (B @ modes)[:, squares > STILL * squares[-1]]
+    squares = squares[squares > STILL * squares[-1]]
+    energy = squares * (modes.T @ (M @ x)) ** 2 + (modes.T @ (M @ v)) ** 2
+    lost = sum(line.energy(np.repeat(q[None], len(modes.T), axis=0), modes.T)[1] for line in m.model.lines)
+    amplitude = float(np.max(np.abs((modes @ (modes.T @ (M @ x)))[~m.rotational])))
+    low, high = 0.0, float(np.log(1 / FADED**2) / np.min(lost)) if np.min(lost) > 0 else np.inf
+    while np.isfinite(high) and high - low > 0.01 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if energy @ np.exp(-lost * middle) > FADED**2 * np.sum(energy) else (low, middle)
+    return Ringing(amplitude, high)
+
+
 def strainless(m: Mechanics, time: Array, q: Array, moved: Array, units: Array) -> Array:
     """(nu, k) velocities of the unknowns that strain no elastic body and that the joints allow, at positions q (nq,). moved (all
     nodes, nu): velocities of all nodes from those of the unknowns, of sizes `units` (nu,)."""
@@ -194,10 +233,15 @@ def strainless(m: Mechanics, time: Array, q: Array, moved: Array, units: Array) 
         rows.append(moved[at] - own @ (np.linalg.pinv(own) @ moved[at]))
     modes = {c.name for c in m.model.scene.joints if getattr(c.joint, "reduced", None) is not None}
     rows += [moved[n.u][None] for n in m.model.nodes if n.joint in modes]
-    A = np.vstack(rows) * units
+    return allowed_by(np.vstack(rows), units)
+
+
+def allowed_by(A: Array, units: Array) -> Array:
+    """(nu, k) velocities x with A x = 0, of sizes `units` (nu,)."""
+    A = A * units
     A = A / np.maximum(np.linalg.norm(A, axis=1, keepdims=True), 1e-300)
     _, sizes, V = np.linalg.svd(A)
-    return np.asarray(V[int(np.sum(sizes > FREE * sizes[0])) :].T * units[:, None])
+    return np.asarray(V[int(np.sum(sizes > FREE * np.max(sizes, initial=0.0))) :].T * units[:, None])
 
 
 def _differentiation(degree: int, length: float) -> tuple[Array, Array]:

@@ -89,6 +89,26 @@ def test_a_crank_under_a_torque_begins_without_ringing() -> None:
     assert early[0] < 0.1 * early[1]
 
 
+def cantilever(load: float, damping: float = 1e-6) -> mb.Scene:
+    section = mb.Section.rectangular(0.02, 0.01, E=210e9, nu=0.3, rho=7850.0, damping=damping)
+    s = mb.Scene("cantilever", gravity=(0, -load, 0))
+    s.weld("wall", s.ground, s.beam("beam", (0, 0), (1, 0), section=section, elements=3), at=(0, 0))
+    return s
+
+
+def test_checks_say_where_a_start_rings_and_for_how_long() -> None:
+    """A cantilever under its weight, m g L^3 / (8 EI) at first; damping eta leaves exp(-eta w^2 t / 2) of the first mode."""
+    found, EI, per_length = cantilever(9.81).check().ringing, 210e9 * 0.02 * 0.01**3 / 12, 7850 * 0.02 * 0.01
+    rate = 1.8751**4 * EI / per_length * 1e-6 / 2
+    assert found.over == pytest.approx(np.log(100) / rate, rel=0.06)  # 3 % of the energy is in further modes
+    assert found.amplitude == pytest.approx(per_length * 9.81 / (8 * EI), rel=0.01)
+    assert "start unstrained: expect ringing until" in str(cantilever(9.81).check())
+    assert "ringing for the whole run" in str(cantilever(9.81, 0.0).check())
+    for still in (cantilever(0.0), rotor((1 - sympy.cos(50 * mb.t)) ** 2)):
+        assert still.check().ringing is None
+        assert "ringing" not in str(still.check())
+
+
 def test_what_it_cannot_do_is_refused_and_rigid_scenes_start_as_drawn() -> None:
     s = engine(angle=100 * mb.t)
     with pytest.raises(mb.OptionError, match="'strained' is not one of 'relaxed'"):

@@ -124,3 +124,21 @@ def test_draw_of_a_wrong_scene() -> None:
         s.draw()
     with pytest.raises(mb.SceneError, match="has no bodies"):
         mb.Scene().draw()
+
+
+def test_plots_have_a_band_of_the_error() -> None:
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.revolute("A", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+    r = s.simulate(0.5, accuracy=1e-2)
+    figure = r.plot("A.angle", "A.force")
+    for axis, quantity in zip(figure.axes, ("A.angle", "A.force"), strict=True):
+        error = r.error(quantity)
+        assert error is not None
+        assert error > 0
+        for band, line in zip(axis.collections, axis.lines, strict=True):
+            (path,) = band.get_paths()
+            middle = path.vertices[np.isclose(path.vertices[:, 0], r.t[100]), 1]
+            wanted = line.get_ydata()[100] + np.array([-error, error])
+            np.testing.assert_allclose([middle.min(), middle.max()], wanted, rtol=1e-12)
+    bare = s.simulate(0.5, solver=mb.RadauIIA(3, rtol=1e-4))
+    assert not bare.plot("A.angle").axes[0].collections  # no error is known
