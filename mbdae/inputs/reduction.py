@@ -208,6 +208,9 @@ class FiniteElements:
             few = np.flatnonzero(left <= enough[0])
             if few.size or len(values) >= n or len(values) < count:
                 kept = int(few[0]) if few.size else len(values)
+                if kept > MANY:
+                    raise OptionError(f"modes = None: {kept} modes are needed to leave out {enough[0]:g}, more than {MANY}: give "
+                                      f"accelerations=True and up_to=, a larger accuracy, or the number of modes")
                 return values[:kept], vectors[:, :kept], float(left[kept])
             count *= 2
 
@@ -272,6 +275,7 @@ class FiniteElements:
         return values, elastic @ vectors / size[:, None]
 
 
+MANY = 100  #: largest number of modes that modes=None takes: a scene with 166 ran out of memory (23 GB)
 #: share of the elastic energy by a uniform acceleration below which no shape is added for what the modes leave out of it
 SHOWN = 1e-9
 

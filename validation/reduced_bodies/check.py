@@ -21,7 +21,7 @@ UNIT = np.sqrt(EI / PER_LENGTH)  #: rad/s
 QUICK, WHOLE = range(4), range(40)
 
 
-def beam(modes: int, elements: int = 10, **more: bool) -> mb.ReducedBody:
+def beam(modes: int | None, elements: int = 10, **more: bool) -> mb.ReducedBody:
     return mb.ReducedBody.craig_bampton(*beam_matrices(elements), {"root": [0], "tip": [elements]}, modes, **more)
 
 
@@ -41,10 +41,10 @@ def statics() -> Found:
 
 
 def frequencies() -> Found:
-    """The first eight of the free body against those of the whole matrices."""
+    """The first eight of the free body, modes chosen by accuracy 1e-3, against those of the whole matrices."""
     M, K, _ = beam_matrices(10)
     whole = np.sqrt(eigh(K.toarray(), M.toarray(), eigvals_only=True)[6:14]) / (2 * np.pi)
-    return Found(float(np.max(np.abs(beam(12).frequencies[:8] / whole - 1))), 1e-4, quantity="frequency")
+    return Found(float(np.max(np.abs(beam(None).frequencies[:8] / whole - 1))), 1e-4, quantity="frequency")
 
 
 def column(share: float) -> Found:
