@@ -208,12 +208,42 @@ def law_of_motion(equation: Any) -> str:
         moving = sorted(n for n in reached if scope.symbols[n].phrase.wording in MOVING)
         defined = [s for s in statement.sides if s.free & set(scope.symbols) and (
             not s.free & given or (s.kind in _WHOLE and s.free - given - {"pi", "I"}))]
-        changes = [s for s in defined if s.kind == "call" and s.value == "rate" and any(
-            u.powers[1] for n in s.free & set(scope.symbols) for u in scope.symbols[n].units)]  # of momenta and energies
-        if moving and len(changes) == len(defined):
+        changes = [s for s in statement.sides if any(_changes(term, given, scope) for term in _terms(s))]
+        if moving and (changes or not defined) and not _worked_out(statement, changes, scope):
             return (f"it says how {moving[0]} moves, and nothing else does: tell in the table what its left-hand side less its "
                     f"right-hand side is, as `equation {equation.number} [unit]: formula`")
     return ""
+
+
+def _terms(node: Node) -> list[Node]:
+    return [t for p in node.parts for t in _terms(p)] if node.kind in ("sum", "neg") else [node]
+
+
+def _changes(term: Node, given: set[str], scope: Any) -> bool:
+    """Whether a term is the rate of a momentum or an energy."""
+    names = term.free & set(scope.symbols)
+    return term.kind == "call" and term.value == "rate" and bool(names - given) and any(
+        u.powers[1] for n in names for u in scope.symbols[n].units)
+
+
+def _worked_out(statement: Any, changes: list[Node], scope: Any) -> bool:
+    """Whether a statement works out the rate of a quantity instead of saying how it changes: nothing stands on its other sides
+    that does not appear in that rate, as a force would, and no accelerations are missing there, which a law of motion gives."""
+    def known(node: Node) -> tuple[set[str], int]:
+        chains = filter(None, (chain(n) for n in node.walk()))
+        return set(node.free) - {"pi", "I"}, max((order for _, order in chains), default=0)
+
+    for side in changes:
+        worked = not any(n.kind == "call" and n.value == "diff" for n in side.walk())
+        whole = exact(side, scope) if worked else None
+        with suppress(NoRuleError, RecursionError):
+            others = [_expanded(s, scope) for s in statement.sides if s is not side]
+            if whole is None or any(is_zero(o) or o.kind == "number" for o in others):
+                continue
+            names, order = known(whole)
+            if all(n <= names and o == order for n, o in map(known, others)):
+                return True
+    return False
 
 
 _WHOLE = ("call", "power", "symbol", "transposed", "cross")  #: sides that are one quantity, if something else defines it

@@ -120,9 +120,8 @@ class Formula:
             after = next((j for j in range(n + 1, len(items)) if items[j].kind in ("comma", "gap", "text")), n)
             if item.kind == "gap" and not all(any(i.kind == "relation" for i in part) for part in (here, items[n:after])):
                 continue
-            if here:
-                found.append((here, condition))
-                here, condition = [], False
+            found += [(here, condition)] if here else []
+            here, condition = [], condition and not here
             if item.kind == "text":
                 word = item.text.strip(" ,.:").lower()
                 condition = word in CONDITIONAL
@@ -191,17 +190,18 @@ class Formula:
 
     def sum(self, items: Sequence[Item]) -> Node:
         """A formula without a relation."""
-        items = [i for i in items if i.kind != "gap"]
-        if not items:
+        if not (items := [i for i in items if i.kind != "gap"]):
             raise UnreadError("nothing stands on one side of a sign")
-        terms, here, sign = list[Node](), list[Item](), "+"
-        for item in (*items, Item("sign", "end")):
+        terms, here, sign, inside = list[Node](), list[Item](), "+", 0
+        for item, after in zip((*items, Item("sign", "end")), (*items[1:], Item(""), Item("")), strict=False):
+            inside += item.text == "\\int"  # signs up to its dx are those of an integral
+            inside -= bool(inside and item.key() == "d" and after.kind == "letter")
             if item.kind == "comma":
                 raise UnreadError(f"a comma stands in `{canonical(items)}`")
             if item.kind == "text":
                 raise UnreadError(f"the words '{item.text}' stand in a formula")
             leads = not here or (here[-1].kind == "sign" and here[-1].text not in ("+", "-"))
-            if item.kind == "sign" and item.text in ("+", "-", "end") and not (leads and here):
+            if item.text == "end" or (item.kind == "sign" and item.text in ("+", "-") and not inside and not (leads and here)):
                 if here:
                     term = self.product(here)
                     terms.append(negated(term) if sign == "-" else term)
@@ -288,12 +288,13 @@ class Formula:
         text = canonical(sup)
         if not text:
             return node
-        if text in TRANSPOSED:
-            return made("transposed", node)
-        if text.startswith("-") and text[1:] in TRANSPOSED:
-            return made("transposed", made("power", node, negated(number(1))))
+        if text.removeprefix("-") in TRANSPOSED:
+            return made("transposed", made("power", node, negated(number(1))) if text.startswith("-") else node)
         if text in ("*", "\\ast", "\\star", "\\dagger", "+", "-", "\\circ", "\\prime"):
             raise UnreadError(f"the superscript `{text}` has no meaning: give the letter with it a line in the table of meanings")
+        if text.isdigit() and int(text) % 2 == 0 and self.letters.shape(node) in ((3, 1), (2, 1)):  # v^2 is v . v
+            square = made("product", made("transposed", node), node)
+            return square if text == "2" else made("power", square, number(int(text) / 2))
         return made("power", node, self.sum(sup))
 
 

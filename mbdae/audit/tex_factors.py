@@ -189,6 +189,10 @@ class Factors:
                 raise UnreadError(f"`{name}({canonical(inside)})` may be a product or a value at a place: give the letter of the "
                                   f"table its argument, as ${canonical(self.items[self.at - 1 : self.at + 1])}$")
             self.at += 1
+        elif of is not None and not stated and of.kind == "symbol" and len(self.letters.contains(name)) > 1 and (
+                of.value not in self.letters.contains(name)):
+            raise UnreadError(f"`{name}({canonical(inside)})` may be a product or a value at a place: the definition of {name} "
+                              f"does not contain {of.value}")
         elif listed and (any(i.kind == "comma" for i in inside) or canonical(inside) == "t" or name in self.letters.functions):
             self.at += 1
 
@@ -284,14 +288,17 @@ class Factors:
         """An integral between limits, up to its dx."""
         if not item.sub or not item.sup:
             raise UnreadError("an integral without limits is not read")
-        items = self.items[self.at :]
-        ends = [i for i in range(len(items) - 1) if items[i].key() == "d" and items[i + 1].kind == "letter"]
-        if not ends:
+        items, depth, end = self.items[self.at :], 1, -1
+        for i in range(len(items) - 1):  # integrals within it end first
+            depth += items[i].text == "\\int"
+            depth -= items[i].key() == "d" and items[i + 1].kind == "letter"
+            end = i if not depth and end < 0 else end
+        if end < 0:
             raise UnreadError("an integral ends with no `dx`")
-        self.at += ends[0] + 2
+        self.at += end + 2
         low, high = self.formula.sum(item.sub), self.formula.sum(item.sup)
-        body = items[: ends[0]] or [Item("number", "1")]
-        return self.over("integral", items[ends[0] + 1], lambda: self.formula.product(body), low, high)
+        body = items[:end] or [Item("number", "1")]
+        return self.over("integral", items[end + 1], lambda: self.formula.sum(body), low, high)
 
     def summed(self, item: Item) -> Node:
         """A sum between limits, of all that follows in the term."""

@@ -51,6 +51,7 @@ NAMED = {*_NAMED.split(" ")}
 TRANSPOSED = {"T", "\\top", "\\intercal", "\\mathsf{T}", "\\mathsf{t}", "\\mathsf{\\top}", "t"}
 
 
+_ALONE = ("letter", "fence", "sign", "relation")  #: items between braces that are what they are without them
 DEEPEST = 40  #: brackets, fractions and scripts within each other that are read
 
 
@@ -203,7 +204,9 @@ class Items:
         if token == "{":
             self.at -= 1
             inside = self.argument()
-            return inside[0] if len(inside) == 1 and inside[0].kind in ("letter", "fence") else Item("group", "", (inside,))
+            if not inside and self.tokens[self.at : self.at + 1] not in (["_"], ["^"]):
+                return Item("nothing")  # space around a sign
+            return inside[0] if len(inside) == 1 and inside[0].kind in _ALONE else Item("group", "", (inside,))
         if token.isdigit() or (token == "." and self.at < len(self.tokens) and self.tokens[self.at].isdigit()):
             while self.at < len(self.tokens) and (self.tokens[self.at].isdigit() or (
                     self.tokens[self.at] == "." and "".join(self.tokens[self.at + 1 : self.at + 2]).isdigit())):
@@ -256,6 +259,8 @@ class Items:
             return Item("letter", "\\" + name)
         if name == "\\":
             return Item("comma", "\\\\")
+        if name == "boxed":
+            return Item("group", "over", (self.argument(),))
         if name in ("phantom", "hspace", "vspace", "label", "color", "footnote"):
             self.argument()
             return Item("nothing")

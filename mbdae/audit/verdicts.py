@@ -234,7 +234,7 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     if defined and units:
         return Row(equation, MISPRINT, residual, remark=units)
     if law := law_of_motion(equation):
-        return _cannot(equation, told(units, law))
+        return Row(equation, MISPRINT, residual, remark=units) if units else _cannot(equation, law)
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
     lacking = _lacking(equation, states)

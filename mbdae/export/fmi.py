@@ -165,9 +165,11 @@ def unit_source(unit: Program) -> str:
         sizes[size] = len(unit.functions[function].outputs) if function in unit.functions else 0
     sizes["CLOSES"] = int("closing" in unit.functions)
     starts = {"Y": "y", "P": "p", "U": "signals"}
+    least = ["0" if _least(e) == 0 else "-INFINITY" for e in unit.inputs["p"]]
     lines = [f"#define {n} {size}" for n, size in sizes.items()]
     lines += [f"#define START_{n} {f'{name}_{v}_values' if sizes[f'N{n}'] else 'NOMINAL'}" for n, v in starts.items()]
     lines += [f'#define TOKEN "{_token(unit)}"', f"#define SPAN {c_number(unit.span)}",
+              f"static const double LEAST[] = {{{', '.join(least) or '0'}}};",
               f"static const double NOMINAL[] = {{{', '.join(c_number(v) for v in unit.nominal) or '0'}}};"]
     values = {"t": "x[0]", "y": "x + 1", "p": "x + 1 + NY", "signals": "x + 1 + NY + NP", "change": "change"}
 
@@ -181,6 +183,12 @@ def unit_source(unit: Program) -> str:
     around = Path(__file__).with_name("fmi3.inc").read_text(encoding="utf-8")
     head = "static int function(int which, const double *x, const double *change, double *out) {"
     return "\n".join([source(unit), *lines, around, head, *cases, "  return 0;", "}", ""])
+
+
+def _least(parameter: Entry) -> float:
+    """The least value of a parameter: 0 of inertia, whose unit has kg and no time, but for products of inertia; else none."""
+    inertia = "kg" in parameter.unit and not re.search(r"\bs\b", parameter.unit)
+    return 0.0 if inertia and not re.search(r"\.J(xy|xz|yz)\b", parameter.name) else -np.inf
 
 
 def _token(unit: Program) -> str:
@@ -206,7 +214,7 @@ def _variables(unit: Program) -> Iterator[dict[str, Any]]:
                "initial": "exact", "start": e.value, "unit": e.unit, "nominal": size}
     for e in unit.inputs["p"]:
         yield {"name": unique(e.name), "causality": "parameter", "variability": "tunable", "initial": "exact", "start": e.value,
-               "unit": e.unit}
+               "unit": e.unit, **({"min": 0.0} if _least(e) == 0 else {})}
     for e in unit.inputs.get("signals", ()):
         yield {"name": unique(e.name), "causality": "input", "variability": "continuous", "start": e.value, "unit": e.unit}
     for reference, (name, e) in enumerate(zip(names, unit.functions["rates"].outputs, strict=True), start=1):

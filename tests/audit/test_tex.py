@@ -59,6 +59,10 @@ def read(tex: str) -> str:
     (r"\delta\mathbf r^T\mathbf F = \delta(x^2)", "delta(r)'*F = delta(x^2)"),
     (r"x' = \sqrt[3]{a}", "xp = a^(1/3)"),
     (r"x(t) = \dfrac{a}{b}\biggl(1 - \frac{b}{a}\biggr).", "x = a/b*(1 - b/a)"),
+    (r"x = \int_0^a -b\,y + v\,dy - \int_0^1\int_0^a b\,dy\,dx", 
+    "x = integral(-b*y + v, y, 0, a) - integral(integral(b, y, 0, a), x, 0, 1)"),
+    (r"a = \mathbf r^2 + \frac12\dot{\mathbf r}^4", "a = r'*r + 1/2*(rate(r)'*rate(r))^2"),
+    (r"\boxed{x {}={} a {-} b}", "x = a - b"),
     (r"x = a \quad \text{for} \quad 0 < v < 1", "x = a if 0 < v if v < 1"),
 ])
 def test_what_is_read(tex: str, text: str) -> None:
@@ -278,3 +282,39 @@ def test_a_letter_with_the_argument_it_depends_on_is_no_product() -> None:
     table = "\nphi [rad]: function of time\nr [m]: number\nl [m]: number\nlet x [m] = r*cos(phi)\nlet M [m] = r - l\n"
     paper = "\n" + r"\[x(\varphi) = r\cos\varphi\] \[M(l) = 0\] \[x(r) = r\] \[r(l) = l r\]"
     assert verdicts(paper, table) == ["RIGHT", "CANNOT JUDGE", "CANNOT JUDGE", "RIGHT"]
+
+
+RATES = r"""x [m]: function of time
+m [kg]: positive number
+k [N/m]: positive number
+c [N s/m]: positive number
+let V [J] = 1/2*k*x^2
+let T [J] = 1/2*m*rate(x)^2
+let E [J] = T + V
+let p [kg m/s] = m*rate(x)
+let L [J] = T - V
+"""
+
+
+@pytest.mark.parametrize(("tex", "verdict"), [
+    (r"\dot V = k x\dot x", "RIGHT"), (r"\dot V = 2 k x\dot x", "MISPRINT"), (r"\ddot V = k\dot x^2 - k x\ddot x", "MISPRINT"),
+    (r"\dot T = 3 m\dot x\ddot x", "MISPRINT"), (r"\frac{dT}{dt} = m\dot x^2", "MISPRINT"),  # by its units
+    (r"\dot E = \dot x(m\ddot x - k x)", "MISPRINT"), (r"\dot p = 2m\ddot x", "MISPRINT"),
+    (r"\dot p = -k x", "CANNOT JUDGE"), (r"\dot E = 0", "CANNOT JUDGE"), (r"\dot T = -k x\dot x", "CANNOT JUDGE"),
+    (r"\dot E = -c\dot x^2", "CANNOT JUDGE"), (r"\dot T = -\dot V", "CANNOT JUDGE"), (r"m\ddot x = -k x", "CANNOT JUDGE"),
+    (r"\dot T + \dot V = 0", "CANNOT JUDGE"), (r"\dot T + \dot V = \dot x(m\ddot x + 2k x)", "MISPRINT"),
+    (r"\frac{d}{dt}\frac{\partial L}{\partial\dot x} = \frac{\partial L}{\partial x}", "CANNOT JUDGE")])
+def test_rates_worked_out_and_laws_of_motion(tex: str, verdict: str) -> None:
+    """The rate of a quantity that the table defines is judged; how it changes in a motion is not, whatever moves it."""
+    row = mb.audit(f"\n\\[ {tex} \\]\n", meanings=RATES).equations[0]
+    assert row.verdict == verdict, row.said
+
+
+def test_powers_of_vectors() -> None:
+    """The square of a vector is that of its length; what is repaired has the units of what it equals."""
+    table = ("J [kg m^2]: positive number\nm [kg]: positive number\nomega [rad/s]: angular velocity of k\n"
+             "v [m/s]: velocity of k\nlet T [J] = 1/2*J*omega'*omega + 1/2*m*v'*v\n")
+    text = "\n\\[ T = %s \\]\n"
+    assert mb.audit(text % r"\tfrac12 J\omega^2 + \tfrac12 m v^2", meanings=table).equations[0].verdict == "RIGHT"
+    row = mb.audit(text % r"\tfrac12 J^2\omega^2 + \tfrac12 m v^2", meanings=table).equations[0]
+    assert (row.verdict, row.repair) == ("MISPRINT", "J^2 -> J")

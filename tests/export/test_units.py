@@ -180,6 +180,20 @@ def test_a_state_is_kept_and_put_back(unit):
     assert not state
 
 
+def test_a_negative_mass_is_refused(unit):
+    """As the scene refuses it; products of inertia and other parameters may have either sign."""
+    library = unit.library
+    (mass,) = [n for n in library.variables if n.endswith("link 1.mass")]
+    stiff = next(n for n in library.variables if n.endswith("damping"))
+    assert float(library.variables[mass]["min"]) == 0
+    assert "min" not in library.variables[stiff]
+    for name, value, status in (mass, -0.1, 3), (mass, np.nan, 3), (mass, 0.7, 0), (stiff, -0.02, 0):
+        _keep, at, count = library.references([name])
+        number = np.array([value])
+        assert library.c.fmi3SetFloat64(library.made, at, count, number.ctypes.data_as(Vector), count) == status
+    library.begin()
+
+
 def test_the_same_scene_gives_the_same_file(unit, tmp_path):
     again = mb.export(four_bar(), "fmi")
     assert again.text == unit.export.text
