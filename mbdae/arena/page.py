@@ -231,7 +231,7 @@ def figure(comparisons: Compared, stacked: bool = False) -> Any:
     for axis in axes if stacked else axes[:1]:
         axis.set_ylabel("share of the scenes")
     handles = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-    made.legend(handles.values(), handles, loc="outside lower center", ncols=4, frameon=False)
+    made.legend(handles.values(), handles, loc="outside lower center", ncols=2 if stacked else 4, frameon=False)
     return clear(made)
 
 
