@@ -81,7 +81,7 @@ class Arena(Study):
 
     def table(self) -> str:
         """Programs side by side, what was silently missed by whom, and where errors stay, as plain text."""
-        parts = [f"{self.scene}: {len(self.comparisons)} of {len(self.entries)} scenes compared", ""]
+        parts = [f"{self.scene}: {len(self.comparisons)} of {counted(len(self.entries), 'scene')} compared", ""]
         for rows in (programs(self.comparisons), missed(self.comparisons), stays(self.comparisons)):
             if rows:
                 parts += [*grid([tuple(rows[0]), *(tuple(map(str, row.values())) for row in rows)]), ""]

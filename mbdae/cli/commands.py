@@ -93,10 +93,10 @@ def compare(a: argparse.Namespace) -> int:
 def arena(a: argparse.Namespace) -> int:
     """Compare many scenes by several programs; 1 where one could not be compared."""
     out = _folder(a.out)
-    kept = out / "kept" if out else None
-    found = arena_of(a.scenes, engines=a.engines, accuracies=a.accuracies, count=a.count, seed=a.seed, workers=a.jobs, resume=kept)
+    found = arena_of(a, out / "kept" if out else None)
     _json(a, found.to_dict()) if a.json else print(found.table())
-    _ = found.save(out) if out else None
+    if out:
+        found.save(out)
     return 1 if any(entry.error for entry in found.entries) else 0
 
 
