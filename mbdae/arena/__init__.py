@@ -27,6 +27,7 @@ from mbdae.errors import MbdaeError, OptionError, naming_arguments
 from mbdae.export import export
 from mbdae.inputs import time_symbol
 from mbdae.laws.contact import Hertz
+from mbdae.notation import counted
 from mbdae.run.checkpoint import environment
 from mbdae.scene.components import Clearance
 from mbdae.scene.shapes import Section
@@ -301,7 +302,7 @@ def arena(scenes: Any = None, engines: Any = None, accuracies: Sequence[float] =
     points = {i: {"scene": scene, "t_end": t_end, "options": options, "resume": files[i]}
               for i, (_, _, scene, t_end) in enumerate(named)}
     done = dict[int, dict[str, Any]]()
-    title = f"Arena: {len(named)} scenes" + (f", seed {seed}" if scenes is None else "")
+    title = f"Arena: {counted(len(named), 'scene')}" + (f", seed {seed}" if scenes is None else "")
     asked = {"engines": programs, "accuracies": list(accuracies), "seed": seed,
              "count": len(named), "max_wall": max_wall, "scenes": [name for name, *_ in named]}
 

@@ -81,7 +81,7 @@ class Arena(Study):
 
     def table(self) -> str:
         """Programs side by side, what was silently missed by whom, and where errors stay, as plain text."""
-        parts = [f"{self.scene}: {len(self.comparisons)} of {len(self.entries)} scenes compared", ""]
+        parts = [f"{self.scene}: {len(self.comparisons)} of {counted(len(self.entries), 'scene')} compared", ""]
         for rows in (programs(self.comparisons), missed(self.comparisons), stays(self.comparisons)):
             if rows:
                 parts += [*grid([tuple(rows[0]), *(tuple(map(str, row.values())) for row in rows)]), ""]
@@ -231,7 +231,7 @@ def figure(comparisons: Compared, stacked: bool = False) -> Any:
     for axis in axes if stacked else axes[:1]:
         axis.set_ylabel("share of the scenes")
     handles = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-    made.legend(handles.values(), handles, loc="outside lower center", ncols=4, frameon=False)
+    made.legend(handles.values(), handles, loc="outside lower center", ncols=2 if stacked else 4, frameon=False)
     return clear(made)
 
 

@@ -202,11 +202,12 @@ def compare_file(module: ModuleType, scene: Any, t_end: float, **options: Any) -
     return _with_bar(compare, "compare", stated | _given(options), scene, t_end)
 
 
-def arena_of(scenes: Any, **options: Any) -> Any:
-    """The arena, with a progress bar and options as in `compare_file`."""
+def arena_of(a: Any, kept: Path | None) -> Any:
+    """The arena that a command asks for, with a progress bar. kept: folder of finished runs."""
     from mbdae.arena import arena
 
-    return _with_bar(arena, "arena", _given(options), scenes)
+    options = {"engines": a.engines, "accuracies": a.accuracies, "count": a.count, "seed": a.seed, "workers": a.jobs}
+    return _with_bar(arena, "arena", _given(options | {"resume": kept}), a.scenes)
 
 
 def map_of_file(module: ModuleType, t_end: float, **options: Any) -> Any:

@@ -224,7 +224,8 @@ class Engines:
         middle, spread = quartiles(found["seconds"])
         self.problem.spend(sum(found["seconds"]))
         facts |= {name: int(found[name]) for name in COUNTS if name in found}
-        facts |= {"cpu_s": middle, "cpu_first_s": found["seconds"][0], "cpu_spread_s": spread + self.problem.tick}
+        facts |= {"cpu_s": middle, "cpu_first_s": found["seconds"][0], "cpu_spread_s": spread + self.problem.tick
+                  if len(found["seconds"]) > 1 else None}
         if not np.isfinite(rows).all():
             return Row(**facts, failure="the motion is not finite everywhere")
         errors = self._errors(rows, session.case, reference)
