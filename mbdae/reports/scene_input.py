@@ -75,6 +75,8 @@ class OverInput(Dyads):
             elif str(s) in instance.numbers:
                 table[s] = self.constant(f"n{instance.item}{s}", rf"\text{{{s}}}_{{{self.names.said('item', instance.item)}}}",
                                          instance.numbers[str(s)], parameter_unit(instance, str(s)), f"{s} of {instance.item}")
+        if e.free_symbols - table.keys():
+            raise ValueError(f"the rows of {escaped(instance.item)} change with time by themselves")
         return se.sympify(e.subs(table))
 
     # -- values

@@ -289,6 +289,8 @@ class Links(ClosedForms):
             if node not in self.placed:
                 self._coordinates[table[f.q[0]]] = node
         for s in e.free_symbols - table.keys():
+            if str(s) not in instance.numbers:
+                raise ValueError(f"{escaped(str(s))} of {escaped(instance.item)} changes with time")
             latex = rf"\text{{{escaped(str(s))}}}_{{{self.names.said('item', instance.item)}}}"
             table[s] = self.constant(f"r{instance.item}{s}", latex, instance.numbers[str(s)],
                                      parameter_unit(instance, str(s)), f"{s} of {instance.item}")
