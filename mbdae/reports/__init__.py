@@ -35,6 +35,7 @@ from mbdae.reports.statement import ReportedLaw, structure_of
 from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import NamedQuantities
 from mbdae.reports.writer import Writer
+from mbdae.results.result import Result
 from mbdae.scene.components import Classical, Clearance, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import derive
@@ -231,7 +232,8 @@ def names() -> list[str]:
 
 @naming_arguments
 def report(what: Any, level: str = "full", **options: Any) -> Document:
-    """The report (a `Document`) of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or a name.
+    """The report (a `Document`) of a law class, a law or part with values, a joint model, a joint of a scene, a scene, a
+    result of one, or a name.
 
     level "full" shows the whole derivation; "lecture" what one teaches of it, a joint on at most two pages: coordinates, one
     statement, forces and what they mean, Jacobian and an example in numbers, without the prescribed motions that a joint may
@@ -250,6 +252,9 @@ def report(what: Any, level: str = "full", **options: Any) -> Document:
     if isinstance(what, SceneData):
         _refuse(what, options)
         return scene_sheet(what)
+    if isinstance(what, Result):
+        _refuse(what, options)
+        return scene_sheet(what.prepared.model.scene, what)
     if isinstance(what, str):
         return _by_name(what, options)
     if isinstance(what, Connection):

@@ -109,6 +109,7 @@ class SceneEquations:
         self.prepared, self.m = prepared, prepared.mechanics
         self._refuse()
         self.latex: dict[str, str] = {}
+        self.constants: dict[str, float] = {}  #: numbers of the scene that have a letter, by its symbol
         self.said: dict[str, Said] = {}  #: unit and meaning, by the LaTeX of a letter
         self.names = Names()
         self.writer = Writer(NamedQuantities(), self.latex)
@@ -231,7 +232,7 @@ class SceneEquations:
     @cached_property
     def _at_start(self) -> dict[str, Any]:
         start = self.prepared.start
-        known, _ = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
+        known, _ = SceneEquations.values(self, np.array([start.t]), start.q[None], start.u[None], start.s[None])
         return {name: known[latex] for name, latex in self.latex.items() if latex in known}
 
     def _number(self, e: Expr) -> float:

@@ -212,13 +212,17 @@ class ClosedForms(SceneEquations, Page):
 
     def read(self, blocks: list[Block], known: dict[str, Any], multipliers: Any) -> list[Check]:
         """Checks of the equations against given multipliers (nt, m), and that every divisor has its condition."""
+        printed = Printed(known, self.forces_wanted(known, multipliers), len(multipliers))
+        return [*printed.read(blocks), *printed.undivided(blocks)]
+
+    def forces_wanted(self, known: dict[str, Any], multipliers: Any) -> dict[str, Wanted]:
+        """Values that multipliers, joint forces and moments must have, by LaTeX. known: values of the letters of the balances."""
         wanted = {self.latex[str(s)]: Wanted(multipliers[:, i], RUN) for i, s in enumerate(self.unknowns)}
         table = {name: known[latex] for name, latex in self.latex.items() if latex in known}
         table |= {str(s): multipliers[:, n] for n, s in enumerate(self.unknowns)}
         for place, e in self.on_l.items():
             wanted[self._force(*place)] = Wanted(value(se.sympify(e), lambda symbol: table[str(symbol)]), RUN)
-        printed = Printed(known, wanted, len(multipliers))
-        return [*printed.read(blocks), *printed.undivided(blocks)]
+        return wanted
 
     # -- tables of letters and laws
 
@@ -228,6 +232,7 @@ class ClosedForms(SceneEquations, Page):
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
         values = {latex: float(v[0]) + 0.0 for latex, v in known.items()}
         values |= {self.latex[str(s)]: float(multipliers[0, i]) for i, s in enumerate(self.unknowns)}
+        values |= {self.latex[name]: x for name, x in self.constants.items()}
         rows = []
         for latex, said in self.said.items():
             meaning = said.meaning if "$" in said.meaning else escaped(said.meaning)

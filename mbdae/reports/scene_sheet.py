@@ -19,6 +19,7 @@ from mbdae.reports.letters import unit_text
 from mbdae.reports.page import checks_section, short_hash
 from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import ClosedForms
+from mbdae.reports.scene_input import OverInput
 from mbdae.reports.units import law_faults
 from mbdae.run.checks import Check
 from mbdae.run.choice import absent
@@ -35,9 +36,9 @@ EIGEN_UP_TO = 1500  #: largest number of unknowns for which eigenvalues are comp
 class Sheet:
     """Sections of the overview of a scene and its system."""
 
-    def __init__(self, scene: SceneData) -> None:
-        self.scene = scene
-        self.prepared = prepare(scene)
+    def __init__(self, scene: SceneData, run: Any = None) -> None:
+        self.scene, self.run = scene, run
+        self.prepared = prepare(scene) if run is None else run.prepared
         self.check = Check(self.prepared)
         self.system = system_for(self.prepared)
 
@@ -54,8 +55,15 @@ class Sheet:
             page = ClosedForms(self.prepared)
         except ValueError as reason:
             return [Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])]
-        blocks = numbered(page.blocks())
-        return [*blocks, checks_section(page.printed(blocks))]  # type: ignore[list-item]
+        try:
+            over = OverInput(self.prepared)
+        except ValueError as reason:
+            blocks = numbered(page.blocks())
+            told = [Section("Motion over the input", [Paragraph(f"There is no closed form of it: {reason}.")])]
+            return [*told, *blocks, checks_section(page.printed(blocks))]  # type: ignore[list-item]
+        blocks = numbered([over.motion(), *over.blocks()])
+        beside = [over.beside(self.run, blocks)] if self.run is not None else []
+        return [*blocks, *beside, checks_section(over.printed(blocks))]  # type: ignore[list-item]
 
     def summary(self) -> Section:
         """Section with the drawing and the main numbers."""
@@ -222,9 +230,10 @@ def _inertia(b: Any) -> str:
     return ", ".join(f"{x if abs(x) > 1e-12 * np.max(np.abs(principal)) else 0.0:.4g}" for x in principal)
 
 
-def scene_sheet(scene: SceneData) -> Document:
-    """The overview of a scene; raises SceneError with every problem found."""
-    return Sheet(scene).document()
+def scene_sheet(scene: SceneData, run: Any = None) -> Document:
+    """The overview of a scene; raises SceneError with every problem found. run: a result of it, whose joint forces are shown
+    beside those of the formulas."""
+    return Sheet(scene, run).document()
 
 
 def pattern(entries: Any, n: int, title: str) -> Drawing:

@@ -1,0 +1,185 @@
+"""Planar mechanisms over their input: what is printed, from the input alone, is the motion and the joint forces of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import symengine as se
+import sympy
+
+import mbdae as mb
+from mbdae.documents.blocks import Equation, Picture, Section, Table, every, numbered
+from mbdae.reports.scene_input import OverInput
+from mbdae.system.prepare import prepare
+
+ACCURACY = 1e-7
+
+
+def four_bar():
+    s = mb.Scene("four-bar", gravity=(0, -9.81, 0))
+    at = [(0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)]
+    links = [s.link(name, a, b, mass=0.5) for name, a, b in zip(("crank", "coupler", "rocker"), at, at[1:], strict=False)]
+    for i, name in enumerate("ABCD"):
+        k, l = [s.ground, *links, s.ground][i : i + 2]
+        s.revolute(name, k, l, at=at[i], **({"angle": 12.56 * mb.t} if name == "A" else {"damper": 0.01}))
+    return s
+
+
+def slider_crank():
+    """The crank drawn along x, at the dead centre of the piston."""
+    s = mb.Scene("slider-crank", gravity=(0, -9.81, 0))
+    crank, rod = s.link("crank", (0, 0), (0.1, 0), mass=0.4), s.link("rod", (0.1, 0), (0.5, 0), mass=0.7)
+    piston = s.rigid_body("piston", 0.3, (0.01, 0.01, 0.01), at=(0.5, 0))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=12.0 * mb.t)
+    s.revolute("B", crank, rod, at=(0.1, 0))
+    s.revolute("C", rod, piston, at=(0.5, 0))
+    s.prismatic("D", s.ground, piston, at=(0.5, 0), axis=(1, 0, 0))
+    return s
+
+
+def six_bar():
+    """Watt's: a four-bar, and a dyad between its coupler and the ground."""
+    s = mb.Scene("six-bar", gravity=(0, -9.81, 0))
+    at = {"A": (0, 0), "B": (0.05, 0.1), "C": (0.4, 0.3), "D": (0.5, 0), "E": (0.3, 0.45), "F": (0.8, 0.4), "G": (0.9, 0.0)}
+    bodies = {name: s.link(name, at[a], at[b], mass=0.5) for name, a, b in (("crank", "A", "B"), ("rocker", "C", "D"),
+                                                                           ("link", "E", "F"), ("lever", "F", "G"))}
+    bodies |= {"coupler": s.rigid_body("coupler", 0.8, (0.02, 0.02, 0.02), at=(0.25, 0.3)), "ground": s.ground}
+    ends = {"A": ("ground", "crank"), "B": ("crank", "coupler"), "C": ("coupler", "rocker"), "D": ("ground", "rocker"),
+            "E": ("coupler", "link"), "F": ("link", "lever"), "G": ("lever", "ground")}
+    for name, (k, l) in ends.items():
+        s.revolute(name, bodies[k], bodies[l], at=at[name], **({"angle": 12.56 * mb.t} if name == "A" else {}))
+    return s
+
+
+def planetary():
+    """Sun driven, ring fixed: two gears on the angles of sun, carrier and planet, solved together."""
+    s = mb.Scene("planetary", gravity=(0, -9.81, 0))
+    carrier = s.rigid_body("carrier", 1.0, (0.1, 0.1, 0.1), at=(0.05, 0))
+    sun, planet = (s.rigid_body(n, 1.0, (0.1, 0.1, 0.1), at=at) for n, at in (("sun", (0, 0)), ("planet", (0.3, 0.01))))
+    s.revolute("S", s.ground, sun, at=(0, 0), angle=10 * mb.t + 5 * mb.t**2)
+    s.revolute("H", s.ground, carrier, at=(0, 0), damper=0.3)
+    s.revolute("P", carrier, planet, at=(0.3, 0))
+    s.gear("ring", "H", "P", ratio=-4.0)
+    s.couple("mesh", {"S": 1.0, "H": -1.0, "P": 0.5})
+    return s
+
+
+def dyad(kinds, turned, backwards):
+    """A crank that moves a dyad of two bodies between B on the crank and D on the ground; R turns, P slides."""
+    s = mb.Scene(kinds, gravity=(0.5, -9.81, 0))
+    crank = s.link("crank", (0, 0), (0.05, 0.1), mass=0.3)
+    one, two = (s.rigid_body(n, 0.7, (0.02, 0.02, 0.02), at=at) for n, at in (("one", (0.25, 0.3)), ("two", (0.55, 0.2))))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=0.3 * sympy.sin(6 * mb.t))
+    ends = [(crank, one, (0.05, 0.1), (0.3, 1, 0)), (one, two, (0.45, 0.35), (1, 0.2, 0)),
+            (two, s.ground, (0.7, -0.1), (1, 0.3, 0))]
+    for kind, name, (k, l, at, axis) in zip(kinds, "BCD", ends, strict=True):
+        k, l = (l, k) if backwards else (k, l)
+        if kind == "R":
+            s.revolute(name, k, l, at=at, axis=(0, 0, -1 if turned else 1))
+        else:
+            s.prismatic(name, k, l, at=at, axis=axis)
+    return s
+
+
+def pages(prepared):
+    page = OverInput(prepared)
+    return page, numbered([page.motion(), *page.blocks()])
+
+
+def failed(checks):
+    return [check for check in checks if not check.holds]
+
+
+def turning_back(page):
+    table = next(iter(every(Table, page.dead_centres())))
+    return {(float(x), what) for x, what in table.rows}
+
+
+@pytest.mark.parametrize("scene", [four_bar, slider_crank, six_bar, planetary])
+def test_one_turn_is_that_of_a_run(scene):
+    """360 places over one turn and more: joint forces from the input alone, within the accuracy asked of the run."""
+    r = scene().simulate(0.55, accuracy=ACCURACY, outputs=np.linspace(0, 0.55, 361)[1:])
+    page, blocks = pages(r.prepared)
+    checks, printed = page.read_at(blocks, r.t, *r._states)
+    assert len(r.t) == 360
+    assert printed.stated.sum() >= 358  # next to a condition's zero, if anywhere
+    assert max(check.residual for check in checks) < ACCURACY
+    section = page.beside(r, blocks)
+    for _, largest, difference in next(every(Table, [section])).rows:
+        assert float(difference) <= 10 * ACCURACY * max(float(largest), 1.0)
+    assert len([*every(Picture, [section])]) == len(next(every(Table, [section])).rows) >= 3
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("kinds", ["RRR", "RRP", "PRR", "RPR", "RPP", "PRP", "PPR"])
+def test_every_dyad(kinds, turned, backwards):
+    """The rows of the scene vanish where the print puts the bodies, and its motion and forces are those of the scene."""
+    page, blocks = pages(prepare(dyad(kinds, turned, backwards)))
+    assert not failed(page.printed(blocks))
+
+
+def test_dead_centres_are_those_of_the_geometry():
+    """The piston turns back with crank and rod in line, the rocker where crank and coupler are; a rod across a slide ends the
+    turn."""
+    for scene, wanted in ((slider_crank, (0, np.pi)), (slider_crank_off, (3 * np.pi / 4, 7 * np.pi / 4))):
+        found = sorted({round(x % (2 * np.pi - 1e-5), 5) for x, _ in turning_back(pages(prepare(scene()))[0])})
+        np.testing.assert_allclose(found, wanted, atol=3e-5)
+    a, b, c, d = 0.3, np.hypot(0.5, 0.3), np.hypot(0.1, 0.6), 0.6
+    angles = [np.arccos((d**2 + (b + sign * a) ** 2 - c**2) / (2 * d * (b + sign * a))) for sign in (1, -1)]
+    wanted = sorted(((angles[0] - np.pi / 2) % (2 * np.pi), (angles[1] + np.pi - np.pi / 2) % (2 * np.pi)))
+    found = sorted(x for x, what in turning_back(pages(prepare(four_bar()))[0]) if "D" in what)
+    np.testing.assert_allclose(found, wanted, atol=2e-6)
+    page, blocks = pages(prepare(dyad("PRR", False, False)))
+    ends = [what for _, what in turning_back(page) if "dead centre" in what]
+    assert len(ends) == 2
+    assert all("normal to the slide B" in what for what in ends)
+    assert r"\Delta" in " ".join(e.latex for e in every(Equation, blocks) if r"\ne 0" in e.latex)
+
+
+def test_a_wrong_formula_is_seen():
+    """Every fourth formula of positions, rates and closures, one after the other off by 0.001, is told by a check."""
+    missed = []
+    for n in range(0, len(OverInput(prepare(slider_crank_off())).formulas), 4):
+        page = OverInput(prepare(slider_crank_off()))
+        page.limits.clear()
+        name, e = page.formulas[n]
+        if e == 0 or name[0] == "c" or name not in {kept for _, kept, _ in page.kept()}:  # c: axes, some of them times 0
+            continue
+        states = page.on_input()
+        page.formulas[n] = (name, e * se.RealDouble(1.001) + se.RealDouble(1.7e-3))
+        blocks = numbered([page.motion(), *page.blocks()])
+        if not failed(page.read_at(blocks, *states)[0]):
+            missed.append(name)
+    assert missed == []
+
+
+def slider_crank_off():
+    s = mb.Scene("slider-crank", gravity=(0, -9.81, 0))
+    crank, rod = s.link("crank", (0, 0), (0.1, 0.1), mass=0.4), s.link("rod", (0.1, 0.1), (0.5, 0), mass=0.7)
+    piston = s.rigid_body("piston", 0.3, (0.01, 0.01, 0.01), at=(0.5, 0))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=2.0 * mb.t + mb.t**2)
+    s.revolute("B", crank, rod, at=(0.1, 0.1))
+    s.revolute("C", rod, piston, at=(0.5, 0))
+    s.prismatic("D", s.ground, piston, at=(0.5, 0), axis=(1, 0, 0))
+    return s
+
+
+def test_what_has_no_such_form_says_why():
+    tree = mb.Scene("tree", gravity=(0, -9.81, 0))
+    rods = [tree.link(f"rod {i}", (i, 0), (i + 1, 0), mass=1.0) for i in range(2)]
+    tree.revolute("A", tree.ground, rods[0], at=(0, 0))
+    tree.revolute("B", rods[0], rods[1], at=(1, 0))
+    with pytest.raises(ValueError, match="its input, rod 1"):
+        OverInput(prepare(tree))
+    assert "There is no closed form of it: with A as its input" in mb.report(tree).to_markdown()
+
+
+def test_the_report_of_a_result_shows_formulas_beside_its_run():
+    document = mb.report(four_bar().simulate(0.1, accuracy=1e-5))
+    titles = [b.title for b in document.blocks if isinstance(b, Section)]
+    assert "Motion over the input" in titles
+    assert "Joint forces over the input, beside a run" in titles
+    assert "comparisons hold" in document.to_markdown()
+    with pytest.raises(mb.OptionError, match="takes no options"):
+        mb.report(four_bar().simulate(0.1, accuracy=1e-5), friction=None)
