@@ -250,9 +250,9 @@ def _of_paper(text: str, file: Path | None, meanings: str | Path | None, own: Ma
               stated: Mapping[str, Any]) -> tuple[Text, str]:
     """The displays of a paper with their table of meanings, and the name of the file of a table that is begun here."""
     shown_ = displays(text, markdown=file is not None and file.suffix == ".md")
-    if meanings is not None and not shown_:
-        raise OptionError(f"meanings = {shown(meanings)}: the text displays no equation in TeX, whose letters a table could "
-                          "explain; leave it out")
+    if meanings is not None and all(one.trouble for one in shown_):
+        raise OptionError(f"meanings = {shown(meanings)}: the text displays no equation in TeX that can be read, whose letters a "
+                          "table could explain; leave it out")
     paper, begun_ = file.name if file is not None else "the text", ""
     if isinstance(meanings, str) and "\n" in meanings:
         table, name = meanings, "meanings"
