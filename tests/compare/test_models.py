@@ -7,7 +7,6 @@ import pytest
 
 import mbdae as mb
 from mbdae.compare import problem
-from mbdae.engines import INTERVALS
 
 
 def four_bar():
@@ -59,7 +58,7 @@ def test_differences_between_runs_are_those_of_their_trajectories():
     runs = [mb.Run(mb.RadauIIA(2)), mb.Run(mb.RadauIIA(3))]
     w = mb.compare(s, 0.3, runs, [1e-2, 1e-3], measure="D.angle")
     tight = [run.solver.at_accuracy(1e-3, "GGL") for run in runs]
-    times = np.linspace(0, 0.3, INTERVALS + 1)
+    times = np.linspace(0, 0.3, 1025)
     angles = [s.simulate(0.3, solver=solver, outputs=times)["D"].angle for solver in tight]
     d = w.pairwise.differences
     assert d[0][1] == d[1][0] == pytest.approx(np.max(np.abs(angles[0] - angles[1])), rel=1e-6)
