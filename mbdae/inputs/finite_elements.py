@@ -66,8 +66,8 @@ def read_fe(path: Any, mass: Any = None, nodes: Any = None, E: float | None = No
     Nastran, "job.pch": DMIG matrices KAAX and MAAX (or KGG, MGG); nodes: the file of its GRID points, or (k, 3), m. Matrix
     Market, "K.mtx"; mass: the file of M; nodes: (k, 3), m, or a file of a mesh with them. Any mesh of tetrahedra or hexahedra
     that meshio reads, assembled by scikit-fem as a solid with Young's modulus E (Pa), Poisson's ratio nu and density (kg/m^3).
-    unit: length of the unit of the mesh, m (1e-3: a mesh in mm); order: of the elements, 1 or 2: with 1 bending is far too stiff in
-    tetrahedra. With order 2 nodes on edges are new ones, which belong to a set where both ends do.
+    unit: length of the unit of the mesh, m (1e-3: a mesh in mm); order: of the elements, 1 or 2: with 1 bending is far too
+    stiff in tetrahedra. With order 2 nodes on edges are new ones, which belong to a set where both ends do.
 
     Matrices are in kg and N/m. OptionError names what is missing or does not fit."""
     where = Path(option("path", str(path) if isinstance(path, Path) else path, text, "give the path of a file"))
