@@ -164,7 +164,8 @@ class Slow:
                 for i in range(points):
                     system.residual(t[i], Y[i], Yp[i], F[i])
                 F[0] += loose @ begin
-                by_y, by_yp = (sp.block_diag(list(parts), format="csc") for parts in system.dense_stages(t, Y, Yp))
+                parts = zip(*map(system.dense_parts, t, Y, Yp), strict=True)
+                by_y, by_yp = (sp.block_diag(part, format="csc") for part in parts)
                 K = by_y + by_yp @ sp.kron(D, sp.identity(n), format="csc")
                 kept = np.vstack([self.rows, slopes])
                 beside, below = (sp.csc_matrix((a, b)) for a, b in (((points - 1) * n, len(kept)), (len(kept), (points - 1) * n)))
