@@ -209,7 +209,8 @@ def law_of_motion(equation: Any) -> str:
         defined = [s for s in statement.sides if s.free & set(scope.symbols) and (
             not s.free & given or (s.kind in _WHOLE and s.free - given - {"pi", "I"}))]
         changes = [s for s in statement.sides if any(_changes(term, given, scope) for term in _terms(s))]
-        if moving and (changes or not defined) and not _worked_out(statement, changes, scope):
+        named = any(s.kind == "symbol" and s in defined for s in statement.sides)  # M = ..., where the table says what M is
+        if moving and not named and (changes or not defined) and not _worked_out(statement, changes, scope):
             return (f"it says how {moving[0]} moves, and nothing else does: tell in the table what its left-hand side less its "
                     f"right-hand side is, as `equation {equation.number} [unit]: formula`")
     return ""

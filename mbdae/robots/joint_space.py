@@ -18,7 +18,7 @@ from mbdae.robots.couplings import Coordinate, Folded, folded_of
 from mbdae.robots.pivots import refuse_singular, singular
 from mbdae.robots.tree import UNIT, JointSpaceProgram
 from mbdae.scene.models import spanning_tree
-from mbdae.scene.record import item_name
+from mbdae.scene.record import item_name, without
 from mbdae.symbolic.joint import Coupling
 from mbdae.symbolic.vectors import Expr, Vec, rate_from_body_spin
 from mbdae.system.model.model import Model, build
@@ -255,9 +255,7 @@ def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
     made = scene._copied()
     rubbing = {c.name for c in made.joints if c.rubs}  # friction that follows from reactions would keep a joint out of trees
     if rubbing:
-        made.statements[:] = [[method, args, {key: value for key, value in given.items() if key not in FRICTION}]
-                              if item_name([method, args, given]) in rubbing else [method, args, given]
-                              for method, args, given in made.statements]
+        made.statements[:] = [without(one, FRICTION) if item_name(one) in rubbing else one for one in made.statements]
         made = made._copied()
     for root in spanning_tree(made).roots:
         if root is not made.ground:

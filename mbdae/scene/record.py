@@ -88,6 +88,15 @@ def item_name(statement_: Statement) -> Any:
     return law.get("name") if isinstance(law, dict) else given.get("name")
 
 
+def without(statement_: Statement, words: tuple[str, ...]) -> Statement:
+    """A recorded statement that leaves out arguments, given by name or by place."""
+    method, args, kwargs = statement_
+    names = list(signature_of(method).parameters)[1:]
+    last = next((i for i, name in enumerate(names[: len(args)]) if name in words), len(args))
+    given = {**dict(zip(names[last:], args[last:], strict=False)), **kwargs}
+    return [method, args[:last], {name: value for name, value in given.items() if name not in words}]
+
+
 def encode(value: Any, own: Own | None = None) -> Any:
     """JSON-able form of an argument; classes and functions in it are kept in `own`, by the names they get."""
     if value is None or isinstance(value, bool | str):
