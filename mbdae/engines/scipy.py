@@ -19,6 +19,7 @@ from mbdae.scene.components import Kinematic
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 
+METHODS = ("DOP" + "853", "Radau", "LSODA")  #: of scipy.integrate.solve_ivp
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 TINY = 1e-6  #: share of the characteristic time over which velocities are differenced at the start
 
@@ -49,7 +50,7 @@ class SciPy(Engine):
         library = compiled(name, made.text, "the engine 'scipy' needs", "-fvisibility=default")
         files = {"data.json": json.dumps(facts).encode(), f"equations{SUFFIX}": library, f"{name}.c": made.text.encode(),
                  f"{name}.h": made.header.encode()}
-        methods = tuple(Method(m, "rtol", TOLERANCES) for m in ("DOP853", "Radau", "LSODA"))
+        methods = tuple(Method(m, "rtol", TOLERANCES) for m in METHODS)
         return Statement(script("if __name__ == '__main__':\n    serve(*equations())", equations), files, methods)
 
     def motion(self, case: Case, values: Array) -> Array:

@@ -81,7 +81,7 @@ def with_finer_beams(scene: SceneData) -> SceneData:
             vars(beam)["order"] += 1
         else:
             vars(beam)["elements"] = (2 * np.asarray(beam.elements)).tolist()
-    finer.with_more_modes()
+    finer._with_more_modes()
     return finer
 
 

@@ -220,7 +220,7 @@ class BeamStatements(SceneItems):
                                 **{**place, "l": node, "at": node.drawn.position})
             self._enter(Connection(rows.name, "inertia", frame, node, [rows]))
 
-    def with_more_modes(self) -> None:
+    def _with_more_modes(self) -> None:
         """Give every reduced body, of a copy of a scene, modes beyond its own."""
         for item in [c for c in self.connections if isinstance(c.laws[0], Modes)]:
             own = [c for c in self.connections if c is item or (c.k is item.k and isinstance(c.laws[0], InertiaPoint))]

@@ -176,7 +176,7 @@ def test_peaks_of_many_steps_are_those_of_a_search_in_every_step(monkeypatch: An
 def test_a_closer_run_that_ended_early_counts_where_it_lived(rigid: mb.Result) -> None:
     """Up to its end it alone counts, behind it the companion alone; errors do not add."""
     close = four_bar().simulate(0.5, accuracy=1e-9).solution
-    (companion,) = rigid.accuracy.errors.others
+    companion = rigid.accuracy.errors.others[0]
     short = OtherRun.beside(close, np.linspace(0, 0.3, 61), 1.1, kind="closer")
     errors = Errors(rigid.prepared, rigid.solution, (companion, short), 1e-4)
     late = Errors(rigid.prepared, rigid.solution, (companion.after(0.3),), 1e-4)
