@@ -179,7 +179,8 @@ class ExudynRuns:
             return found, {"steps": int(time.numberOfSteps)}
 
         def run() -> Any:
-            mbs.SolveDynamic(settings, solverType=getattr(self.exu.DynamicSolverType, name or "GeneralizedAlpha"))
+            kinds = self.exu.DynamicSolverType
+            mbs.SolveDynamic(settings, solverType=getattr(kinds, name) if name else kinds.GeneralizedAlpha)
             return read
 
         return run

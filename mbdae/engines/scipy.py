@@ -7,6 +7,7 @@ import json
 from typing import Any
 
 import numpy as np
+from scipy import integrate
 
 from mbdae.engines import Case, Engine, Method, Statement, script
 from mbdae.errors import MbdaeError, SceneError
@@ -19,7 +20,6 @@ from mbdae.scene.components import Kinematic
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 
-METHODS = ("DOP" + "853", "Radau", "LSODA")  #: of scipy.integrate.solve_ivp
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 TINY = 1e-6  #: share of the characteristic time over which velocities are differenced at the start
 
@@ -50,7 +50,7 @@ class SciPy(Engine):
         library = compiled(name, made.text, "the engine 'scipy' needs", "-fvisibility=default")
         files = {"data.json": json.dumps(facts).encode(), f"equations{SUFFIX}": library, f"{name}.c": made.text.encode(),
                  f"{name}.h": made.header.encode()}
-        methods = tuple(Method(m, "rtol", TOLERANCES) for m in METHODS)
+        methods = tuple(Method(m.__name__, "rtol", TOLERANCES) for m in (integrate.DOP853, integrate.Radau, integrate.LSODA))
         return Statement(script("if __name__ == '__main__':\n    serve(*equations())", equations), files, methods)
 
     def motion(self, case: Case, values: Array) -> Array:
@@ -131,7 +131,7 @@ def equations() -> Any:
 
     def solve(method: str, rtol: float) -> Any:
         size = np.maximum(np.abs(y0), 1.0)
-        more = {} if method == "DOP853" else {"jac": slope}
+        more = {"jac": slope} if method in ("Radau", "LSODA") else {}  # the others are explicit
 
         def run() -> Any:
             found = solve_ivp(rates, (times[0], times[-1]), y0, method=method, rtol=max(rtol, 3e-14), atol=rtol * size,

@@ -38,6 +38,7 @@ from mbdae.run.amplification import Amplified
 from mbdae.run.choice import prepared_from
 from mbdae.run.control import closer, run_controlled
 from mbdae.run.estimate import Controlled, Probe, cpu_of, measure_of, other_run, with_left_out
+from mbdae.scene.beams import enter_more_modes
 from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
@@ -81,7 +82,7 @@ def with_finer_beams(scene: SceneData) -> SceneData:
             vars(beam)["order"] += 1
         else:
             vars(beam)["elements"] = (2 * np.asarray(beam.elements)).tolist()
-    finer._with_more_modes()
+    enter_more_modes(finer)
     return finer
 
 

@@ -220,17 +220,6 @@ class BeamStatements(SceneItems):
                                 **{**place, "l": node, "at": node.drawn.position})
             self._enter(Connection(rows.name, "inertia", frame, node, [rows]))
 
-    def _with_more_modes(self) -> None:
-        """Give every reduced body, of a copy of a scene, modes beyond its own."""
-        for item in [c for c in self.connections if isinstance(c.laws[0], Modes)]:
-            own = [c for c in self.connections if c is item or (c.k is item.k and isinstance(c.laws[0], InertiaPoint))]
-            inertia = [c.l for c in own if c.kind == "inertia"]
-            self.connections[:] = [c for c in self.connections if c not in own]
-            self.bodies[:] = [b for b in self.bodies if b not in inertia]
-            self._known.clear()
-            self._read[:] = [0] * len(self._read)
-            self._enter_modes(item.k, item.laws[0].reduced.finer(), item.laws[0].ratio)
-
     def _enter(self, item: Connection) -> None:
         self._claim(item.name)
         self.connections.append(item)
@@ -329,3 +318,15 @@ def _on_curve(curve: Any, point: Array, s: float, width: float) -> float:
     found = float(minimize_scalar(distance, bounds=(low, high), method="bounded", options={"xatol": 1e-13}).x)
     ends = [x for x in (low, high) if x in (0.0, 1.0)]
     return min([found, *ends], key=lambda x: (round(distance(x), 12), x not in ends))
+
+
+def enter_more_modes(scene: BeamStatements) -> None:
+    """Give every reduced body, of a copy of a scene, modes beyond its own."""
+    for item in [c for c in scene.connections if isinstance(c.laws[0], Modes)]:
+        own = [c for c in scene.connections if c is item or (c.k is item.k and isinstance(c.laws[0], InertiaPoint))]
+        inertia = [c.l for c in own if c.kind == "inertia"]
+        scene.connections[:] = [c for c in scene.connections if c not in own]
+        scene.bodies[:] = [b for b in scene.bodies if b not in inertia]
+        scene._known.clear()
+        scene._read[:] = [0] * len(scene._read)
+        scene._enter_modes(item.k, item.laws[0].reduced.finer(), item.laws[0].ratio)
