@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import sympy
-from reduced_bodies.beam import DENSITY, LENGTH, PER_LENGTH, SECOND, beam_matrices
+from reduced_bodies.beam import DENSITY, LENGTH, PER_LENGTH, SECOND, beam_matrices, on_a_hub
 from scipy.linalg import eigh
 
 import mbdae as mb
@@ -232,16 +232,7 @@ def test_a_load_that_changes_the_stiffness_of_a_body_without_stiffening_is_told(
 
 def test_a_turning_beam_stiffens_as_wright_says() -> None:
     """Clamped to a hub that turns at 6 sqrt(EI / (m L^4)): flap and lag by Galerkin's method (rotating_beam_frequencies)."""
-    M, K, nodes = beam_matrices(16)
-    body = mb.ReducedBody.craig_bampton(M, K, nodes, {"root": [0], "tip": [16]}, 8, accelerations=True, stiffening=True)
-    unit = np.sqrt(2.1e11 * SECOND / PER_LENGTH)
-    rate = 6 * unit
-    s = mb.Scene("hub")
-    hub = s.rigid_body("hub", 1.0, np.eye(3), at=(0, 0, 0), angular_velocity=(0, 0, rate))
-    s.reduced_body("beam", body, velocity=(0, rate * LENGTH / 2, 0), angular_velocity=(0, 0, rate))
-    s.weld("root", hub, "beam.root", at=(0, 0, 0))
-    s.revolute("shaft", s.ground, hub, at=(0, 0, 0), angle=rate * mb.t)
-    found = s.linearize(at=s.equilibrium(frame="hub"), frame="hub").angular_frequencies / unit
+    found = on_a_hub(16, 8, 6)
     for flap in (7.3604, 26.8091, 66.6839):
         assert np.min(np.abs(found / flap - 1)) < 2e-3
 

@@ -25,13 +25,13 @@ def four_bar():
     return s
 
 
-def slider_crank():
-    """The crank drawn along x, at the dead centre of the piston."""
+def slider_crank(pin=(0.1, 0), angle=12.0 * mb.t):
+    """Drawn with the crank's pin at a place, by default along x: at the dead centre of the piston."""
     s = mb.Scene("slider-crank", gravity=(0, -9.81, 0))
-    crank, rod = s.link("crank", (0, 0), (0.1, 0), mass=0.4), s.link("rod", (0.1, 0), (0.5, 0), mass=0.7)
+    crank, rod = s.link("crank", (0, 0), pin, mass=0.4), s.link("rod", pin, (0.5, 0), mass=0.7)
     piston = s.rigid_body("piston", 0.3, (0.01, 0.01, 0.01), at=(0.5, 0))
-    s.revolute("A", s.ground, crank, at=(0, 0), angle=12.0 * mb.t)
-    s.revolute("B", crank, rod, at=(0.1, 0))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=angle)
+    s.revolute("B", crank, rod, at=pin)
     s.revolute("C", rod, piston, at=(0.5, 0))
     s.prismatic("D", s.ground, piston, at=(0.5, 0), axis=(1, 0, 0))
     return s
@@ -155,14 +155,8 @@ def test_a_wrong_formula_is_seen():
 
 
 def slider_crank_off():
-    s = mb.Scene("slider-crank", gravity=(0, -9.81, 0))
-    crank, rod = s.link("crank", (0, 0), (0.1, 0.1), mass=0.4), s.link("rod", (0.1, 0.1), (0.5, 0), mass=0.7)
-    piston = s.rigid_body("piston", 0.3, (0.01, 0.01, 0.01), at=(0.5, 0))
-    s.revolute("A", s.ground, crank, at=(0, 0), angle=2.0 * mb.t + mb.t**2)
-    s.revolute("B", crank, rod, at=(0.1, 0.1))
-    s.revolute("C", rod, piston, at=(0.5, 0))
-    s.prismatic("D", s.ground, piston, at=(0.5, 0), axis=(1, 0, 0))
-    return s
+    """Drawn off its dead centres."""
+    return slider_crank((0.1, 0.1), 2.0 * mb.t + mb.t**2)
 
 
 def test_what_has_no_such_form_says_why():

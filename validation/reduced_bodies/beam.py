@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+import mbdae as mb
+
 LENGTH, AREA, SECOND, DENSITY, SHEAR = 1.0, 4e-4, 1.3e-8, 7800.0, 8e10  # m, m^2, m^4, kg/m^3, Pa
 PER_LENGTH = DENSITY * AREA  # kg/m
 
@@ -33,3 +35,19 @@ def beam_matrices(elements: int, E: float = 2.1e11, slender: float = 1.0) -> tup
             M[np.ix_(at, at)] += s @ mass @ s
     nodes = np.column_stack([np.linspace(0, LENGTH, elements + 1), np.zeros((elements + 1, 2))])
     return sp.csc_matrix(M), sp.csc_matrix(K), nodes
+
+
+def on_a_hub(elements: int, modes: int, share: float, slender: float = 1.0) -> Any:
+    """Angular frequencies of this beam clamped to a hub that turns at `share` of sqrt(E I / (m L^4)), over that, with geometric
+    stiffness; see rotating_beam_frequencies."""
+    M, K, nodes = beam_matrices(elements, slender=slender)
+    ends = {"root": [0], "tip": [elements]}
+    body = mb.ReducedBody.craig_bampton(M, K, nodes, ends, modes, accelerations=True, stiffening=True)
+    unit = np.sqrt(2.1e11 * SECOND * slender / PER_LENGTH)
+    rate = share * unit
+    s = mb.Scene("hub")
+    hub = s.rigid_body("hub", 1.0, np.eye(3), at=(0, 0, 0), angular_velocity=(0, 0, rate))
+    s.reduced_body("beam", body, velocity=(0, rate * LENGTH / 2, 0), angular_velocity=(0, 0, rate))
+    s.weld("root", hub, "beam.root", at=(0, 0, 0))
+    s.revolute("shaft", s.ground, hub, at=(0, 0, 0), angle=rate * mb.t)
+    return s.linearize(at=s.equilibrium(frame="hub"), frame="hub").angular_frequencies / unit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from reduced_bodies.beam import LENGTH, PER_LENGTH, SECOND, beam_matrices
+from reduced_bodies.beam import LENGTH, PER_LENGTH, SECOND, beam_matrices, on_a_hub
 from reduced_bodies.draw import seen
 from runner import Case, Claim, Found
 from scenes import data
@@ -57,16 +57,7 @@ def column(share: float) -> Found:
 
 def turning(rate: str) -> list[Found]:
     """Clamped to a hub that turns, see rotating_beam_frequencies; a beam so slender that it is inextensible."""
-    M, K, nodes = beam_matrices(20, slender=1e-3)
-    body = mb.ReducedBody.craig_bampton(M, K, nodes, {"root": [0], "tip": [20]}, 12, accelerations=True, stiffening=True)
-    unit = UNIT * np.sqrt(1e-3)
-    speed = float(rate) * unit
-    s = mb.Scene("hub")
-    hub = s.rigid_body("hub", 1.0, np.eye(3), at=(0, 0, 0), angular_velocity=(0, 0, speed))
-    s.reduced_body("beam", body, velocity=(0, speed * LENGTH / 2, 0), angular_velocity=(0, 0, speed))
-    s.weld("root", hub, "beam.root", at=(0, 0, 0))
-    s.revolute("shaft", s.ground, hub, at=(0, 0, 0), angle=speed * mb.t)
-    found = s.linearize(at=s.equilibrium(frame="hub"), frame="hub").angular_frequencies / unit
+    found = on_a_hub(20, 12, float(rate), slender=1e-3)
     known = data("rotating_beam_frequencies")["table"][rate]
     return [Found(max(float(np.min(np.abs(found / value - 1))) for value in known[kind]), quantity=kind) for kind in known]
 
