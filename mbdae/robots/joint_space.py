@@ -15,7 +15,7 @@ from mbdae.errors import LawError, OptionError, SceneError, unknown_name
 from mbdae.kernels import Kernel
 from mbdae.laws.joint_rows import Free
 from mbdae.robots.couplings import Coordinate, Folded, folded_of
-from mbdae.robots.pivots import refuse_singular, singular
+from mbdae.robots.pivots import NOTHING_MOVED, refuse_singular, singular
 from mbdae.robots.tree import UNIT, JointSpaceProgram
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.record import item_name, without
@@ -109,7 +109,7 @@ class Tree:
         try:
             return self._at("forward_dynamics", lambda p: p.forward(), "qvt", (self.nv,), q, v, tau)
         except LawError as error:  # a division by 0, seen when compiling
-            raise SceneError([singular(self, self.zero)]) from error
+            raise SceneError([singular(self, self.zero) or "a coordinate: " + NOTHING_MOVED.format("")]) from error
 
     def _interpreted(self, q: Array, v: Array, a: Array) -> Array:
         """`inverse_dynamics` of several states, without compiling, which takes longer than some evaluations."""

@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.errors import SceneError
+from mbdae.errors import OptionError, SceneError
 from mbdae.system.model.trees import Tree
 
 Array = NDArray[np.float64]
+NOTHING_MOVED = ("no inertia is moved by it{}, but for rounding, so that nothing says how it accelerates; give its body inertia, "
+                 "or the joint rotor=")
 #: pivots below this part of the inertia that their terms may have are rounding
 ROUNDING = 64 * float(np.finfo(float).eps)
 
@@ -46,19 +48,27 @@ def pivots_of(M: Array) -> Array:
 
 
 def singular(tree: Any, q: Array, where: str = "") -> str:
-    """What is said of the coordinates of `s.tree()` whose pivots are rounding at q (nq,); where: in words, of which state."""
-    pivots, least = pivots_of(tree.mass_matrix(q)), tree._program.least
-    still = [name for name, d, at in zip(tree.coordinates, pivots, least, strict=True) if not d > at]
-    names = still or [tree.coordinates[int(np.argmin(pivots / np.maximum(least, 1e-300)))]]
-    return (f"{', '.join(names)}: no inertia is moved by it{where}, but for rounding, so that nothing says how it accelerates; "
-            f"give its body inertia, or the joint rotor=")
+    """What is said of the coordinates of `s.tree()` whose pivots are rounding at q (nq,), "" where none is; where: in words, of
+    which state."""
+    M, least = tree.mass_matrix(q), tree._program.least
+    still = [k for k, d in enumerate(pivots_of(M)) if not d > least[k]]
+    if not still:
+        return ""
+    alone = [tree.coordinates[k] for k in still if M[k, k] <= least[k]]
+    if not alone:  # each moves inertia, but only together with others
+        moved = sorted({*still, *np.flatnonzero(np.any(M[still] != 0, axis=0)).tolist()})
+        return (f"{', '.join(tree.coordinates[k] for k in moved)}: they move the same inertia alike{where}, but for rounding, so "
+                "that nothing says how each accelerates; give one of their joints rotor=, or leave this position")
+    return f"{', '.join(alone)}: {NOTHING_MOVED.format(where)}"
 
 
 def refuse_singular(tree: Any, x: Array, wrong: Any) -> None:
-    """Raise SceneError where the mass matrix is singular but for rounding. x (..., inputs): states, which begin with q; wrong
-    (...): where pivots are rounding."""
+    """Raise an error where accelerations cannot be computed: SceneError where the mass matrix is singular but for rounding, else
+    OptionError. x (..., inputs): states, which begin with q; wrong (...): where pivots are rounding or are not numbers."""
     if not np.any(wrong):
         return
     row = tuple(int(n[0]) for n in np.nonzero(wrong)) if np.ndim(wrong) else ()
     where = f" in {np.count_nonzero(wrong)} states, first number {row[0] if len(row) == 1 else row}" if row else " at this q"
-    raise SceneError([singular(tree, x[row][: tree.nq], where)])
+    if text := singular(tree, x[row][: tree.nq], where):
+        raise SceneError([text])
+    raise OptionError(f"accelerations are beyond the range of numbers{where}: give smaller v or tau")

@@ -164,8 +164,8 @@ def nearer_companion(system: System, solver: Solver, asked: Asked, runs: Sequenc
 
     Measured with IDA on a linkage that passes a position in which it nearly locks: 4.3e-5 at rtol 6e-7, 9e-6 at 2e-7, 1.2e-4 at
     6e-8, 4.7e-5 at 2e-8; with DOP853 on a pendulum over 25 periods, 43 % rejected: 3.3e-2 at 3e-5, 1.1e-3 at 3e-6, 1.6e-3 at
-    9e-7, 1.2e-3 at 3e-7, 8.9e-6 at 3e-8. Of 540 runs of pendulums over 8 to 60 periods at 1e-3 to 1e-5, 10 were more than three
-    times the accuracy off without a word before, 0 with the run between."""
+    9e-7, 1.2e-3 at 3e-7, 8.9e-6 at 3e-8. Of 540 runs of pendulums over 20 to 80 s at 1e-3 to 1e-5, 10 were more than three times
+    the accuracy off without a word before, 0 with the run between."""
     (loose, coarse), (tight, fine) = runs[-2:]
     erratic = tight > COARSE_STEPS and any(run.stats.rejected > ERRATIC * run.stats.steps for run in (coarse, fine))
     if system.guards is not None or not (erratic or (solver.bdf_order and difference > accuracy)):

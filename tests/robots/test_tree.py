@@ -297,3 +297,25 @@ def test_what_is_no_state_and_no_link_is_named() -> None:
         tree.zero[0] = 1.0
     with pytest.raises(mb.OptionError, match="not the name of a file"):
         chain(seed=3).write_mjcf(None)
+
+
+def test_coordinates_that_move_the_same_inertia_are_named_together() -> None:
+    """Three hinges about z, y, z: in the drawn position the first and the last turn the body alike, elsewhere they do not."""
+    s, parent = mb.Scene("wrist", gravity=(0, 0, -9.81)), None
+    for name, axis, J in (("a", (0, 0, 1), 0.0), ("b", (0, 1, 0), 0.0), ("c", (0, 0, 1), 1.0)):
+        body = s.rigid_body(f"body {name}", J, tuple(J * np.array([0.1, 0.11, 0.12])), at=(0, 0, 0))
+        s.revolute(name, parent or s.ground, body, at=(0, 0, 0), axis=axis)
+        parent = body
+    tree, still = s.tree(), np.zeros(3)
+    with pytest.raises(mb.SceneError, match=r"a\.angle, c\.angle: they move the same inertia alike at this q"):
+        tree.forward_dynamics([0.3, 0.0, 0.2], still, np.ones(3))
+    assert np.all(np.isfinite(tree.forward_dynamics([0.3, 0.5, 0.2], still, np.ones(3))))
+
+
+def test_velocities_beyond_the_range_are_not_taken_for_missing_inertia() -> None:
+    tree = chain(seed=3).tree()
+    q, fast = np.linspace(0.1, 0.4, tree.nq), np.full(tree.nv, 1e200)
+    with pytest.raises(mb.OptionError, match="beyond the range of numbers at this q"):
+        tree.forward_dynamics(q, fast, np.ones(tree.nv))
+    with pytest.raises(mb.OptionError, match="in 1 states, first number 1"):
+        tree.forward_dynamics([q, q], [np.zeros(tree.nv), fast], np.ones(tree.nv))
