@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from copy import copy
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -50,6 +51,13 @@ class Inline:
         self.program, self.inputs, self.size = Program(), dict[Expr, Place](), 0
         self.values: dict[int, Expr] = {}
         self._slots: dict[Place, int] = {}
+
+    def copied(self) -> Inline:
+        """The same, to which more can be added on its own."""
+        made = copy(self)
+        made.program, made.inputs, made.values, made._slots = (
+            self.program.copied(), dict(self.inputs), dict(self.values), dict(self._slots))
+        return made
 
     def slot(self, place: Place) -> int:
         """The slot of the input at a place."""
@@ -119,8 +127,15 @@ class ProgrammedTree:
         self._tree.outwards(self.made)  # type: ignore[arg-type]
         self._tree.accelerations(self.made, self._rate, given=True)  # type: ignore[arg-type]
         self._before = dict(self.made.values)  # the passes inwards add to these
-        # at once and in this order, so that the steps of the program do not hang on which of its kernels are on disk
         self.rows, self.motion = self._rows(), self._motion(structure.loaded)
+
+    def alone(self) -> ProgrammedTree:
+        """The same with steps of its own: a kernel then does not hang on which others have been asked for before, and thus not
+        on which are on disk."""
+        made = copy(self)
+        made.made, made._tree = self.made.copied(), copy(self._tree)
+        made._tree.slot, made.program, made.places = made.made.slot, made.made.program, made.made.inputs
+        return made
 
     def _rate(self, place: Place) -> int:
         return self.made.slot(("up", *place[1:]))
@@ -224,7 +239,7 @@ class TreePlan:
         """Kernel n of those that the method `what` of `ProgrammedTree` returns."""
         name = f"{what}{args or ''}"
         if name not in self._pieces:
-            self._pieces[name] = getattr(self.programmed, what)(*args)
+            self._pieces[name] = getattr(self.programmed.alone(), what)(*args)
         return self._pieces[name][n].kernel
 
     def _known(self, what: str, *args: Any) -> list[Piece]:
@@ -234,7 +249,7 @@ class TreePlan:
         key = part_key(self.key, name)
         tables = recall(key)
         if tables is None:
-            self._pieces[name] = getattr(self.programmed, what)(*args)
+            self._pieces[name] = getattr(self.programmed.alone(), what)(*args)
             tables = [(p.inputs, p.targets, tuple(map(str, p.kernel.symbols)), p.kernel.level, p.kernel.width)
                       for p in self._pieces[name]]
             keep(key, tables)

@@ -31,6 +31,12 @@ class Program:
         self._names: dict[Expr, Expr] = {}
         self._flattened: dict[Expr, Expr] = {}
 
+    def copied(self) -> Program:
+        """The same, to which steps can be added on their own."""
+        made = Program()
+        made.steps, made._names, made._flattened = dict(self.steps), dict(self._names), dict(self._flattened)
+        return made
+
     def let(self, e: Any) -> Expr:
         """The name of an expression, which becomes a step if it has none yet; numbers and plain symbols are returned
         themselves."""

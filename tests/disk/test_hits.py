@@ -163,3 +163,22 @@ def test_two_processes_at_once_find_the_same(tmp_path):
 def test_a_folder_that_cannot_be_used_changes_nothing(tmp_path):
     (tmp_path / "file").write_text("in the way")
     assert run(tmp_path, PENDULUM, tmp_path / "file")[2] == run(tmp_path, PENDULUM, "off")[2]
+
+
+TOP = """
+import hashlib
+import mbdae as mb
+s = mb.Scene("top", gravity=(0, 0, -9.81))
+body = s.rigid_body("body", 1.5, (0.02, 0.02, 0.01), at=(0, 0.1, 0.3), angular_velocity=(0, 5, 30))
+s.spherical("tip", s.ground, body, at=(0, 0, 0))
+s.spring("spring", s.ground, body, (1, 0, 0), (0, 0.1, 0.3), stiffness=10.0)
+print(hashlib.sha256(mb.export(s.recursive(), format="c").text.encode()).hexdigest())
+"""
+
+
+def test_exported_equations_do_not_hang_on_what_is_on_disk(tmp_path):
+    """Nor on the hashes of Python, which are others in every process."""
+    environment = os.environ | {"MBDAE_CACHE": str(tmp_path / "kept"), "PYTHONPATH": str(Path(__file__).parents[2])}
+    found = {subprocess.run([sys.executable, "-c", TOP], capture_output=True, text=True, check=True,
+                            env=environment | {"PYTHONHASHSEED": seed}).stdout for seed in ("1", "2")}
+    assert len(found) == 1
