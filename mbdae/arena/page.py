@@ -19,6 +19,7 @@ import numpy as np
 
 from mbdae.compare.page import Comparison, inline_svg
 from mbdae.compare.table import Row
+from mbdae.engines import CANNOT, OTHER
 from mbdae.errors import OptionError
 from mbdae.files import write_file
 from mbdae.notation import counted
@@ -40,6 +41,11 @@ DARK = """
   figure svg { filter: invert(1) hue-rotate(180deg); } tr.failed td, tr.failed th { color: #ff9f7a; }
 }
 .scenes { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(26rem, 100%), 1fr)); gap: 1rem 1.5rem; }
+.missed :is(th, td):last-child, .stays :is(th, td):is(:nth-child(2), :last-child) { text-align: left; }
+@media (max-width: 700px) {
+  :is(.programs, .missed, .stays) :is(th, td) { white-space: normal; overflow-wrap: normal; padding-inline: .3rem; }
+  :is(.programs, .missed, .stays) td:not(:last-child), .programs td { white-space: nowrap; }
+}
 .scenes h3 { font-size: 1rem; margin: .5rem 0 0; } .scenes figure { margin: .25rem 0; } .scenes details { font-size: .875rem; }
 """
 
@@ -181,13 +187,17 @@ def missed(comparisons: Compared) -> list[dict[str, Any]]:
             if row.error > SILENT * (wanted + known):
                 found.setdefault(method(row), []).append((row.error / wanted, f"{name} at {wanted:.0e}"))
     order = sorted(found, key=lambda one: -max(found[one])[0])
-    return [{"method": one, "silently missed": f"{len(found[one])} of {counts[one]}", "worst, times": f"{max(found[one])[0]:.3g}",
+    return [{"method": one, "silently missed": f"{len(found[one])} of {counts[one]}", "worst, times": _times(max(found[one])[0]),
              "where": max(found[one])[1]} for one in order]
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.0f}" if ratio >= 100 else f"{ratio:.2g}"
 
 
 def stays(comparisons: Compared) -> list[dict[str, Any]]:
     """Ladders of programs whose error does not become smaller, with the reason where one is known."""
-    return [{"scene": name, "method": one.label, "error stays at": f"{one.floor:.1e}", "": one.why}
+    return [{"scene": name, "method": one.label, "error stays at": f"{one.floor:.1e}", "why": one.why}
             for name, w in comparisons for one in w.converged if one.floor is not None and one.why]
 
 
@@ -244,7 +254,7 @@ def clear(figure: Any) -> Any:
 
 def work(w: Comparison) -> Any:
     """Error over CPU time of every method, in the colour of its program."""
-    made = Figure(figsize=(4.6, 3.2), layout="constrained")
+    made = Figure(figsize=(4.6, 3.4), layout="constrained")
     axis = made.subplots()
     names = list(dict.fromkeys(program(row) for row in w.runs))
     told = set[str]()
@@ -257,12 +267,12 @@ def work(w: Comparison) -> Any:
                         label="_" if name in told else name)
             told.add(name)
     if w.reference.difference and (low := axis.get_ylim()[0]) < w.reference.difference:
-        axis.axhspan(low, w.reference.difference, color="0.92", zorder=0)
+        axis.axhspan(low, w.reference.difference, color="0.5", alpha=0.2, linewidth=0, zorder=0)
         axis.set_ylim(bottom=low)
-    axis.set(xlabel="CPU time [ms]", ylabel="error")
+    axis.set(xlabel="CPU time [ms]", ylabel="error of the motion")
     axis.grid(True, color="0.9")
     axis.spines[["top", "right"]].set_visible(False)
-    axis.legend(frameon=False, fontsize="small", loc="upper right")
+    made.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=4)
     return clear(made)
 
 
@@ -273,8 +283,11 @@ NOTES = {
     "programs": ("Programs", "Of each program the cheapest of its methods and settings counts. below: scenes brought below an "
                  "error; CPU over best: the median of these scenes."),
     "missed": ("Silently missed", f"Runs that ended as if they had done what they were asked for, with an error of more than "
-               f"{SILENT:g} times that. A step is no accuracy that is asked for."),
-    "stays": ("Errors that stay", "Smaller steps or tolerances do not help there.")}
+               f"{SILENT:g} times that. A step is no accuracy that is asked for. Single runs, of mbdae too, do not estimate the "
+               f"error of their motion; 'mbdae simulate' does."),
+    "stays": ("Errors that stay", "Smaller steps or tolerances do not help there."),
+    "scenes": ("Scenes", "One line is a method of a program, from loose to tight settings; errors in the grey are below the "
+               "uncertainty of the reference. Error: ")}
 
 
 def page(a: Arena) -> str:
@@ -292,10 +305,12 @@ def page(a: Arena) -> str:
         if rows:
             cells = [html_row(str(first), [f"<td>{escape(str(value))}</td>" for value in rest])
                      for first, *rest in (row.values() for row in rows)]
-            table = html_table(key, headings(tuple(rows[0])), cells)
+            table = html_table(key, headings(tuple(rows[0])), cells, attributes=f' class="{key}"')
             parts.append(section(key, NOTES[key][0], f'{table}<p class="note">{escape(NOTES[key][1])}</p>\n'))
     scenes = "".join(_scene(n, *pair) for n, pair in enumerate(done))
-    parts.append(section("scenes", "Scenes", f'<div class="scenes">{scenes}</div>\n'))
+    if done:
+        note = f'<p class="note">{escape(NOTES["scenes"][1] + done[0][1].what)}.</p>\n'
+        parts.append(section("scenes", NOTES["scenes"][0], f'{note}<div class="scenes">{scenes}</div>\n'))
     if failed := [f"{e.name}: {e.error}" for e in a.entries if e.error]:
         parts.append(section("failed", "Not compared", bullets(failed)))
     hashes = [html_row(e.name, [f"<td>{escape(e.hashes.get(of, '-')[:16])}</td>" for of in ("statements", "equations")])
@@ -308,8 +323,10 @@ def page(a: Arena) -> str:
 
 def _scene(number: int, name: str, w: Comparison) -> str:
     """Picture and words of one scene."""
-    refused = list(dict.fromkeys(f"{row.engine}: {row.failure}" for row in w.failures if "cannot state" in (row.failure or "")))
+    said = list(dict.fromkeys((row.engine, row.failure or "") for row in w.failures if row.engine))
+    without = "".join(f"; {engine} cannot state it" for engine, why in said if why.startswith(CANNOT))
+    shown = bullets([f"{engine}: {why}" for engine, why in said if why.startswith(OTHER)])
     title = escape(f"Work and precision on {name}, to t = {w.t_end:g} s")
     return (f"<article><h3>{escape(name)}, to {w.t_end:g} s</h3><figure>{inline_svg(work(w), title, f's{number}')}</figure>"
-            f"<details><summary>{counted(len(w.runs), 'run')}; reference to {w.reference.difference or 0.0:.0e}</summary>"
-            f"<p>{escape(w.decision)}</p></details>{bullets(refused) if refused else ''}</article>\n")
+            f"<details><summary>{counted(len(w.runs), 'run')}; reference to {w.reference.difference or 0.0:.0e}{escape(without)}"
+            f"</summary><p>{escape(w.decision)}</p></details>{shown if OTHER in shown else ''}</article>\n")

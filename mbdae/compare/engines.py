@@ -20,7 +20,7 @@ from mbdae.compare.measures import BodiesMotion, quartiles
 from mbdae.compare.problem import Problem
 from mbdae.compare.rows import Known
 from mbdae.compare.table import Row
-from mbdae.engines import INTERVALS, RESOLVED, STARTS, Case, Method, Named, Statement, environment
+from mbdae.engines import CANNOT, INTERVALS, OTHER, RESOLVED, STARTS, Case, Method, Named, Statement, environment
 from mbdae.errors import MbdaeError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.system.base import Array
@@ -168,12 +168,12 @@ class Engines:
         prepared = problem.yardstick.prepared
         for one in named:
             if prepared is None:
-                self.refused[one.label] = "cannot state: a System has equations alone, no bodies"
+                self.refused[one.label] = f"{CANNOT}: a System has equations alone, no bodies"
                 continue
             try:
                 self.sessions[one.label] = self.stack.enter_context(Session(one, Case(problem.scene, prepared, problem.times)))
             except MbdaeError as error:
-                self.refused[one.label] = "cannot state: " + "; ".join(getattr(error, "problems", None) or [str(error)])
+                self.refused[one.label] = f"{CANNOT}: " + "; ".join(getattr(error, "problems", None) or [str(error)])
 
     def __enter__(self) -> Engines:
         return self
@@ -212,7 +212,7 @@ class Engines:
                   session.statement.soft, "order": step.method.order, "rtol": step.setting}
         if step.named.label not in self.checked:
             apart = session.differences()
-            self.checked[step.named.label] = f"states another scene: {'; '.join(apart)}" if apart else ""
+            self.checked[step.named.label] = f"{OTHER}: {'; '.join(apart)}" if apart else ""
         if self.checked[step.named.label]:
             return Row(**facts, failure=self.checked[step.named.label])
         if why := _enough(before, reference):

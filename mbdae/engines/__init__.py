@@ -41,6 +41,7 @@ STARTS = 60.0  #: wall time (s) in which a program has to start and to state the
 #: columns of a motion: position of the centre of mass (or of the node of a beam), m; quaternion, scalar part first; velocity,
 #: m/s; angular velocity, rad/s; all of them in inertial axes
 COLUMNS = 13
+CANNOT, OTHER = "cannot state", "states another scene"  #: how the failures begin of a program that does not run a scene
 
 
 @dataclass(frozen=True)

@@ -138,6 +138,6 @@ def test_what_is_silently_missed_is_counted_by_whom() -> None:
     found = {one["method"]: one for one in missed(scenes)}
     assert [one["method"] for one in missed(scenes)] == ["other x", "mbdae A"]
     assert found["mbdae A"]["silently missed"] == "1 of 2"
-    assert found["other x"]["worst, times"] == "1e+03"
+    assert found["other x"]["worst, times"] == "1000"
     assert missed([made(row("A", 5e-4, 1.0, 1e-6), difference=1e-3)]) == []  # the reference does not know better
     assert stays(scenes) == []
