@@ -20,12 +20,13 @@ from mbdae.compare.measures import BodiesMotion, quartiles
 from mbdae.compare.problem import Problem
 from mbdae.compare.rows import Known
 from mbdae.compare.table import Row
-from mbdae.engines import CANNOT, INTERVALS, OTHER, RESOLVED, STARTS, Case, Method, Named, Statement, environment
+from mbdae.engines import CANNOT, COLUMNS, INTERVALS, OTHER, RESOLVED, STARTS, Case, Method, Named, Statement, environment
 from mbdae.errors import MbdaeError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
+GAVE_UP = "gave up after"  #: how the failure of a run begins that did not end
 LONGEST = 2.0  #: CPU time of a run (s) after which a ladder of an engine ends
 COUNTS = ("steps", "residuals", "jacobians", "newton_iterations")
 #: how far the start of an engine may be from that of the scene, over the largest position, velocity, mass ... of the scene
@@ -76,7 +77,7 @@ class Session:
             line = self._lines.get(timeout=longest)
         except queue.Empty:
             self.stop()
-            return {"failure": f"gave up after {longest:g} s of wall time"}
+            return {"failure": f"{GAVE_UP} {longest:g} s of wall time"}
         except OSError:
             line = None
         if line is None:
@@ -86,13 +87,15 @@ class Session:
             return {"failure": f"its process ended with code {code}: {(text.splitlines() or ['no message'])[-1][:300]}"}
         return dict(json.loads(line))
 
-    def differences(self) -> list[str]:
-        """How the start that the engine has differs from that of the scene, in words; none where it is the same."""
+    def wrong(self) -> str:
+        """Why the engine does not run the scene: its script fails, or how the start that it has differs from that of the scene;
+        "" where it is the same."""
         found = self._ask({"do": "start"}, STARTS)
         if "failure" in found:
-            return [str(found["failure"])]
+            return str(found["failure"])
         told = {name: np.array(value, dtype=float) for name, value in found.items()}
-        return list(_differences(self.case, self.named.engine.start(self.case, told)))
+        apart = _differences(self.case, self.named.engine.start(self.case, told))
+        return f"{OTHER}: {'; '.join(apart)}" if apart else ""
 
     def run(self, method: str, setting: float, longest: float | None) -> tuple[Array | None, dict[str, Any]]:
         """Motion (nt, nodes, COLUMNS) of a run, None where it failed, and what its script says of it."""
@@ -101,7 +104,10 @@ class Session:
                           None if longest is None else longest + STARTS)
         if "failure" in found:
             return None, found
-        return self.named.engine.motion(self.case, np.load(out)), found
+        rows, nodes = self.named.engine.motion(self.case, np.load(out)), len(self.case.nodes)
+        if rows.ndim != 3 or rows.shape[1:] != (nodes, COLUMNS) or len(rows) < 2 or INTERVALS % (len(rows) - 1):
+            return None, {"failure": f"its motion is an array {rows.shape}, not (1 + {INTERVALS} / k, {nodes}, {COLUMNS})"}
+        return rows, found
 
 
 def write(statement: Statement, folder: Path) -> None:
@@ -211,8 +217,7 @@ class Engines:
         facts |= {"setting": f"{step.method.what} {step.setting:.1e}" + " s" * (step.method.what == "step"), "soft":
                   session.statement.soft, "order": step.method.order, "rtol": step.setting}
         if step.named.label not in self.checked:
-            apart = session.differences()
-            self.checked[step.named.label] = f"{OTHER}: {'; '.join(apart)}" if apart else ""
+            self.checked[step.named.label] = session.wrong()
         if self.checked[step.named.label]:
             return Row(**facts, failure=self.checked[step.named.label])
         if why := _enough(before, reference):
@@ -251,8 +256,10 @@ class Engines:
 def _enough(before: Sequence[Row], reference: Known) -> str:
     """Why a ladder ends behind these rows; "" where it goes on."""
     last = before[-1] if before else None
-    if last is None or last.failure:
+    if last is None:
         return ""
+    if last.failure:
+        return f"not run: a run before {last.failure}" if last.failure.startswith(GAVE_UP) else ""
     if last.skipped:
         return last.skipped
     if (last.cpu_first_s or 0.0) > LONGEST:

@@ -109,9 +109,53 @@ class Fails(Engine):
     (Refuses, "cannot state: joint 'hinge': a hinge is not known here"), (Fails, "its process ended with code 1: no licence")])
 def test_what_an_engine_cannot_do_stands_in_its_row(engine: type[Engine], said: str) -> None:
     w = compared(pendulum(), [engine])
-    assert said in of_engine(w)[0].failure
+    assert of_engine(w)[0].failure == said
     assert said in w.decision
     assert said in str(w)
+
+
+HANGS = """
+import json, sys, time
+for line in sys.stdin:
+    if json.loads(line)["do"] == "run":
+        time.sleep(60)
+    print("{}", flush=True)
+"""
+
+
+class Hangs(Engine):
+    """It runs, and does not end."""
+
+    name, package = "hangs", "numpy"
+
+    def state(self, case: Case) -> Statement:
+        return Statement(HANGS, {}, (Method("method", "step", fixed_steps(case)),))
+
+
+@pytest.mark.slow
+def test_a_ladder_ends_behind_a_run_that_does_not_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mbdae.compare.engines.STARTS", 3.0)
+    first, *others = of_engine(compared(pendulum(), [Hangs], max_wall=0.5))
+    assert first.failure == "gave up after 3.5 s of wall time"
+    assert others
+    assert all(row.skipped == "not run: a run before gave up after 3.5 s of wall time" for row in others)
+
+
+class Short(SciPy):
+    """It leaves out the velocities."""
+
+    name = "short"
+
+    def motion(self, case: Case, values: Any) -> Any:
+        return super().motion(case, values)[..., :7]
+
+    def start(self, case: Case, told: Any) -> Any:
+        return {"mass": told["mass"]}
+
+
+def test_a_motion_of_another_shape_fails() -> None:
+    (first, *_) = of_engine(compared(pendulum(), [Short]))
+    assert first.failure == "its motion is an array (1025, 1, 7), not (1 + 1024 / k, 1, 13)"
 
 
 def test_contacts_are_no_exported_equations() -> None:
