@@ -31,7 +31,7 @@ from mbdae.notation import counted
 from mbdae.run.checkpoint import environment
 from mbdae.scene.components import Clearance
 from mbdae.scene.shapes import Section
-from mbdae.study.kept import told_when_interrupted
+from mbdae.study.kept import ResumeFile, told_when_interrupted
 from mbdae.study.workers import with_processes
 from mbdae.values import number as positive
 from mbdae.values import option, optional, path, shown, whole
@@ -225,6 +225,12 @@ def _compared(scene: Any, t_end: float, options: Mapping[str, Any], resume: Any)
     return {"comparison": found, "error": error, "hashes": hashes}
 
 
+class Asked(ResumeFile):
+    """What an arena in progress was asked for; more scenes may be added to it."""
+
+    kind, file_format = "arena", "mbdae arena in progress 1"
+
+
 def _scenes(given: Any, count: int, seed: int) -> list[tuple[str, str, Any, float]]:
     """(name, suite, scene, end time) of every scene, names made different."""
     if given is None:
@@ -298,6 +304,10 @@ def arena(scenes: Any = None, engines: Any = None, accuracies: Sequence[float] =
             kept.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OptionError(f"resume = {shown(resume)} cannot be made: {error.strerror or error}; name another one") from error
+        same = Asked(kept / "_asked.json", {"engines": programs, "accuracies": list(accuracies), "max_wall": max_wall,
+                                            "seed": seed if scenes is None else None})
+        with same.stored():
+            same.store({"rows": []})
     files = [kept / f"{file_name(name)}.json" if kept else None for name, *_ in named]
     points = {i: {"scene": scene, "t_end": t_end, "options": options, "resume": files[i]}
               for i, (_, _, scene, t_end) in enumerate(named)}

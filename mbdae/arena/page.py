@@ -124,7 +124,8 @@ class Arena(Study):
 
 def citation(a: Arena, digest: str) -> str:
     """A CITATION.cff of the folder."""
-    versions = ", ".join(f"{name} {value}" for name, value in a.environment.items() if name not in ("machine", "cpus"))
+    own = (f"{name} {value}" for name, value in a.environment.items() if name not in ("machine", "cpus"))
+    versions = ", ".join([*a.asked["engines"], *own])
     return (f'cff-version: 1.2.0\nmessage: "If you use these data, cite them as below."\ntype: dataset\ntitle: "{a.scene}"\n'
             f'authors:\n  - name: "mbdae"\nversion: "{a.environment["mbdae"]}"\n'
             f'abstract: "{len(a.entries)} scenes by several multibody programs against confirmed references; {versions}."\n'

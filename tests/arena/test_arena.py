@@ -58,7 +58,9 @@ def test_a_folder_to_cite(small: Any, tmp_path: Path) -> None:
     data = (folder / "arena.json").read_text()
     assert {p.name for p in folder.iterdir()} == {"index.html", "arena.json", "summary.txt", "environment.json", "CITATION.cff",
                                                   "scenes"}
-    assert hashlib.sha256(data.encode()).hexdigest() in (folder / "CITATION.cff").read_text()
+    cited = (folder / "CITATION.cff").read_text()
+    assert hashlib.sha256(data.encode()).hexdigest() in cited
+    assert all(one in cited for one in small.asked["engines"])  # with their versions
     entries = json.loads(data)["entries"]
     assert {len(h) for e in entries for h in e["hashes"].values()} == {64}
     assert entries[0]["hashes"] != entries[1]["hashes"]
@@ -83,6 +85,13 @@ def test_finished_scenes_are_not_computed_again(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(module, "executed", lambda problem, *rest: (ran.append(problem.name), own(problem, *rest))[1])
     assert [e.name for e in mb.arena(scenes, resume=kept, **FEW).entries] == ["a", "b"]
     assert len(ran) == 1  # of b alone
+
+
+def test_an_arena_that_was_asked_for_something_else_is_not_gone_on_with(tmp_path: Path) -> None:
+    mb.arena([(pendulum(), 0.1)], resume=tmp_path, **FEW)
+    mb.arena([(pendulum(), 0.1), (pendulum(0.5), 0.1)], resume=tmp_path, **FEW)  # more scenes of the same
+    with pytest.raises(mb.OptionError, match="holds another arena"):
+        mb.arena([(pendulum(), 0.1)], resume=tmp_path, runs=FEW["runs"], accuracies=[1e-5])
 
 
 def test_scenes_of_a_folder(tmp_path: Path) -> None:
