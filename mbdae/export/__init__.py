@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, naming_arguments
-from mbdae.export import fmi, languages, text
+from mbdae.export import fmi, for_jax, languages, text
 from mbdae.export.program import RATES, Entry, Program, force_of, node_units, rate_of
 from mbdae.export.scene import scene_program
 from mbdae.files import write_file
@@ -210,7 +210,7 @@ __all__ = ["Entry", "Export", "export"]
 
 #: format -> function that writes it, and suffix of its files
 FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (languages.source, ".c"), "casadi": (text.casadi_text, ".py"),
-           "latex": (text.latex_text, ".tex"), "jax": (text.jax_text, ".py"), "fmi": (fmi.description, ".fmu")}
+           "latex": (text.latex_text, ".tex"), "jax": (for_jax.jax_text, ".py"), "fmi": (fmi.description, ".fmu")}
 
 
 @dataclass(frozen=True, repr=False)

@@ -96,7 +96,7 @@ SYMPY = Language(_sympy_number, _power("1", "({0} ** {1})", False), _EQUAL | _ca
     "Abs ceiling erfc gamma=gamma_function loggamma Max Min And Or Not Equality=Eq Unequality=Ne") | {
     "Piecewise": _pairs, "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False"})
 
-JAX = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), _EQUAL | _calls(
+JAX = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", True), _EQUAL | _calls(
     "Abs=abs ceiling=ceil erfc gamma=gamma_function loggamma Not=logical_not") | {
     "Max": _folded("maximum"), "Min": _folded("minimum"), "And": _folded("logical_and"), "Or": _folded("logical_or"),
     "Equality": _infix("=="), "Unequality": _infix("!="), "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False",
@@ -177,8 +177,6 @@ def source(program: Program) -> str:
 
 class File:
     """Collects the parts of a C file as they are needed."""
-
-    language = C
 
     def __init__(self, program: Program) -> None:
         self.program, self.name = program, identifier(program.title)
@@ -290,12 +288,13 @@ class File:
         key = (id(kernel), used)
         if key not in self.kernels:
             self.kernels[key] = name = f"kernel{len(self.kernels)}"
-            names = {s: f"x[{i}]" for i, s in enumerate(kernel.symbols)}
-            self.parts.append(self._written(name, used, *steps([se.sympify(kernel.expressions[o]) for o in used], names,
-                                                               self.language)))
+            self.parts.append(self._formulas(name, kernel, used))
         return self.kernels[key]
 
-    def _written(self, name: str, used: tuple[int, ...], shared: list[tuple[str, str]], outputs: list[str]) -> str:
+    def _formulas(self, name: str, kernel: Any, used: tuple[int, ...]) -> str:
+        """The function of a kernel as text."""
+        names = {s: f"x[{i}]" for i, s in enumerate(kernel.symbols)}
+        shared, outputs = steps([se.sympify(kernel.expressions[o]) for o in used], names, C)
         lines = [f"  const double {a} = {text};" for a, text in shared]
         lines += [f"  out[{o}] = {text};" for o, text in zip(used, outputs, strict=True)]
         body = "\n".join(lines)

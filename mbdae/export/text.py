@@ -1,9 +1,8 @@
-"""Exported functions as text: Python modules for SymPy, CasADi and JAX, and LaTeX."""
+"""Exported functions as text: Python modules for SymPy and CasADi, and LaTeX."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,9 +12,9 @@ from mbdae.documents import WIDEST, Document, displayed
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, extent
 from mbdae.documents.mathml import plain
 from mbdae.errors import OptionError
-from mbdae.export.languages import CASADI, JAX, SYMPY, File, described, size_of
+from mbdae.export.languages import CASADI, SYMPY, described
 from mbdae.export.program import Function, Program, reach, run, weights
-from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LOOKUP, LU, MULTIPLY, POSITIVE, READ, SET, Step
+from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LOOKUP, LU, MULTIPLY, SET, Step
 from mbdae.reports.letters import unit_text
 from mbdae.reports.vectors import NamedQuantities
 from mbdae.reports.writer import Writer
@@ -213,84 +212,6 @@ def casadi_text(program: Program) -> str:
         arguments = ", ".join(f.arguments)
         lines.append(f'{f.name} = Function("{f.name}", [{arguments}], [{results}], {list(f.arguments)!r}, {names!r})')
     return "\n".join([*lines, ""])
-
-
-# -- JAX: kernels as functions of arrays, operations on one array
-
-
-def jax_text(program: Program) -> str:
-    """A module with a function of JAX arrays for every function; `jacobian` of a scene returns two full matrices."""
-    return _Jax(program).text()
-
-
-class _Jax(File):
-    """The same operations, each on whole arrays; out is NaN where C returns 1."""
-
-    language = JAX
-
-    def text(self) -> str:
-        bodies = [self._function(f) for f in self.program.functions.values()]
-        top, names = head(self.program, ""), Path(__file__).with_name("jax.inc").read_text(encoding="utf-8")
-        return "\n".join([top[0], names, *top[3:], *self.parts, *bodies])
-
-    def _function(self, f: Function) -> str:
-        lines = [f"W, sound = zeros({size_of(f)}), True"]
-        for vector, pairs in self.program.read_by(f):
-            if len(pairs):
-                value = "t" if vector == "t" else f"asarray({vector}, dtype=float)[{self._table(pairs[:, 0])}]"
-                lines.append(f"W = W.at[{self._table(pairs[:, 1])}].set({value})")
-        for step in f.steps:
-            lines += self._step(step)
-        n, count = len(self.program.inputs.get("y", ())), 0 if self.program.pattern is None else len(self.program.pattern[0])
-        matrix = f"zeros(({n}, {n})).at[array(rows), array(columns)].set"
-        result = f"{matrix}(out[:{count}]), {matrix}(out[{count}:])" if f.name == "jacobian" and count else (
-            f"out.reshape({f.shape})" if f.shape else "out")
-        lines += [f"out = where(sound, W[{self._table(f.at)}], nan)", f"return {result}"]
-        return "\n    ".join([f"\n\ndef {f.name}({', '.join(f.arguments)}):", f'"""{f.meaning}."""', *lines])
-
-    def _step(self, step: Step) -> list[str]:
-        f, kind, count = step.fields, step.fields["kind"], step.fields.get("count", 0)
-        if kind == CALL:
-            to = f["first"] + f["outputs"] * np.arange(f["times"]) + np.array(f["used"])[:, None]
-            values = f"{self._kernel(f['kernel'], f['used'])}(W[{self._table(step.tables['from_'].T)}])"
-            return [f"W = W.at[{self._table(to)}].set({values})"]
-        if kind == LOAD:
-            return [f"W = W.at[{f['first']}:{f['first'] + count}].set({self._table(step.tables['weight'])})"]
-        if kind == LOOKUP:
-            x, side = (f"W[{f['first'] + 4}] * W[{f[name]}] + W[{f['first'] + 5}]" for name in ("inputs", "outputs"))
-            found = f"lookup({self._table(step.tables['weight'])}, {count}, {x}, {side})"
-            return [f"W = W.at[{f['first']}:{f['first'] + READ}].set({found})"]
-        if kind == POSITIVE:
-            return [f"sound = sound & all(W[{self._table(step.tables['from_'])}] > 0)"]
-        if kind in (CHOLESKY, LU):
-            cells = np.array(matrix_of(step, lambda slot: slot, -1))
-            return [f"W = solved(W, where({self._table(cells)} < 0, 0.0, W[{self._table(cells)}]), {f['outputs']}, {f['times']})"]
-        return [self._mapped(step, slice(*part)) for part in _apart(step)]
-
-    def _mapped(self, step: Step, part: slice) -> str:
-        to, *rest = (self._table(reach(step, name).ravel()[part]) for name in ("to", "from_", "by") if name in step.tables)
-        factors = np.broadcast_to(weights(step), reach(step, "to").shape).ravel()[part]
-        terms = [f"W[{table}]" for table in rest] + ([self._table(factors)] if np.any(factors != 1) else [])
-        return f"W = W.at[{to}].{'set' if step.fields['kind'] == SET else 'add'}({' * '.join(terms)})"
-
-    def _written(self, name: str, used: tuple[int, ...], shared: list[tuple[str, str]], outputs: list[str]) -> str:
-        lines = [*(f"{a} = {text}" for a, text in shared), f"return stack(broadcast_arrays(*({', '.join(outputs)},), x[0])[:-1])"]
-        return "\n".join([f"\n\ndef {name}(x):", *(f"    {line}" for line in lines)])
-
-    def _constant(self, name: str, values: Any) -> str:
-        return f"{name} = np.array({values.tolist()!r})"
-
-
-def _apart(step: Step) -> list[tuple[int, int]]:
-    """Ranges of the entries of an operation, with repetitions written out, within which none is read after it was written."""
-    to, read = reach(step, "to").ravel(), [reach(step, name).ravel() for name in ("from_", "by") if name in step.tables]
-    found, begin, written = list[tuple[int, int]](), 0, set[int]()
-    for k, slot in enumerate(to.tolist()):
-        if any(int(table[k]) in written for table in read):
-            found.append((begin, k))
-            begin, written = k, set()
-        written.add(slot)
-    return [*found, (begin, len(to))]
 
 
 # -- LaTeX

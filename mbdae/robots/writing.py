@@ -18,7 +18,7 @@ from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
 from mbdae.robots.bounds import all_digits, geom_of, put, quiet
-from mbdae.robots.couplings import couples
+from mbdae.robots.coordinates import couples
 from mbdae.robots.joint_space import FLOATS, Tree
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import joint_axes

@@ -7,7 +7,9 @@ import pytest
 import symengine as se
 
 import mbdae as mb
+from mbdae.export.for_jax import SUM, Levels
 from mbdae.export.program import run
+from mbdae.native.program import CALL
 from mbdae.reports import exported
 
 EXACT = 1e-12
@@ -64,6 +66,36 @@ def check(law, compiled, **options):
 @pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in LAWS])
 def test_law_is_its_kernel(name, compiled):
     check(LAWS[name], compiled)
+
+
+def by_levels(kernel, used, x):
+    """Values of a kernel computed as for JAX, level by level, every level from the numbers of those before it."""
+    levels = Levels(kernel.symbols, [se.sympify(kernel.expressions[o]) for o in used])
+    W = dict(zip(range(len(x)), x, strict=True)) | {n: value for value, n in levels.constants.items()}
+    names = vars(np) | {"nan": np.nan, **{f"a{of}": getattr(np, f"arc{of}") for of in ("sin", "cos", "tan", "tan2")}}
+    for form, found in levels.parts():
+        for level in found:
+            now = {n: form.format(*(repr(float(W[a])) for a in levels.nodes[n].args), levels.nodes[n].factor) for n in level}
+            assert form == SUM or len(found) == 1
+            W |= {n: float(eval(text, names)) for n, text in now.items()}
+    return np.array([W[n] for n in levels.at]), levels
+
+
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in LAWS])
+def test_levels_of_a_kernel_are_its_formulas(name):
+    """What a language computes that takes whole arrays; and it takes far fewer operations on arrays than there are formulas."""
+    program = mb.export(LAWS[name], "jax").program
+    for f in program.functions.values():
+        for step in (s for s in f.steps if s.fields["kind"] == CALL):
+            kernel, used = step.fields["kernel"], step.fields["used"]
+            x = np.random.default_rng(3).uniform(0.3, 0.9, len(kernel.symbols))
+            found, levels = by_levels(kernel, used, x)
+            kernel(x[None], whole := np.empty((1, len(kernel.expressions))))
+            wanted = whole[0, list(used)]
+            assert np.max(np.abs(found - wanted)) <= EXACT * max(1.0, np.max(np.abs(wanted)))
+            parts = list(levels.parts())
+            assert sum(len(level) for _, rows in parts for level in rows) == len(levels.nodes)
+            assert len(parts) <= 40
 
 
 def test_own_law_in_the_plane(compiled):
