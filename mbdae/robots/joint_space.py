@@ -15,7 +15,7 @@ from mbdae.errors import LawError, OptionError, SceneError, unknown_name
 from mbdae.kernels import Kernel
 from mbdae.laws.joint_rows import Free
 from mbdae.robots.couplings import Coordinate, Folded, folded_of
-from mbdae.robots.pivots import NOTHING_MOVED, refuse_singular, singular
+from mbdae.robots.pivots import NOTHING_MOVED, first_of, refuse_singular, singular
 from mbdae.robots.tree import UNIT, JointSpaceProgram
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.record import item_name, without
@@ -212,17 +212,32 @@ class Tree:
 
     def _refuse(self, x: Array, heads: str, sizes: Sequence[int]) -> None:
         """Refuse numbers that are not finite, and quaternions of another length than 1."""
-        if np.any(wrong := ~np.isfinite(x)):
-            n = int(np.nonzero(wrong.reshape(-1, x.shape[-1]).any(axis=0))[0][0])
-            first = np.cumsum([0, *sizes])
+        bad = ~np.isfinite(x)
+        if np.any(wrong := bad.any(axis=-1)):
+            row, where = first_of(wrong, "")
+            n, first = int(np.argmax(bad[row])), np.cumsum([0, *sizes])
             of = int(np.searchsorted(first, n, side="right")) - 1
-            raise OptionError(f"{WORDS[heads[of]]} has an entry that is not finite, number {n - first[of]}; give finite numbers")
+            raise OptionError(f"{WORDS[heads[of]]} has an entry that is not finite, {self._entry(heads[of], n - int(first[of]))}"
+                              f"{where}; give finite numbers")
         if not self._firsts:
             return
         off = np.abs(np.sqrt((x[..., self._quaternions] ** 2).sum(axis=-1)) - 1)
-        if np.any(off > UNIT):
-            raise OptionError(f"q holds a quaternion whose length differs from 1 by {np.max(off):.3g}; divide it by its length "
-                              f"(entries {self._quaternions[0].tolist()} of q, in the order w, x, y, z)")
+        if np.any(wrong := (off > UNIT).any(axis=-1)):
+            row, where = first_of(wrong, "")
+            n = int(np.argmax(off[row]))
+            entries = self._quaternions[n].tolist()
+            raise OptionError(f"q holds a quaternion whose length differs from 1 by {off[row][n]:.3g}, that of "
+                              f"{self._entry('q', entries[0])[:-2].partition(' of ')[2]}{where}; divide it by its length "
+                              f"(entries {entries} of q, in the order w, x, y, z)")
+
+    def _entry(self, head: str, n: int) -> str:
+        """An entry of an input as messages name it: its place, and the coordinate."""
+        if head == "p":
+            return f"at[{n}]"
+        if head != "q":
+            return f"{WORDS[head]}[{n}] of {self.coordinates[n]}"
+        c = next(c for c in self._coordinates if c.q <= n < c.q + c.nq)
+        return f"q[{n}] of {c.joint}.{c.name}" + (f".{'wxyz'[n - c.q]}" if c.nq == 4 else "")
 
     @single_threaded
     def _compiled(self, outputs: Any, heads: str) -> tuple[Any, Any, int, tuple[int, ...]]:

@@ -62,13 +62,20 @@ def singular(tree: Any, q: Array, where: str = "") -> str:
     return f"{', '.join(alone)}: {NOTHING_MOVED.format(where)}"
 
 
+def first_of(wrong: Any, one: str) -> tuple[tuple[int, ...], str]:
+    """Of states (...) that are wrong the first, and words on which they are; one: those where there is one state alone."""
+    row = tuple(int(n[0]) for n in np.nonzero(wrong)) if np.ndim(wrong) else ()
+    count = np.count_nonzero(wrong)
+    states = f"{count} of {np.size(wrong)} states, the first of them" if count > 1 else "state"
+    return row, f" in {states} {list(row)}" if row else one
+
+
 def refuse_singular(tree: Any, x: Array, wrong: Any) -> None:
     """Raise an error where accelerations cannot be computed: SceneError where the mass matrix is singular but for rounding, else
     OptionError. x (..., inputs): states, which begin with q; wrong (...): where pivots are rounding or are not numbers."""
     if not np.any(wrong):
         return
-    row = tuple(int(n[0]) for n in np.nonzero(wrong)) if np.ndim(wrong) else ()
-    where = f" in {np.count_nonzero(wrong)} states, first number {row[0] if len(row) == 1 else row}" if row else " at this q"
+    row, where = first_of(wrong, " at this q")
     if text := singular(tree, x[row][: tree.nq], where):
         raise SceneError([text])
     raise OptionError(f"accelerations are beyond the range of numbers{where}: give smaller v or tau")
