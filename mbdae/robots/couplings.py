@@ -1,10 +1,20 @@
-"""Coordinates of a tree, and couplings of two of them: one is folded in, a multiple of the other."""
+"""Coordinates of a tree; couplings of two of them: one is folded in, a multiple of the other; two trees whose coordinates have
+other names and another order."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.errors import SceneError
 from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
+
+Array = NDArray[np.float64]
+FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
+STATES = 5  #: random states at which two trees are compared
 
 
 class Coordinate(NamedTuple):
@@ -56,3 +66,24 @@ def couples(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
         return [(law.of["displacement"], 1.0), (law.of["angle"], -float(law.radius))], 0.0
     terms = [(law.of[f"c{n + 1}"], float(getattr(law, f"factor{n + 1}"))) for n in range(len(law.of))]
     return terms, law.value
+
+
+def differences(one: Any, other: Any, there: Callable[[str, str], tuple[str, str]]) -> tuple[Array, Array]:
+    """Largest differences of the forces that accelerations need, at STATES random states, which hold mass matrix and bias, and
+    the largest of these forces. one, other: what `s.tree()` returns; there: names of a joint and its coordinate in the other."""
+    by_name = {(c.joint.removesuffix(FLOATS.format("")), c.name): c for c in other._coordinates}
+    q_of, v_of = np.zeros(one.nq, dtype=int), np.zeros(one.nv, dtype=int)
+    for c in one._coordinates:
+        found = by_name.get(there(c.joint.removesuffix(FLOATS.format("")), c.name))
+        if found is None or found.nv != c.nv:
+            raise SceneError([f"joint '{c.joint}': MJCF does not say it with the same coordinates"])
+        q_of[c.q : c.q + c.nq], v_of[c.v : c.v + c.nv] = range(found.q, found.q + c.nq), range(found.v, found.v + c.nv)
+    rng = np.random.default_rng(0)
+    q, (v, a) = rng.normal(size=(STATES, one.nq)), rng.normal(size=(2, STATES, one.nv))
+    for c in one._coordinates:
+        if c.nq == 4:
+            q[:, c.q : c.q + 4] /= np.linalg.norm(q[:, c.q : c.q + 4], axis=1)[:, None]
+    q_there, (v_there, a_there) = np.zeros((STATES, other.nq)), np.zeros((2, STATES, other.nv))
+    q_there[:, q_of], v_there[:, v_of], a_there[:, v_of] = q, v, a
+    tau, again = one._interpreted(q, v, a), other._interpreted(q_there, v_there, a_there)[:, v_of]
+    return np.max(np.abs(tau - again), axis=1), np.max(np.abs(tau), axis=1)

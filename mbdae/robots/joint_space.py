@@ -14,7 +14,7 @@ from mbdae.disk.entries import key_of
 from mbdae.errors import LawError, OptionError, SceneError, unknown_name
 from mbdae.kernels import Kernel
 from mbdae.laws.joint_rows import Free
-from mbdae.robots.couplings import Coordinate, Folded, folded_of
+from mbdae.robots.couplings import FLOATS, Coordinate, Folded, folded_of
 from mbdae.robots.pivots import NOTHING_MOVED, first_of, refuse_singular, singular
 from mbdae.robots.tree import UNIT, JointSpaceProgram
 from mbdae.scene.models import spanning_tree
@@ -32,7 +32,6 @@ LEVEL, OPTIMISED = 2, 10_000
 FAINT = 1e-200  #: what finite inputs are multiplied by in the number that tells of wrong ones
 WRONG = (2 * UNIT) ** 2  #: of that number: the square of how far squares of quaternions may be from 1
 WORDS = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}  #: of the inputs of functions
-FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
 ORIGIN = (0.0, 0.0, 0.0)
 FRICTION = ("friction", "radius", "normal_force")  #: words of a joint's statement that state its friction
 
@@ -78,7 +77,7 @@ class Tree:
         self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
         inside = {name for tree in trees for name in tree.names} | couplings | welds
         self.closing = tuple(c.name for c in ties(scene) if c.name not in inside)
-        self._frames, self._bodies = scene.frames, {b.name: b for b in scene.bodies}
+        self._frames, self._bodies = scene.frames, {b.name: b for b in (scene.ground, *scene.bodies)}
         self._made: dict[Any, tuple[Any, Any, int, tuple[int, ...]]] = {}
         self._firsts = [c.q for c in self._coordinates if c.nq == 4]
         self._quaternions = np.array([range(c.q, c.q + 4) for c in self._coordinates if c.nq == 4], dtype=np.intp)
@@ -141,12 +140,12 @@ class Tree:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of all links: bodies of the scene, and links of the file without mass."""
+        """Names of all links: the ground, bodies of the scene, and frames, as which links of a file without mass are read."""
         return tuple(dict.fromkeys([*self._bodies, *self._frames]))
 
     def _link(self, link: Any) -> str:
         name = getattr(link, "name", link)
-        if not isinstance(name, str) or (name not in self._frames and name not in self._bodies):
+        if not isinstance(name, str) or name not in self.links:
             raise OptionError(f"link = {unknown_name(str(name), self.links)} the links are {', '.join(self.links)}")
         return name
 

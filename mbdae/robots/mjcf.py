@@ -55,14 +55,14 @@ class _Reader:
                 q = int(model.jnt_qposadr[i])
                 self.data.qpos[q : q + SIZES[int(kind)]] = self.start[q : q + SIZES[int(kind)]]
         mujoco.mj_kinematics(model, self.data)
-        self.names = ["", *(name_of(model, "name_bodyadr", i) or f"body {i}" for i in range(1, model.nbody))]
+        self.names = ["", *(robot.own_name(name_of(model, "name_bodyadr", i) or f"body {i}", "body")
+                            for i in range(1, model.nbody))]
         self.joint_names = [name_of(model, "name_jntadr", i) or f"joint {i} of {self.names[int(model.jnt_bodyid[i])]}"
                             for i in range(model.njnt)]
         for names, what in ((self.names, "bodies"), (self.joint_names, "joints")):
             if len(set(names)) < len(names):
                 raise SceneError([f"{what} without names would have names that others have; name all"])
-        taken = set(self.names)
-        self.joint_names = [f"{name} joint" if name in taken else name for name in self.joint_names]
+        self.joint_names = [robot.own_name(name, "joint", self.names) for name in self.joint_names]
 
     def _key(self, key: Any) -> tuple[Any, Any]:
         """qpos and qvel of the key frame that was asked for; without one, those of the file."""
@@ -194,8 +194,8 @@ class _Reader:
         for i in range(m.nsite):
             name = name_of(m, "name_siteadr", i)
             if name:
-                robot.frames[f"{name} site" if name in taken else name] = (self.names[int(m.site_bodyid[i])],
-                                                                           self._pose(m.site_pos[i], m.site_quat[i]))
+                robot.frames[robot.own_name(name, "site", taken)] = (self.names[int(m.site_bodyid[i])],
+                                                                 self._pose(m.site_pos[i], m.site_quat[i]))
 
     def _carried(self, b: int, link: Link) -> None:
         m, robot = self.m, self.robot

@@ -259,7 +259,52 @@ def test_sites_are_frames(tmp_path: Path) -> None:
 
 def test_a_joint_may_have_the_name_of_a_link(tmp_path: Path) -> None:
     text = ARM.replace('"elbow"', '"lower"').replace('"shoulder"', '"upper"')
-    assert mb.read_urdf(written(tmp_path, text)).tree().names == ("upper joint", "lower joint")
+    s = mb.read_urdf(written(tmp_path, text))
+    assert s.tree().names == ("upper joint", "lower joint")
+    assert any("joint 'lower' is 'lower joint'" in said for said in s.told)
+
+
+@pytest.mark.parametrize(("old", "floating", "renamed"), [
+    ("base", False, ""), ("base", True, "link"), ("upper", False, "link"), ("tool", False, "link"), ("elbow", False, "joint")])
+def test_an_item_of_urdf_may_have_the_name_of_the_ground(tmp_path: Path, old: str, floating: bool, renamed: str) -> None:
+    """It is read by a name of its own, which is told, and moves as before; `ground` stays the inertial frame."""
+    text = ARM
+    if floating:  # a floating link needs a mass
+        lower = ARM[ARM.index('<link name="lower">') : ARM.index('  <link name="finger">')]
+        text = ARM.replace('<link name="base"/>', lower.replace("lower", "base"))
+    trees = []
+    for name in (old, "ground"):
+        s = mb.read_urdf(written(tmp_path, re.sub(f'(name|link|joint)="{old}"', rf'\1="{name}"', text)), floating=floating)
+        trees.append(s.tree())
+        if name == "ground":
+            assert any(f"{renamed} 'ground' is 'ground {renamed}'" in said for said in s.told) is bool(renamed)
+    tree, rng = trees[1], np.random.default_rng(0)
+    q, (v, a) = tree.zero + 0.0, rng.normal(size=(2, tree.nv))
+    assert tree.names == tuple(f"ground {renamed}" if name == old else name for name in trees[0].names)
+    assert tree.inverse_dynamics(q, v, a) == pytest.approx(trees[0].inverse_dynamics(q, v, a))
+    assert tree.pose("ground", q, at=(1, 2, 3)) == pytest.approx(np.column_stack([np.eye(3), (1, 2, 3)]))
+    assert not np.any(tree.jacobian("ground", q))
+    assert not np.any(tree.jacobian_rate(s.ground, q, v))
+
+
+@pytest.mark.parametrize(("old", "renamed"), [("leg", "body"), ("hip x", "joint"), ("eye", "site")])
+def test_an_item_of_mjcf_may_have_the_name_of_the_ground(tmp_path: Path, old: str, renamed: str) -> None:
+    text = MODEL.replace("<freejoint/>", '<freejoint/><site name="eye" pos="0.1 0.2 0.3"/>').replace(f'"{old}"', '"ground"')
+    s = mb.read_mjcf(written(tmp_path, text, "model.xml"))
+    tree, model = s.tree(), mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    assert any(f"{renamed} 'ground' is 'ground {renamed}'" in said for said in s.told)
+    assert f"ground {renamed}" in {*tree.links, *tree.names}
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert tree.forward_dynamics(tree.zero, np.zeros(8), np.zeros(8)) == pytest.approx(data.qacc)
+    assert tree.pose("ground", tree.zero) == pytest.approx(np.eye(3, 4))
+
+
+def test_a_body_with_mujocos_name_of_the_ground_is_refused_when_written(tmp_path: Path) -> None:
+    s = mb.Scene("one", gravity=(0, 0, -9.81))
+    s.revolute("J", s.ground, s.rigid_body("world", 1.0, (0.1, 0.1, 0.1), at=(1, 0, 0)), at=(0, 0, 0), axis=(0, 1, 0))
+    with pytest.raises(mb.SceneError, match="body 'world': MuJoCo calls the ground so"):
+        s.write_mjcf(tmp_path / "one.xml")
 
 
 ACTED = """<mujoco><option gravity="0 0 0"/><worldbody><body name="arm"><joint name="j" {joint}/><geom size=".1" pos="1 0 0"/>
