@@ -119,8 +119,11 @@ class Robot:
         "joint", ...; taken: names of other items."""
         if name != GROUND and name not in taken:
             return name
-        self.renamed.append(f"{what} '{name}' is '{name} {what}'")
-        return f"{name} {what}"
+        own = f"{name} {what}"
+        while own in taken:
+            own = f"{own} {what}"
+        self.renamed.append(f"{what} '{name}' is '{own}'")
+        return own
 
 
 def impossible(J: Array) -> bool:

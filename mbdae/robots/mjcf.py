@@ -9,6 +9,7 @@ import numpy as np
 from mbdae.errors import OptionError, SceneError, unknown_name
 from mbdae.robots import Joint, Link, Pose, Robot, build, damped, library
 from mbdae.robots.bounds import MOST_MADE, Files, compiled, name_of, parsed, picture_of, text_of
+from mbdae.robots.couplings import Tie, satisfied
 
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
 FREE, BALL, SLIDE, HINGE = range(4)
@@ -36,6 +37,7 @@ def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) ->
 
 #: what a tendon does -> MuJoCo's switch of it
 TENDON = {"stiffness": "SPRING", "damping": "DAMPER", "limited": "LIMIT", "frictionloss": "FRICTIONLOSS", "armature": ""}
+
 
 
 class _Reader:
@@ -190,12 +192,10 @@ class _Reader:
             self._carried(b, made)
             if m.body_gravcomp[b] and not self.off >= {"SPRING", "DAMPER"}:  # without both MuJoCo leaves it out, too
                 made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity * ("GRAVITY" not in self.off))
-        taken = {*self.names, *self.joint_names}
         for i in range(m.nsite):
-            name = name_of(m, "name_siteadr", i)
-            if name:
-                robot.frames[robot.own_name(name, "site", taken)] = (self.names[int(m.site_bodyid[i])],
-                                                                 self._pose(m.site_pos[i], m.site_quat[i]))
+            if name := name_of(m, "name_siteadr", i):
+                own = robot.own_name(name, "site", (*self.names, *self.joint_names, *robot.frames))
+                robot.frames[own] = self.names[int(m.site_bodyid[i])], self._pose(m.site_pos[i], m.site_quat[i])
 
     def _carried(self, b: int, link: Link) -> None:
         m, robot = self.m, self.robot
@@ -261,7 +261,7 @@ class _Reader:
     # -- equalities
 
     def equalities(self) -> None:
-        m, wrong, types = self.m, [], self.mujoco.mjtEq
+        m, wrong, types, ties = self.m, list[str](), self.mujoco.mjtEq, list[Tie]()
         self.hinges = self._hinges()
         for e in range(m.neq):
             name, kind = name_of(m, "name_eqadr", e) or f"equality {e}", int(m.eq_type[e])
@@ -270,9 +270,10 @@ class _Reader:
             elif kind in (types.mjEQ_CONNECT, types.mjEQ_WELD):
                 wrong += self._closed(e, name, kind == types.mjEQ_WELD)
             elif kind == types.mjEQ_JOINT:
-                wrong += self._tied(e, name)
+                wrong += self._tied(e, name, ties)
             else:
                 wrong.append(f"equality '{name}': of tendons or flexes it is not modelled; remove it from the file")
+        wrong += satisfied(self.robot, ties, self.keyed, CLOSED)
         if wrong:
             raise SceneError(wrong)
 
@@ -329,22 +330,15 @@ class _Reader:
             self.robot.closing.append(close)
         return []
 
-    def _tied(self, e: int, name: str) -> list[str]:
+    def _tied(self, e: int, name: str, ties: list[Tie]) -> list[str]:
         m, (a0, a1, *more) = self.m, [float(x) for x in self.m.eq_data[e][:5]]
         one, other = (int(of[e]) for of in (m.eq_obj1id, m.eq_obj2id))
         if any(more):
             return [f"equality '{name}': a polynomial of degree 2 or more between joints is not modelled; make it linear"]
         if any(int(m.jnt_type[i]) not in (SLIDE, HINGE) for i in (one, other) if i >= 0):
             return [f"equality '{name}': it ties joints of more than one coordinate, which is not modelled"]
-        words = [f"{self.joint_names[i]}.{'angle' if m.jnt_type[i] == HINGE else 'displacement'}" for i in (one, other) if i >= 0]
-        of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
-        joints = {j.name: j for j in self.robot.joints}
-        made, of_ = joints[self.joint_names[one]], joints.get(self.joint_names[other] if other >= 0 else "")
-        before, (start, rate) = (made.start, made.rate), (of_.start, of_.rate) if of_ else (0.0, 0.0)
-        made.start, made.rate = a0 + a1 * start, a1 * rate
-        if self.keyed and np.max(np.abs(np.subtract((made.start, made.rate), before))) > CLOSED:
-            self.robot.heard.append(f"'{name}': the key frame contradicts it, and '{made.name}' starts as it demands")
-        elif a0 and not self.keyed:
-            self.robot.told.append(f"'{name}' holds from the start on; MuJoCo starts at the file's zero, and is pulled to it")
-        self.robot.closing.append(lambda s, _: s.couple(name, of, a0))
+        of = {one: 1.0} | ({other: -a1} if other >= 0 and a1 else {})
+        words = {f"{self.joint_names[i]}.{'angle' if m.jnt_type[i] == HINGE else 'displacement'}": f for i, f in of.items()}
+        ties.append((name, [(self.joint_names[i], f) for i, f in of.items()], a0))
+        self.robot.closing.append(lambda s, _: s.couple(name, words, a0))
         return []

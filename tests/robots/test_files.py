@@ -442,6 +442,52 @@ def test_a_key_frame_that_contradicts_a_tie_of_joints_is_told(tmp_path: Path, ke
     assert any("contradicts" in line for line in s.told) is told
 
 
+TIED = ('<mujoco><worldbody>' + "".join(
+    f'<body name="b{i}" pos="0 0 {i}"><joint name="j{i}" axis="0 1 0"/><geom size=".1" mass="1" pos=".2 0 0"/></body>'
+    for i in (1, 2, 3)) + '</worldbody><equality>{}</equality><keyframe><key name="k" qpos="{}"/></keyframe></mujoco>')
+
+
+def tie(name: str, one: int, other: int, offset: float, factor: float = 1.0) -> str:
+    """An equality of joints: one is offset and factor times the other."""
+    second = f'joint2="j{other}"' if other else ""
+    return f'<joint name="{name}" joint1="j{one}" {second} polycoef="{offset} {factor} 0 0 0"/>'
+
+
+@pytest.mark.parametrize(("ties", "named"), [
+    ((("a", 1, 2, 0), ("b", 1, 2, 0.3)), "'a', 'b'"), ((("a", 1, 2, 0), ("b", 2, 3, 0), ("c", 3, 1, 0.2)), "'a', 'b', 'c'"),
+    ((("a", 1, 0, 0.1), ("b", 1, 0, 0.2)), "'a', 'b'"), ((("a", 1, 2, 0), ("b", 1, 2, 0, 2), ("c", 2, 0, 0.1)), "'a', 'b', 'c'"),
+    ((("t1", 1, 2, 0.1), ("same", 2, 1, -0.1)), ""), ((("t1", 1, 2, 0.1, 2), ("t2", 2, 3, 0.2, -3), ("t3", 1, 3, 0.5, -6)), "")])
+def test_ties_that_contradict_each_other_are_refused_by_name(tmp_path: Path, ties: tuple, named: str) -> None:
+    """And no others: those that follow from others are read."""
+    file = written(tmp_path, TIED.format("".join(tie(*one) for one in ties), "0 0 0"), "tied.xml")
+    if named:
+        with pytest.raises(mb.SceneError, match=f"equalities {named}: they contradict each other"):
+            mb.read_mjcf(file)
+    else:
+        assert len(mb.read_mjcf(file).tree().follows) == len(ties) - 1
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("key", [None, "k"])
+def test_chains_of_ties_start_closed_and_are_folded_in(tmp_path: Path, order: tuple, key: str | None) -> None:
+    """Whatever their order in the file, with the start that the last joint has in the key frame."""
+    ties = [tie("t1", 1, 2, 0.1, 2), tie("t2", 2, 3, 0.2, -1)]
+    s = mb.read_mjcf(written(tmp_path, TIED.format("".join(ties[i] for i in order), "0.5 0.2 0.4"), "tied.xml"), key=key)
+    assert any("'t1'" in said and "'t2'" in said and "'j1'" in said and "'j2'" in said for said in s.told) is (key is None)
+    assert any("contradicts ties of joints ('t2')" in said for said in s.told) is (key is not None)
+    r, last = s.simulate(1e-3, outputs=[0.0, 1e-3]), 0.4 if key else 0.0
+    assert [r[f"j{i}"].angle[0] for i in (1, 2, 3)] == pytest.approx([0.1 + 2 * (0.2 - last), 0.2 - last, last], abs=1e-9)
+    tree = s.tree()
+    assert (tree.names, set(tree.follows), tree.closing) == (("j3",), {"j1.angle", "j2.angle"}, ())
+    assert tree.mass_matrix([0.3]) == pytest.approx(np.array([[6 * (0.004 + 0.04)]]))
+
+
+def test_sites_keep_a_name_each(tmp_path: Path) -> None:
+    text = MODEL.replace("<freejoint/>", '<freejoint/><site name="leg" pos="0.1 0 0"/><site name="leg site" pos="0.2 0 0"/>')
+    tree = mb.read_mjcf(written(tmp_path, text, "model.xml")).tree()
+    assert [tree.pose(name, tree.zero)[0, 3] for name in ("leg site", "leg site site")] == pytest.approx([0.1, 0.2])
+
+
 def test_compensation_by_actuators_is_told_and_empty_models_are_read(tmp_path: Path) -> None:
     body = ('<body name="b" gravcomp="1"><joint axis="0 1 0" actuatorgravcomp="true"/>'
             '<geom size=".1" mass="1" pos=".2 0 0"/></body>')
