@@ -482,6 +482,59 @@ def test_chains_of_ties_start_closed_and_are_folded_in(tmp_path: Path, order: tu
     assert tree.mass_matrix([0.3]) == pytest.approx(np.array([[6 * (0.004 + 0.04)]]))
 
 
+def test_a_key_frame_may_be_rounded(tmp_path: Path) -> None:
+    file = written(tmp_path, TIED.format(tie("t", 1, 2, 0.1), "0.30000001 0.2 0"), "tied.xml")
+    assert not any("contradicts" in said for said in mb.read_mjcf(file, key="k").told)
+
+
+def test_bodies_may_be_named_as_links_that_are_made_for_joints(tmp_path: Path) -> None:
+    ball = '<geom size=".1" pos=".1 0 0"/>'
+    hips = f'<body name="a"><joint name="x" axis="0 1 0"/><joint name="y" axis="1 0 0"/>{ball}</body>'
+    other = f'<body name="a after x" pos="1 1 1"><joint name="z" type="slide"/>{ball}</body>'
+    for bodies in (hips + other, other + hips):
+        tree = mb.read_mjcf(written(tmp_path, f"<mujoco><worldbody>{bodies}</worldbody></mujoco>", "q.xml")).tree()
+        assert set(tree.names) == {"x", "y", "z"}
+        assert tree.pose("a", tree.zero)[:, 3] == pytest.approx([0, 0, 0])
+        assert tree.pose("a after x", tree.zero)[:, 3] == pytest.approx([1, 1, 1])
+
+
+@pytest.mark.parametrize(("key", "told"), [('qpos="0 0 0"', False), ('qpos=".1 0 0"', True), ('qpos="0 0 0" qvel="1 0 0"', True)])
+def test_a_key_frame_that_contradicts_a_loop_warns(tmp_path: Path, key: str, told: bool) -> None:
+    links = "".join(f'<body name="b{i}" pos="{x} 0 {z}"><joint name="j{i}" axis="0 1 0"/><geom size=".1" pos=".02 0 0"/>'
+                    for i, (x, z) in enumerate(((0, 1), (0.2, 0.3), (0.2, 0))))
+    loop = '<equality><connect name="closed" body1="b2" body2="world" anchor="0.1 0 0"/></equality>'
+    file = written(tmp_path, f'<mujoco><worldbody>{links}</body></body></body></worldbody>{loop}<keyframe><key name="h" {key}/>'
+                             f'</keyframe></mujoco>', "loop.xml")
+    if told:
+        with pytest.warns(mb.AccuracyWarning, match="the key frame contradicts 'closed'"):
+            mb.read_mjcf(file, key="h")
+    else:
+        assert not any("contradicts" in said for said in mb.read_mjcf(file, key="h").told)
+
+
+@pytest.mark.parametrize(("actuator", "told"), [
+    ('<motor joint="j"/>', False), ('<position joint="j" kp="3"/>', True), ('<velocity joint="j" kv="3"/>', True),
+    ('<general joint="j" biastype="affine" biasprm="0 -2 0"/>', True), ('<motor joint="j" damping="2"/>', False)])
+def test_actuators_that_act_without_control_warn(tmp_path: Path, actuator: str, told: bool) -> None:
+    if told:
+        with pytest.warns(mb.AccuracyWarning, match="act without control too"):
+            acted(tmp_path, actuator=actuator)
+    else:
+        assert not any("without control" in said for said in acted(tmp_path, actuator=actuator).told)
+
+
+def test_bodies_asleep_at_the_start_warn(tmp_path: Path) -> None:
+    text = ('<mujoco><option><flag sleep="{}"/></option><worldbody><body sleep="init"><freejoint/><geom size=".1"/></body>'
+            '</worldbody></mujoco>')
+    try:
+        mujoco.MjModel.from_xml_string(text.format("enable"))
+    except ValueError as error:
+        pytest.skip(f"this version of MuJoCo does not know of it: {error}")
+    assert not any("sleep" in said for said in mb.read_mjcf(written(tmp_path, text.format("disable"), "off.xml")).told)
+    with pytest.warns(mb.AccuracyWarning, match="sleep at the start"):
+        mb.read_mjcf(written(tmp_path, text.format("enable"), "on.xml"))
+
+
 def test_sites_keep_a_name_each(tmp_path: Path) -> None:
     text = MODEL.replace("<freejoint/>", '<freejoint/><site name="leg" pos="0.1 0 0"/><site name="leg site" pos="0.2 0 0"/>')
     tree = mb.read_mjcf(written(tmp_path, text, "model.xml")).tree()
