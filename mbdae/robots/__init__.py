@@ -5,7 +5,7 @@ A robot as its file says it, and the scene that states it: what readers of files
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -39,6 +39,7 @@ SMOOTH = 1e-3
 YIELD = 1e-3
 #: share of its largest principal moment by which a moment may exceed the sum of the others, from rounded files
 ROUNDED = 1e-6
+GROUND = "ground"  #: name of what carries all in a scene
 #: inertia about a body's centre, over its mass times the square of 1 m, below which it counts as none
 NONE = 1e-24
 
@@ -111,6 +112,18 @@ class Robot:
     frames: dict[str, tuple[str, Pose]] = field(default_factory=dict)  #: further frames: link ("": the ground), pose on it
     told: list[str] = field(default_factory=list)
     heard: list[str] = field(default_factory=list)
+    renamed: list[str] = field(default_factory=list)  #: what has another name in the scene than in the file
+
+    def own_name(self, name: str, what: str, taken: Collection[str] = ()) -> str:
+        """The name of an item of the file in the scene, where links, joints and the ground have names of their own; what: "link",
+        "joint", ...; taken: names of other items."""
+        if name != GROUND and name not in taken:
+            return name
+        own = f"{name} {what}"
+        while own in taken:
+            own = f"{own} {what}"
+        self.renamed.append(f"{what} '{name}' is '{own}'")
+        return own
 
 
 def impossible(J: Array) -> bool:
@@ -182,6 +195,8 @@ def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
     _massless(s, robot, moved)
     if s.problems:
         raise SceneError(list(s.problems))
+    if robot.renamed:
+        s.told.append(f"named otherwise than in the file, since other items have these names: {', '.join(robot.renamed)}")
     s.told.extend(robot.told + robot.heard)
     for text in robot.heard:
         warn(text)

@@ -14,7 +14,8 @@ from mbdae.disk.entries import key_of
 from mbdae.errors import LawError, OptionError, SceneError, unknown_name
 from mbdae.kernels import Kernel
 from mbdae.laws.joint_rows import Free
-from mbdae.robots.coordinates import NOTHING_MOVED, Coordinate, Folded, folded_of, refuse_singular, singular
+from mbdae.robots.couplings import FLOATS, Coordinate, Folded, folded_of
+from mbdae.robots.pivots import NOTHING_MOVED, first_of, refuse_singular, singular
 from mbdae.robots.tree import UNIT, JointSpaceProgram
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.record import item_name, without
@@ -31,7 +32,6 @@ LEVEL, OPTIMISED = 2, 10_000
 FAINT = 1e-200  #: what finite inputs are multiplied by in the number that tells of wrong ones
 WRONG = (2 * UNIT) ** 2  #: of that number: the square of how far squares of quaternions may be from 1
 WORDS = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}  #: of the inputs of functions
-FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
 ORIGIN = (0.0, 0.0, 0.0)
 FRICTION = ("friction", "radius", "normal_force")  #: words of a joint's statement that state its friction
 
@@ -77,7 +77,7 @@ class Tree:
         self.follows = tuple(f"{joint}.{name}" for joint, name in folded)
         inside = {name for tree in trees for name in tree.names} | couplings | welds
         self.closing = tuple(c.name for c in ties(scene) if c.name not in inside)
-        self._frames, self._bodies = scene.frames, {b.name: b for b in scene.bodies}
+        self._frames, self._bodies = scene.frames, {b.name: b for b in (scene.ground, *scene.bodies)}
         self._made: dict[Any, tuple[Any, Any, int, tuple[int, ...]]] = {}
         self._firsts = [c.q for c in self._coordinates if c.nq == 4]
         self._quaternions = np.array([range(c.q, c.q + 4) for c in self._coordinates if c.nq == 4], dtype=np.intp)
@@ -140,12 +140,12 @@ class Tree:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of all links: bodies of the scene, and links of the file without mass."""
+        """Names of all links: the ground, bodies of the scene, and frames, as which links of a file without mass are read."""
         return tuple(dict.fromkeys([*self._bodies, *self._frames]))
 
     def _link(self, link: Any) -> str:
         name = getattr(link, "name", link)
-        if not isinstance(name, str) or (name not in self._frames and name not in self._bodies):
+        if not isinstance(name, str) or name not in self.links:
             raise OptionError(f"link = {unknown_name(str(name), self.links)} the links are {', '.join(self.links)}")
         return name
 
@@ -211,17 +211,32 @@ class Tree:
 
     def _refuse(self, x: Array, heads: str, sizes: Sequence[int]) -> None:
         """Refuse numbers that are not finite, and quaternions of another length than 1."""
-        if np.any(wrong := ~np.isfinite(x)):
-            n = int(np.nonzero(wrong.reshape(-1, x.shape[-1]).any(axis=0))[0][0])
-            first = np.cumsum([0, *sizes])
+        bad = ~np.isfinite(x)
+        if np.any(wrong := bad.any(axis=-1)):
+            row, where = first_of(wrong, "")
+            n, first = int(np.argmax(bad[row])), np.cumsum([0, *sizes])
             of = int(np.searchsorted(first, n, side="right")) - 1
-            raise OptionError(f"{WORDS[heads[of]]} has an entry that is not finite, number {n - first[of]}; give finite numbers")
+            raise OptionError(f"{WORDS[heads[of]]} has an entry that is not finite, {self._entry(heads[of], n - int(first[of]))}"
+                              f"{where}; give finite numbers")
         if not self._firsts:
             return
         off = np.abs(np.sqrt((x[..., self._quaternions] ** 2).sum(axis=-1)) - 1)
-        if np.any(off > UNIT):
-            raise OptionError(f"q holds a quaternion whose length differs from 1 by {np.max(off):.3g}; divide it by its length "
-                              f"(entries {self._quaternions[0].tolist()} of q, in the order w, x, y, z)")
+        if np.any(wrong := (off > UNIT).any(axis=-1)):
+            row, where = first_of(wrong, "")
+            n = int(np.argmax(off[row]))
+            entries = self._quaternions[n].tolist()
+            raise OptionError(f"q holds a quaternion whose length differs from 1 by {off[row][n]:.3g}, that of "
+                              f"{self._entry('q', entries[0])[:-2].partition(' of ')[2]}{where}; divide it by its length "
+                              f"(entries {entries} of q, in the order w, x, y, z)")
+
+    def _entry(self, head: str, n: int) -> str:
+        """An entry of an input as messages name it: its place, and the coordinate."""
+        if head == "p":
+            return f"at[{n}]"
+        if head != "q":
+            return f"{WORDS[head]}[{n}] of {self.coordinates[n]}"
+        c = next(c for c in self._coordinates if c.q <= n < c.q + c.nq)
+        return f"q[{n}] of {c.joint}.{c.name}" + (f".{'wxyz'[n - c.q]}" if c.nq == 4 else "")
 
     @single_threaded
     def _compiled(self, outputs: Any, heads: str) -> tuple[Any, Any, int, tuple[int, ...]]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
-from mbdae.robots import EXTRA, Joint, Link, Pose, Robot, build, library
+from mbdae.robots import EXTRA, GROUND, Joint, Link, Pose, Robot, build, library
 from mbdae.robots.bounds import bounds_of, parsed, text_of
 from mbdae.scene.components import Stop
 
@@ -58,6 +58,7 @@ def read(make: Any, path: Any, floating: bool, gravity: Any, packages: Any, keep
         raise SceneError([f"{found.name}: {text}" for text in wrong])
     raw = _raw(yourdfpy, root, found.name)
     robot = Robot(raw.name or found.stem)
+    _named(robot, raw, floating)
     _links(robot, raw, found, packages, meshes)
     _joints(robot, raw, limits, stop)
     for tag in dict.fromkeys(e.tag for e in root if e.tag not in ("link", "joint", "material")):
@@ -133,6 +134,21 @@ def _pose(matrix: Any) -> Pose:
     return Pose() if matrix is None else Pose(np.array(matrix[:3, :3]), np.array(matrix[:3, 3]))
 
 
+def _named(robot: Robot, raw: Any, floating: bool) -> None:
+    """Give items names of their own: links and joints may share theirs in URDF, and have that of the ground."""
+    if floating or GROUND in {one.child for one in raw.joints}:  # else it is held on the ground, and a frame there
+        for link in (link for link in raw.links if link.name == GROUND):
+            link.name = robot.own_name(GROUND, "link")
+            for one in raw.joints:
+                one.parent, one.child = (link.name if name == GROUND else name for name in (one.parent, one.child))
+    links = {link.name for link in raw.links}
+    names = {name: robot.own_name(name, "joint", links) for name in dict.fromkeys(one.name for one in raw.joints)}
+    for one in raw.joints:
+        one.name = names[one.name]
+        if one.mimic is not None:
+            one.mimic.joint = names.get(one.mimic.joint, one.mimic.joint)
+
+
 def _links(robot: Robot, raw: Any, path: Path, packages: Any, meshes: bool) -> None:
     undrawn = []
     for one in raw.links:
@@ -194,10 +210,6 @@ def _joints(robot: Robot, raw: Any, limits: bool, stop: Any) -> None:
     wrong: list[str] = []
     children: dict[str, str] = {}
     names: set[str] = set()
-    for one in raw.joints:  # links and joints may share names in URDF, items of a scene may not
-        for named, key in ((one, "name"), *(((one.mimic, "joint"),) if one.mimic is not None else ())):
-            if getattr(named, key) in robot.links:
-                setattr(named, key, f"{getattr(named, key)} joint")
     for one in raw.joints:
         head = f"joint '{one.name}'"
         wrong += [f"{head}: there is no link '{link}'" for link in (one.parent, one.child) if link not in robot.links]

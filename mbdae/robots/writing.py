@@ -18,13 +18,11 @@ from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
 from mbdae.robots.bounds import all_digits, geom_of, put, quiet
-from mbdae.robots.coordinates import couples
-from mbdae.robots.joint_space import FLOATS, Tree
+from mbdae.robots.couplings import FLOATS, couples, differences
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.motion import Step, symbolic_motion
 
-STATES = 5  #: random states at which inverse dynamics of the file are compared with those of the scene
 EQUAL = 1e-9  #: largest difference of its forces, over the largest of them: round-off of quaternions and of principal axes
 
 
@@ -53,32 +51,12 @@ def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
         except OptionError as error:
             raise SceneError([f"what MJCF says of scene '{scene.name}' cannot be read back: "
                               f"{str(error).removeprefix(new.name)}; nothing was written"]) from error
-        _compare(scene.tree(), again, writer)
+        off, size = differences(scene.tree(), again, lambda joint, of: writer.names.get(
+            (joint, of), (writer.renamed.get(joint, joint), of)))
+        if not np.all(off <= EQUAL * np.maximum(1e-9, size)):
+            raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by "
+                              f"{np.max(off):.3g}, of {np.max(size):.3g}; nothing was written"])
     return tuple(writer.told)
-
-
-def _compare(one: Tree, other: Tree, writer: _Writer) -> None:
-    """Forces of the scene for accelerations, which hold mass matrix and bias, against what was written, coordinates by name."""
-    there = {(c.joint.removesuffix(FLOATS.format("")), c.name): c for c in other._coordinates}
-    q_of, v_of = np.zeros(one.nq, dtype=int), np.zeros(one.nv, dtype=int)
-    for c in one._coordinates:
-        name = c.joint.removesuffix(FLOATS.format(""))
-        found = there.get(writer.names.get((name, c.name), (writer.renamed.get(name, name), c.name)))
-        if found is None or found.nv != c.nv:
-            raise SceneError([f"joint '{c.joint}': MJCF does not say it with the same coordinates"])
-        q_of[c.q : c.q + c.nq], v_of[c.v : c.v + c.nv] = range(found.q, found.q + c.nq), range(found.v, found.v + c.nv)
-    rng = np.random.default_rng(0)
-    q, (v, a) = rng.normal(size=(STATES, one.nq)), rng.normal(size=(2, STATES, one.nv))
-    for c in one._coordinates:
-        if c.nq == 4:
-            q[:, c.q : c.q + 4] /= np.linalg.norm(q[:, c.q : c.q + 4], axis=1)[:, None]
-    q_there, (v_there, a_there) = np.zeros((STATES, other.nq)), np.zeros((2, STATES, other.nv))
-    q_there[:, q_of], v_there[:, v_of], a_there[:, v_of] = q, v, a
-    tau, again = one._interpreted(q, v, a), other._interpreted(q_there, v_there, a_there)[:, v_of]
-    off, size = (np.max(np.abs(part), axis=1) for part in (tau - again, tau))
-    if not np.all(off <= EQUAL * np.maximum(1e-9, size)):
-        raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by {np.max(off):.3g}, "
-                          f"of {np.max(size):.3g}; nothing was written"])
 
 
 class _Writer:
@@ -130,6 +108,8 @@ class _Writer:
         if not s.space:
             say(f"scene '{s.name}' is planar, and MJCF speaks of space: state it in space")
         for b in s.bodies:
+            if b.name == "world":
+                say("body 'world': MuJoCo calls the ground so; give it another name")
             if b.inertia is None:
                 say(f"'{b.name}' is a point mass or a beam, which MJCF does not say; state s.rigid_body")
             elif b.given_velocity and b not in roots:

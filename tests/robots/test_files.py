@@ -259,7 +259,52 @@ def test_sites_are_frames(tmp_path: Path) -> None:
 
 def test_a_joint_may_have_the_name_of_a_link(tmp_path: Path) -> None:
     text = ARM.replace('"elbow"', '"lower"').replace('"shoulder"', '"upper"')
-    assert mb.read_urdf(written(tmp_path, text)).tree().names == ("upper joint", "lower joint")
+    s = mb.read_urdf(written(tmp_path, text))
+    assert s.tree().names == ("upper joint", "lower joint")
+    assert any("joint 'lower' is 'lower joint'" in said for said in s.told)
+
+
+@pytest.mark.parametrize(("old", "floating", "renamed"), [
+    ("base", False, ""), ("base", True, "link"), ("upper", False, "link"), ("tool", False, "link"), ("elbow", False, "joint")])
+def test_an_item_of_urdf_may_have_the_name_of_the_ground(tmp_path: Path, old: str, floating: bool, renamed: str) -> None:
+    """It is read by a name of its own, which is told, and moves as before; `ground` stays the inertial frame."""
+    text = ARM
+    if floating:  # a floating link needs a mass
+        lower = ARM[ARM.index('<link name="lower">') : ARM.index('  <link name="finger">')]
+        text = ARM.replace('<link name="base"/>', lower.replace("lower", "base"))
+    trees = []
+    for name in (old, "ground"):
+        s = mb.read_urdf(written(tmp_path, re.sub(f'(name|link|joint)="{old}"', rf'\1="{name}"', text)), floating=floating)
+        trees.append(s.tree())
+        if name == "ground":
+            assert any(f"{renamed} 'ground' is 'ground {renamed}'" in said for said in s.told) is bool(renamed)
+    tree, rng = trees[1], np.random.default_rng(0)
+    q, (v, a) = tree.zero + 0.0, rng.normal(size=(2, tree.nv))
+    assert tree.names == tuple(f"ground {renamed}" if name == old else name for name in trees[0].names)
+    assert tree.inverse_dynamics(q, v, a) == pytest.approx(trees[0].inverse_dynamics(q, v, a))
+    assert tree.pose("ground", q, at=(1, 2, 3)) == pytest.approx(np.column_stack([np.eye(3), (1, 2, 3)]))
+    assert not np.any(tree.jacobian("ground", q))
+    assert not np.any(tree.jacobian_rate(s.ground, q, v))
+
+
+@pytest.mark.parametrize(("old", "renamed"), [("leg", "body"), ("hip x", "joint"), ("eye", "site")])
+def test_an_item_of_mjcf_may_have_the_name_of_the_ground(tmp_path: Path, old: str, renamed: str) -> None:
+    text = MODEL.replace("<freejoint/>", '<freejoint/><site name="eye" pos="0.1 0.2 0.3"/>').replace(f'"{old}"', '"ground"')
+    s = mb.read_mjcf(written(tmp_path, text, "model.xml"))
+    tree, model = s.tree(), mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    assert any(f"{renamed} 'ground' is 'ground {renamed}'" in said for said in s.told)
+    assert f"ground {renamed}" in {*tree.links, *tree.names}
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert tree.forward_dynamics(tree.zero, np.zeros(8), np.zeros(8)) == pytest.approx(data.qacc)
+    assert tree.pose("ground", tree.zero) == pytest.approx(np.eye(3, 4))
+
+
+def test_a_body_with_mujocos_name_of_the_ground_is_refused_when_written(tmp_path: Path) -> None:
+    s = mb.Scene("one", gravity=(0, 0, -9.81))
+    s.revolute("J", s.ground, s.rigid_body("world", 1.0, (0.1, 0.1, 0.1), at=(1, 0, 0)), at=(0, 0, 0), axis=(0, 1, 0))
+    with pytest.raises(mb.SceneError, match="body 'world': MuJoCo calls the ground so"):
+        s.write_mjcf(tmp_path / "one.xml")
 
 
 ACTED = """<mujoco><option gravity="0 0 0"/><worldbody><body name="arm"><joint name="j" {joint}/><geom size=".1" pos="1 0 0"/>
@@ -395,6 +440,105 @@ def test_a_key_frame_that_contradicts_a_tie_of_joints_is_told(tmp_path: Path, ke
                              f'polycoef="0 0.5 0 0 0"/></equality><keyframe><key name="k" {key}/></keyframe></mujoco>', "tie.xml")
     s = mb.read_mjcf(file, key="k")
     assert any("contradicts" in line for line in s.told) is told
+
+
+TIED = ('<mujoco><worldbody>' + "".join(
+    f'<body name="b{i}" pos="0 0 {i}"><joint name="j{i}" axis="0 1 0"/><geom size=".1" mass="1" pos=".2 0 0"/></body>'
+    for i in (1, 2, 3)) + '</worldbody><equality>{}</equality><keyframe><key name="k" qpos="{}"/></keyframe></mujoco>')
+
+
+def tie(name: str, one: int, other: int, offset: float, factor: float = 1.0) -> str:
+    """An equality of joints: one is offset and factor times the other."""
+    second = f'joint2="j{other}"' if other else ""
+    return f'<joint name="{name}" joint1="j{one}" {second} polycoef="{offset} {factor} 0 0 0"/>'
+
+
+@pytest.mark.parametrize(("ties", "named"), [
+    ((("a", 1, 2, 0), ("b", 1, 2, 0.3)), "'a', 'b'"), ((("a", 1, 2, 0), ("b", 2, 3, 0), ("c", 3, 1, 0.2)), "'a', 'b', 'c'"),
+    ((("a", 1, 0, 0.1), ("b", 1, 0, 0.2)), "'a', 'b'"), ((("a", 1, 2, 0), ("b", 1, 2, 0, 2), ("c", 2, 0, 0.1)), "'a', 'b', 'c'"),
+    ((("t1", 1, 2, 0.1), ("same", 2, 1, -0.1)), ""), ((("t1", 1, 2, 0.1, 2), ("t2", 2, 3, 0.2, -3), ("t3", 1, 3, 0.5, -6)), "")])
+def test_ties_that_contradict_each_other_are_refused_by_name(tmp_path: Path, ties: tuple, named: str) -> None:
+    """And no others: those that follow from others are read."""
+    file = written(tmp_path, TIED.format("".join(tie(*one) for one in ties), "0 0 0"), "tied.xml")
+    if named:
+        with pytest.raises(mb.SceneError, match=f"equalities {named}: they contradict each other"):
+            mb.read_mjcf(file)
+    else:
+        assert len(mb.read_mjcf(file).tree().follows) == len(ties) - 1
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("key", [None, "k"])
+def test_chains_of_ties_start_closed_and_are_folded_in(tmp_path: Path, order: tuple, key: str | None) -> None:
+    """Whatever their order in the file, with the start that the last joint has in the key frame."""
+    ties = [tie("t1", 1, 2, 0.1, 2), tie("t2", 2, 3, 0.2, -1)]
+    s = mb.read_mjcf(written(tmp_path, TIED.format("".join(ties[i] for i in order), "0.5 0.2 0.4"), "tied.xml"), key=key)
+    assert any("'t1'" in said and "'t2'" in said and "'j1'" in said and "'j2'" in said for said in s.told) is (key is None)
+    assert any("contradicts ties of joints ('t2')" in said for said in s.told) is (key is not None)
+    r, last = s.simulate(1e-3, outputs=[0.0, 1e-3]), 0.4 if key else 0.0
+    assert [r[f"j{i}"].angle[0] for i in (1, 2, 3)] == pytest.approx([0.1 + 2 * (0.2 - last), 0.2 - last, last], abs=1e-9)
+    tree = s.tree()
+    assert (tree.names, set(tree.follows), tree.closing) == (("j3",), {"j1.angle", "j2.angle"}, ())
+    assert tree.mass_matrix([0.3]) == pytest.approx(np.array([[6 * (0.004 + 0.04)]]))
+
+
+def test_a_key_frame_may_be_rounded(tmp_path: Path) -> None:
+    file = written(tmp_path, TIED.format(tie("t", 1, 2, 0.1), "0.30000001 0.2 0"), "tied.xml")
+    assert not any("contradicts" in said for said in mb.read_mjcf(file, key="k").told)
+
+
+def test_bodies_may_be_named_as_links_that_are_made_for_joints(tmp_path: Path) -> None:
+    ball = '<geom size=".1" pos=".1 0 0"/>'
+    hips = f'<body name="a"><joint name="x" axis="0 1 0"/><joint name="y" axis="1 0 0"/>{ball}</body>'
+    other = f'<body name="a after x" pos="1 1 1"><joint name="z" type="slide"/>{ball}</body>'
+    for bodies in (hips + other, other + hips):
+        tree = mb.read_mjcf(written(tmp_path, f"<mujoco><worldbody>{bodies}</worldbody></mujoco>", "q.xml")).tree()
+        assert set(tree.names) == {"x", "y", "z"}
+        assert tree.pose("a", tree.zero)[:, 3] == pytest.approx([0, 0, 0])
+        assert tree.pose("a after x", tree.zero)[:, 3] == pytest.approx([1, 1, 1])
+
+
+@pytest.mark.parametrize(("key", "told"), [('qpos="0 0 0"', False), ('qpos=".1 0 0"', True), ('qpos="0 0 0" qvel="1 0 0"', True)])
+def test_a_key_frame_that_contradicts_a_loop_warns(tmp_path: Path, key: str, told: bool) -> None:
+    links = "".join(f'<body name="b{i}" pos="{x} 0 {z}"><joint name="j{i}" axis="0 1 0"/><geom size=".1" pos=".02 0 0"/>'
+                    for i, (x, z) in enumerate(((0, 1), (0.2, 0.3), (0.2, 0))))
+    loop = '<equality><connect name="closed" body1="b2" body2="world" anchor="0.1 0 0"/></equality>'
+    file = written(tmp_path, f'<mujoco><worldbody>{links}</body></body></body></worldbody>{loop}<keyframe><key name="h" {key}/>'
+                             f'</keyframe></mujoco>', "loop.xml")
+    if told:
+        with pytest.warns(mb.AccuracyWarning, match="the key frame contradicts 'closed'"):
+            mb.read_mjcf(file, key="h")
+    else:
+        assert not any("contradicts" in said for said in mb.read_mjcf(file, key="h").told)
+
+
+@pytest.mark.parametrize(("actuator", "told"), [
+    ('<motor joint="j"/>', False), ('<position joint="j" kp="3"/>', True), ('<velocity joint="j" kv="3"/>', True),
+    ('<general joint="j" biastype="affine" biasprm="0 -2 0"/>', True), ('<motor joint="j" damping="2"/>', False)])
+def test_actuators_that_act_without_control_warn(tmp_path: Path, actuator: str, told: bool) -> None:
+    if told:
+        with pytest.warns(mb.AccuracyWarning, match="act without control too"):
+            acted(tmp_path, actuator=actuator)
+    else:
+        assert not any("without control" in said for said in acted(tmp_path, actuator=actuator).told)
+
+
+def test_bodies_asleep_at_the_start_warn(tmp_path: Path) -> None:
+    text = ('<mujoco><option><flag sleep="{}"/></option><worldbody><body sleep="init"><freejoint/><geom size=".1"/></body>'
+            '</worldbody></mujoco>')
+    try:
+        mujoco.MjModel.from_xml_string(text.format("enable"))
+    except ValueError as error:
+        pytest.skip(f"this version of MuJoCo does not know of it: {error}")
+    assert not any("sleep" in said for said in mb.read_mjcf(written(tmp_path, text.format("disable"), "off.xml")).told)
+    with pytest.warns(mb.AccuracyWarning, match="sleep at the start"):
+        mb.read_mjcf(written(tmp_path, text.format("enable"), "on.xml"))
+
+
+def test_sites_keep_a_name_each(tmp_path: Path) -> None:
+    text = MODEL.replace("<freejoint/>", '<freejoint/><site name="leg" pos="0.1 0 0"/><site name="leg site" pos="0.2 0 0"/>')
+    tree = mb.read_mjcf(written(tmp_path, text, "model.xml")).tree()
+    assert [tree.pose(name, tree.zero)[0, 3] for name in ("leg site", "leg site site")] == pytest.approx([0.1, 0.2])
 
 
 def test_compensation_by_actuators_is_told_and_empty_models_are_read(tmp_path: Path) -> None:

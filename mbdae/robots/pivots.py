@@ -1,18 +1,17 @@
-"""Coordinates of a tree: couplings fold one into another, and some move no inertia.
+"""Where the mass matrix of a tree is singular but for rounding, and which coordinate then moves no inertia.
 
-Eliminated from the leaves inwards, every pivot of the mass matrix is the inertia that a coordinate moves when all that it carries
-is free to follow. Its rounding is that of the inertia of what is carried about any axis through the joint; below that, the matrix
-is singular but for rounding, and an acceleration is a quotient of rounding errors."""
+Eliminated from the leaves inwards, every pivot is the inertia that a coordinate moves when all that it carries is free to follow.
+Its rounding is that of the inertia of what is carried about any axis through the joint; below that, an acceleration is a quotient
+of rounding errors."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, SceneError
-from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
 from mbdae.system.model.trees import Tree
 
 Array = NDArray[np.float64]
@@ -20,57 +19,6 @@ NOTHING_MOVED = ("no inertia is moved by it{}, but for rounding, so that nothing
                  "or the joint rotor=")
 #: pivots below this part of the inertia that their terms may have are rounding
 ROUNDING = 64 * float(np.finfo(float).eps)
-
-
-class Coordinate(NamedTuple):
-    """A coordinate of a joint: first entry in q and v, and how many it has there."""
-    joint: str
-    name: str
-    q: int
-    v: int
-    nq: int
-    nv: int
-
-
-class Folded(NamedTuple):
-    """A coordinate that is factor times another one, plus offset."""
-    of: tuple[str, str]
-    factor: float
-    offset: float
-
-
-def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folded], set[str]]:
-    """Coordinates that couplings of two coordinates make multiples of others, and the names of these couplings. inside: names of
-    the joints of trees."""
-    found: dict[tuple[str, str], Folded] = {}
-    names: set[str] = set()
-    for c in scene.connections:
-        law = c.laws[0]
-        if not isinstance(law, Gear | Rack | WeightedSum):
-            continue
-        pair, value = couples(law)
-        if len(pair) != 2 or not isinstance(value, int | float) or any(key[0] not in inside for key, _ in pair):
-            continue
-        (one, f), (other, g) = pair
-        if one in found or f == 0 or one in {x.of for x in found.values()}:
-            continue
-        if other in found:
-            via = found[other]
-            other, g, value = via.of, g * via.factor, value - g * via.offset
-        if other != one:
-            found[one] = Folded(other, -g / f, value / f)
-            names.add(c.name)
-    return found, names
-
-
-def couples(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
-    """Coordinates with their factors and the value of the sum; the first is the one that follows."""
-    if isinstance(law, Gear):
-        return [(law.of["driven"], 1.0), (law.of["driving"], -float(law.ratio))], 0.0
-    if isinstance(law, Rack):
-        return [(law.of["displacement"], 1.0), (law.of["angle"], -float(law.radius))], 0.0
-    terms = [(law.of[f"c{n + 1}"], float(getattr(law, f"factor{n + 1}"))) for n in range(len(law.of))]
-    return terms, law.value
 
 
 def rounding(scene: Any, tree: Tree, name: str, coordinate: str) -> float:
@@ -114,13 +62,20 @@ def singular(tree: Any, q: Array, where: str = "") -> str:
     return f"{', '.join(alone)}: {NOTHING_MOVED.format(where)}"
 
 
+def first_of(wrong: Any, one: str) -> tuple[tuple[int, ...], str]:
+    """Of states (...) that are wrong the first, and words on which they are; one: those where there is one state alone."""
+    row = tuple(int(n[0]) for n in np.nonzero(wrong)) if np.ndim(wrong) else ()
+    count = np.count_nonzero(wrong)
+    states = f"{count} of {np.size(wrong)} states, the first of them" if count > 1 else "state"
+    return row, f" in {states} {list(row)}" if row else one
+
+
 def refuse_singular(tree: Any, x: Array, wrong: Any) -> None:
     """Raise an error where accelerations cannot be computed: SceneError where the mass matrix is singular but for rounding, else
     OptionError. x (..., inputs): states, which begin with q; wrong (...): where pivots are rounding or are not numbers."""
     if not np.any(wrong):
         return
-    row = tuple(int(n[0]) for n in np.nonzero(wrong)) if np.ndim(wrong) else ()
-    where = f" in {np.count_nonzero(wrong)} states, first number {row[0] if len(row) == 1 else row}" if row else " at this q"
+    row, where = first_of(wrong, " at this q")
     if text := singular(tree, x[row][: tree.nq], where):
         raise SceneError([text])
     raise OptionError(f"accelerations are beyond the range of numbers{where}: give smaller v or tau")

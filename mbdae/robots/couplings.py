@@ -1,0 +1,149 @@
+"""Coordinates of a tree; couplings of two of them: one is folded in, a multiple of the other; two trees whose coordinates have
+other names and another order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.errors import SceneError
+from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
+from mbdae.robots import Robot
+
+Array = NDArray[np.float64]
+FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
+ROUND_OFF = 1e-12  #: of factors of a sum, over those of its terms
+STATES = 5  #: random states at which two trees are compared
+
+
+class Coordinate(NamedTuple):
+    """A coordinate of a joint: first entry in q and v, and how many it has there."""
+    joint: str
+    name: str
+    q: int
+    v: int
+    nq: int
+    nv: int
+
+
+class Folded(NamedTuple):
+    """A coordinate that is factor times another one, plus offset, by couplings of these names; of None: it has this value."""
+    of: Any
+    factor: float
+    offset: float
+    by: tuple[str, ...] = ()
+
+
+def reduced(found: Mapping[Any, Folded], terms: Iterable[tuple[Any, float]], value: float) -> Folding:
+    """A sum of coordinates times factors that has a value, in the coordinates that are not folded."""
+    left, by, size = dict[Any, float](), dict[str, None](), dict[Any, float]()
+    for key, factor in terms:
+        one = found.get(key, Folded(key, 1.0, 0.0))
+        by |= dict.fromkeys(one.by)
+        value -= factor * one.offset
+        if one.of is not None:
+            left[one.of] = left.get(one.of, 0.0) + factor * one.factor
+            size[one.of] = size.get(one.of, 0.0) + abs(factor * one.factor)
+    return Folding({key: factor for key, factor in left.items() if abs(factor) > ROUND_OFF * size[key]}, value, tuple(by))
+
+
+Tie = tuple[str, list[tuple[Any, float]], float]  #: name, coordinates with factors, and the value that the sum of them has
+
+
+class Folding(NamedTuple):
+    """A coupling in the coordinates that are left: their factors, the value of the sum, and by which couplings others went."""
+    left: dict[Any, float]
+    value: float
+    by: tuple[str, ...]
+
+    def into(self, found: dict[Any, Folded], name: str) -> None:
+        """Fold the first of one or two coordinates, by the coupling `name`, and write others that follow it anew."""
+        (one, f), *rest = self.left.items()
+        other, g = rest[0] if rest else (None, 0.0)
+        new = Folded(other, -g / f, self.value / f, (*self.by, name))
+        for key, old in found.items():
+            if old.of == one:
+                by = tuple(dict.fromkeys((*old.by, *new.by)))
+                found[key] = Folded(other, old.factor * new.factor, old.offset + old.factor * new.offset, by)
+        found[one] = new
+
+
+def satisfied(robot: Robot, ties: Iterable[Tie], keyed: bool, exact: float) -> list[str]:
+    """Let the joints of a robot start as ties of them demand, where the first joint of a tie follows the other. Returns mistakes:
+    ties that contradict each other. keyed: whether a key frame says the start; exact: up to which a tie holds."""
+    joints, found, wrong, broken = {j.name: j for j in robot.joints}, dict[Any, Folded](), list[str](), list[str]()
+    for name, terms, value in ties:
+        off, rate = sum(f * joints[j].start for j, f in terms) - value, sum(f * joints[j].rate for j, f in terms)
+        broken += [f"'{name}'"] if max(abs(off), abs(rate)) > exact else []
+        one = reduced(found, terms, value)
+        if one.left:
+            one.into(found, name)
+        elif abs(one.value) > exact:
+            wrong.append(f"equalities {', '.join(map(repr, (*one.by, name)))}: they contradict each other, by "
+                         f"{abs(one.value):.3g}; remove one of them")
+    moved = []
+    for name, of in found.items():
+        joint, (start, rate) = joints[name], (0.0, 0.0) if of.of is None else (joints[of.of].start, joints[of.of].rate)
+        start, rate = of.offset + of.factor * start, of.factor * rate
+        moved += [f"'{name}'"] if max(abs(start - joint.start), abs(rate - joint.rate)) > exact else []
+        joint.start, joint.rate = start, rate
+    if broken and keyed:
+        robot.heard.append(f"the key frame contradicts ties of joints ({', '.join(broken)}), by which {', '.join(moved)} start "
+                           f"otherwise")
+    elif broken:
+        robot.told.append(f"ties of joints ({', '.join(broken)}) hold from the start on; MuJoCo starts at the file's zero, and "
+                          f"pulls {', '.join(moved)} to them")
+    return wrong
+
+
+def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folded], set[str]]:
+    """Coordinates that couplings of two coordinates make multiples of others, and the names of these couplings. inside: names of
+    the joints of trees."""
+    found: dict[tuple[str, str], Folded] = {}
+    names: set[str] = set()
+    for c in scene.connections:
+        law = c.laws[0]
+        if not isinstance(law, Gear | Rack | WeightedSum):
+            continue
+        terms, value = couples(law)
+        if len(terms) != 2 or not isinstance(value, int | float) or any(key[0] not in inside for key, _ in terms):
+            continue
+        one = reduced(found, terms, value)
+        if len(one.left) == 2:
+            one.into(found, c.name)
+            names.add(c.name)
+    return found, names
+
+
+def couples(law: Any) -> tuple[list[tuple[tuple[str, str], float]], Any]:
+    """Coordinates with their factors and the value of the sum; the first is the one that follows."""
+    if isinstance(law, Gear):
+        return [(law.of["driven"], 1.0), (law.of["driving"], -float(law.ratio))], 0.0
+    if isinstance(law, Rack):
+        return [(law.of["displacement"], 1.0), (law.of["angle"], -float(law.radius))], 0.0
+    terms = [(law.of[f"c{n + 1}"], float(getattr(law, f"factor{n + 1}"))) for n in range(len(law.of))]
+    return terms, law.value
+
+
+def differences(one: Any, other: Any, there: Callable[[str, str], tuple[str, str]]) -> tuple[Array, Array]:
+    """Largest differences of the forces that accelerations need, at STATES random states, which hold mass matrix and bias, and
+    the largest of these forces. one, other: what `s.tree()` returns; there: names of a joint and its coordinate in the other."""
+    by_name = {(c.joint.removesuffix(FLOATS.format("")), c.name): c for c in other._coordinates}
+    q_of, v_of = np.zeros(one.nq, dtype=int), np.zeros(one.nv, dtype=int)
+    for c in one._coordinates:
+        found = by_name.get(there(c.joint.removesuffix(FLOATS.format("")), c.name))
+        if found is None or found.nv != c.nv:
+            raise SceneError([f"joint '{c.joint}': MJCF does not say it with the same coordinates"])
+        q_of[c.q : c.q + c.nq], v_of[c.v : c.v + c.nv] = range(found.q, found.q + c.nq), range(found.v, found.v + c.nv)
+    rng = np.random.default_rng(0)
+    q, (v, a) = rng.normal(size=(STATES, one.nq)), rng.normal(size=(2, STATES, one.nv))
+    for c in one._coordinates:
+        if c.nq == 4:
+            q[:, c.q : c.q + 4] /= np.linalg.norm(q[:, c.q : c.q + 4], axis=1)[:, None]
+    q_there, (v_there, a_there) = np.zeros((STATES, other.nq)), np.zeros((2, STATES, other.nv))
+    q_there[:, q_of], v_there[:, v_of], a_there[:, v_of] = q, v, a
+    tau, again = one._interpreted(q, v, a), other._interpreted(q_there, v_there, a_there)[:, v_of]
+    return np.max(np.abs(tau - again), axis=1), np.max(np.abs(tau), axis=1)
