@@ -21,7 +21,6 @@ from mbdae.compare.problem import (
     computed_reference,
     given_reference,
     new_problem,
-    refuse_no_reference,
 )
 from mbdae.compare.rows import Known, Split, as_asked, executed
 from mbdae.compare.run import CHOICE, Run, checked_runs, default_runs, is_all, progress_of_runs, shipped_runs
@@ -29,13 +28,15 @@ from mbdae.compare.table import Row, TightestRun, asked_for, pairwise, tightest,
 from mbdae.engines import engines_of
 from mbdae.errors import MbdaeError, OptionError, naming_arguments
 from mbdae.integrators.base import Solver
+from mbdae.results.quantities import named
 from mbdae.results.reads import own_classes, own_of, reads
+from mbdae.results.result import Result
 from mbdae.results.stored_parts import own_laws
 from mbdae.run.checkpoint import environment
 from mbdae.scene.record import encode
 from mbdae.study.kept import ResumeFile, packed, record, resume_path, told_when_interrupted, unpacked
 from mbdae.system.base import Array
-from mbdae.values import number, option, sequence, several, shown
+from mbdae.values import function, number, option, sequence, several, shown
 
 __all__ = ["compare"]
 
@@ -65,6 +66,8 @@ def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float],
                   "own": own_classes(run.solver, run.form)} for run in runs],
         "reference": "computed" if given is None else f"given, {_digest(given[0])}", "environment": environment(),
         **({"engines": list(engines)} if engines else {}),
+        **({"of": {named(key): one if isinstance(one, str) else reads(one) for key, one in problem.wanted.items()}}
+           if problem.wanted else {}),
     }
 
 
@@ -211,7 +214,8 @@ def _timed_again(problem: Problem, queue: Sequence[Asked_], rows: list[Row]) -> 
 def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver] | str] | str | None = None,
             accuracies: Sequence[float] = ACCURACIES, measure: str | Sequence[str] | None = None, reference: Any = None,
             max_wall: float | None = MAX_WALL,
-            progress: Callable[[int, int, str], None] | None = None, resume: Any = None, engines: Any = None) -> Comparison:
+            progress: Callable[[int, int, str], None] | None = None, resume: Any = None, engines: Any = None,
+            of: Any = None) -> Comparison:
     """Run a scene (or a System) to t_end (s) with every run at every accuracy; returns a `Comparison`.
 
     runs: list of mb.Run, or of solvers (objects, classes, names), or "all" that admit the scene; default IDA and Radau, and what
@@ -224,22 +228,27 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     engines: other programs that run the same scene over a ladder of their own settings, {"exudyn": "/path/to/python", ...} with
     the interpreter of an environment that has the program, or a list of names for the running one: "exudyn", "mujoco", "scipy"
     (the exported equations), or a class derived from `mbdae.engines.Engine`. Their motions are measured against the same
-    reference.
+    reference. of: quantities of a scene that the runs are asked for, as those of `Scene.simulate`: sensors, expressions,
+    functions, in a list or by name. Their errors, over their largest values, are measured, by the first of them runs are ranked
+    unless `measure` names something, and `estimates` of a row has what its run tells of them: `simulate` is called with
+    them, and other runs with a tolerance are judged beside companions as `simulate` makes them.
     """
     begin = time.process_time()
     asked = checked_accuracies(accuracies)
     everything, tell = runs is not None and is_all(runs), progress_of_runs(progress)
     own = None if runs is None or everything else checked_runs(runs)
     resume = resume_path(resume)
-    refuse_no_reference(reference)
-    named = engines_of(engines)
-    problem = new_problem(scene, t_end, measure, max_wall, alone=False)
+    if reference is not None and not isinstance(reference, Result):
+        option("reference", reference, function, "give a Result, a function of the times (nt,), or None to have one computed",
+               takes="times")
+    programs = engines_of(engines)
+    problem = new_problem(scene, t_end, measure, max_wall, alone=False, of=of)
     chosen = own or default_runs(problem.constrained, problem.stated.given, problem.other_models, problem.resolving)
     if everything and problem.scene is not None:
         known = {run.name("") for run in chosen}
         chosen = [*chosen, *(run for run in shipped_runs(not problem.constrained) if run.name("") not in known)]
     given = given_reference(problem, reference) if reference is not None else None
-    with Engines(problem, named) as others:
+    with Engines(problem, programs) as others:
         kept = Checkpoint(resume, identity(problem, chosen, asked, given[1] if given else None, others.identity))
         kept.load()
         if given is not None:

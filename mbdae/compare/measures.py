@@ -15,6 +15,8 @@ import numpy as np
 
 from mbdae.errors import OptionError, meant
 from mbdae.integrators.solution import Solution, scaled_distance
+from mbdae.results.quantities import Quantity, magnitudes, moves, value
+from mbdae.results.stored_parts import started
 from mbdae.scene.sensed import measured, of_motion
 from mbdae.system.base import Array, System
 from mbdae.system.sampling import motion_distance
@@ -118,6 +120,28 @@ class Sensor(Measure):
     def read(self, problem: Any, equations: Any, solution: Solution, t: Array) -> Array:
         found: Array = equations.result(solution, t).read(self.name)
         return found
+
+
+@dataclass(frozen=True)
+class AskedFor(Measure):
+    """A quantity that runs are asked for, over its largest value in the second run, as `simulate(of=...)` estimates its error."""
+
+    name: str
+    quantity: Quantity
+
+    @property
+    def what(self) -> str:
+        return f"largest difference of {self.name} over its largest value"
+
+    def of_motion(self, problem: Any) -> bool:
+        return isinstance(self.quantity, str) and moves(started(problem.stated.prepared), self.quantity)
+
+    def read(self, problem: Any, equations: Any, solution: Solution, t: Array) -> Array:
+        return value(equations.result(solution, t), self.quantity)
+
+    def apart(self, problem: Any, a: Any, b: Any) -> float:
+        size = float(np.max(magnitudes(b), initial=0.0))
+        return float(np.max(magnitudes(a - b), initial=0.0)) / size if size > 0 else super().apart(problem, a, b)
 
 
 class JointForces(Measure):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.measures import (
+    AskedFor,
     BodiesMotion,
     Energies,
     JointForces,
@@ -28,14 +29,15 @@ from mbdae.formulations import Form, default_form
 from mbdae.integrators.base import Solver, end_after
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
+from mbdae.results.quantities import named as name_of
 from mbdae.results.result import Result
-from mbdae.results.stored_parts import started
+from mbdae.results.stored_parts import Wanted, started, wanted_of
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.show.plots import numbers
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import prepare
-from mbdae.values import array, function, number, option, optional, shown
+from mbdae.values import array, number, option, optional, shown
 
 FEW = 10  #: largest number of joints for which the classical model is among the default runs
 MANY = 100  #: largest number of joints whose forces are compared where no measure is named
@@ -53,6 +55,7 @@ class Problem:
     max_wall: float | None
     variants: dict[str, Equations | MbdaeError] = field(default_factory=dict)
     spent: float = 0.0  #: CPU time in solver calls, s, repeats included
+    wanted: Wanted = field(default_factory=dict)  #: quantities that runs are asked for
 
     @property
     def name(self) -> str:
@@ -68,7 +71,7 @@ class Problem:
     def measure(self) -> str | None:
         """Name of the sensor or unknown by which runs are ranked; None for the whole motion."""
         first = self.measures[0]
-        return first.name if isinstance(first, Sensor | Unknown) else None
+        return first.name if isinstance(first, Sensor | Unknown | AskedFor) else None
 
     @property
     def times(self) -> Array:
@@ -218,27 +221,32 @@ def with_models(scene: Any, run: Run) -> Any:
 SECONDS = "give a positive number of seconds of wall time, or None"
 
 
-def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool = True) -> Problem:
+def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool = True, of: Any = None) -> Problem:
     """The problem of a scene or a System, with its options checked; OptionError for wrong ones. measure: a name, or several;
-    alone: whether without a name nothing but the motion is compared."""
+    alone: whether without a name nothing but the motion is compared; of: quantities that runs are asked for."""
     given = scene if isinstance(scene, System) else None
     if given is None and not isinstance(scene, SceneData):
         raise OptionError(f"scene = {shown(scene)}: give a mb.Scene or a System such as mb.DAE")
     named = named_measures(measure)
     end = end_after(given.t0 if given is not None else 0.0, t_end)
     wall = optional("max_wall", max_wall, number, SECONDS, above=0)
+    if given is not None and of is not None:
+        raise OptionError(f"of = {shown(of)}: a System has no sensors; name unknowns as measure=, and leave of out")
     if given is not None:
         return Problem(None, Equations(None, given), end, unknowns_of(given, named), wall)
     stated = Equations(prepare(scene, t_end=end))
+    assert stated.prepared is not None
     for sensor in named:
-        assert stated.prepared is not None
         try:
             numbers(started(stated.prepared), sensor)  # before anything is solved: is it a sensor with numeric values?
         except (SceneError, OptionError) as error:
             sensor_problem = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
             raise OptionError(f"measure = {shown(measure)}: {sensor_problem}") from error
-    if named:
-        return Problem(scene, stated, end, tuple(Sensor.of(scene, name) for name in named), wall)
+    wanted = wanted_of(of, stated.prepared)
+    asked = [AskedFor(name_of(key), quantity) for key, quantity in wanted.items()]
+    if named or asked:
+        found = [*(Sensor.of(scene, name) for name in named), *asked, *(() if named else (BodiesMotion(),))]
+        return Problem(scene, stated, end, tuple(found), wall, wanted=wanted)
     forces = () if alone or not 0 < len(scene.joints) <= MANY else (JointForces(),)
     return Problem(scene, stated, end, (BodiesMotion(), *forces, *(() if alone else (Energies(),))), wall)
 
@@ -251,13 +259,6 @@ TIGHTER = 100.0  #: ratio of the smallest accuracy asked of the runs to that ask
 #: confirm the reference, is run again with an accuracy 30 times smaller
 CONFIRM = 10.0
 FLOOR = 1e-11
-
-
-def refuse_no_reference(given: Any) -> None:
-    """OptionError where `given` is neither None, a Result nor a function of the times."""
-    if given is not None and not isinstance(given, Result):
-        option("reference", given, function, "give a Result, a function of the times (nt,), or None to have one computed",
-               takes="times")
 
 
 def given_reference(problem: Problem, given: Any) -> tuple[Reference, list[Any]]:

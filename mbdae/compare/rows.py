@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,10 +18,13 @@ from mbdae.compare.table import Row
 from mbdae.errors import MbdaeError, SolverError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
-from mbdae.integrators.solution import Solution, Stats
+from mbdae.integrators.solution import Beside, Solution, Stats, check_times
 from mbdae.process import cold, measured
+from mbdae.results.clearance import OtherRun
+from mbdae.results.errors import Errors
+from mbdae.results.quantities import named
 from mbdae.run.control import companions_of
-from mbdae.run.estimate import Controlled
+from mbdae.run.estimate import Controlled, RunAt, measure_of, other_run, share_of
 from mbdae.run.job import Job
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
@@ -38,8 +42,9 @@ class Split:
     problem: Problem
     _known: dict[tuple[str, str, int], dict[str, float]] = field(default_factory=dict)
 
-    def of(self, run: Run, solver: Solver, solution: Solution, equations: Equations) -> dict[str, float | None]:
-        """CPU times (s) of a run, by the names of the entries of Row; empty for a System, whose equations are given."""
+    def of(self, run: Run, solver: Solver, solution: Solution, equations: Equations) -> dict[str, Any]:
+        """CPU times (s) of a run and estimates of what was asked for, by the names of the entries of Row; empty for a System,
+        whose equations are given."""
         if equations.prepared is None or self.problem.scene is None:
             return {}
         asked = run.form if run.form is not None else default_form(equations.prepared, solver.highest_index)
@@ -48,8 +53,7 @@ class Split:
         key = f"{id(run.scene) if run.scene else 0} {models}", repr(form), solver.highest_index
         if key not in self._known:
             self._known[key] = self._made(run, form, solver)
-        companions, judgement = self._after(form, solver, solution, equations)
-        return {**self._known[key], "companions_s": companions, "judgement_s": judgement}
+        return {**self._known[key], **self._after(form, solver, solution, equations)}
 
     def _made(self, run: Run, form: Form, solver: Solver) -> dict[str, float]:
         """CPU time from the scene to finished equations with empty caches, s."""
@@ -57,19 +61,21 @@ class Split:
             warm(system_for(prepare(run.scene or with_models(self.problem.scene, run), t_end=self.problem.t_end), form))
         return {"derive_s": spent.get("derive", 0.0), "compile_s": spent.get("compile", 0.0), "start_s": spent["other"]}
 
-    def _after(self, form: Form, solver: Solver, solution: Solution, equations: Equations) -> tuple[float | None, float | None]:
-        """CPU times (s) of the companion runs of `simulate`, and of its checks after the run; None where one fails."""
+    def _after(self, form: Form, solver: Solver, solution: Solution, equations: Equations) -> dict[str, Any]:
+        """CPU times (s) of the companion runs of `simulate`, and of its checks after the run, None where one fails; and estimates
+        beside those companions."""
         prepared, end = equations.prepared, self.problem.t_end
         assert prepared is not None
         asked = Asked(end, max_wall=self.problem.max_wall)
-        companions = None
+        found: dict[str, Any] = {"companions_s": None, "judgement_s": None}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             if not solver.fixed and not solver.by_steps and solver.rtol is not None:
                 try:
-                    companions = companions_of(equations.for_solver(form, solver), solver, asked)[0].cpu_s
+                    last, made = companions_of(equations.for_solver(form, solver), solver, asked)
+                    found |= {"companions_s": last.cpu_s, "estimates": self._estimates(form, solver, made, solution, equations)}
                 except MbdaeError:
-                    companions = None
+                    pass
             # the equations of the run, since their assembly is none of the checks
             prepared.kept[form.for_index(solver.highest_index).for_time(prepared.time)] = equations.for_solver(form, solver)
             times = np.linspace(float(solution.t[0]), end, OUTPUTS)
@@ -78,8 +84,23 @@ class Split:
             try:
                 job.result(Controlled(solution, solver, math.nan, 1, 0.0))
             except MbdaeError:
-                return companions, None
-            return companions, time.process_time() - begin
+                return found
+            return found | {"judgement_s": time.process_time() - begin}
+
+    def _estimates(self, form: Form, solver: Solver, companions: Sequence[RunAt], solution: Solution, equations: Equations
+                   ) -> dict[str, float]:
+        """The estimated errors of quantities that were asked for, from the run's companions, where they are known."""
+        system, prepared, wanted = equations.for_solver(form, solver), equations.prepared, self.problem.wanted
+        assert prepared is not None
+        others = list[OtherRun]()
+        for rtol, run in companions if wanted else ():
+            share = share_of(system, solver, solver.tolerance / rtol)
+            beside = Beside(run, check_times(run), measure_of(system, prepared), share)
+            others += other_run(system, prepared, beside, ratio=rtol / solver.tolerance)
+        errors = Errors(prepared, solution, tuple(others), wanted=tuple(wanted.values()))
+        result = equations.result(solution, solution.t)
+        found = {named(key): errors.of(result, quantity) for key, quantity in wanted.items()}
+        return {name: one.relative for name, one in found.items() if one is not None}
 
 
 def executed(problem: Problem, run: Run | None, accuracy: float | None, reference: Known, split: Split
@@ -136,7 +157,8 @@ def _of_simulate(problem: Problem, accuracy: float | None, reference: Known) -> 
         try:
             while len(seconds) < 2 or (sum(seconds) < REPEATED and len(seconds) < MOST):
                 begin = time.process_time()
-                r = problem.scene.simulate(problem.t_end, accuracy, max_wall=problem.max_wall)  # type: ignore[attr-defined]
+                r = problem.scene.simulate(problem.t_end, accuracy, max_wall=problem.max_wall,  # type: ignore[attr-defined]
+                                           of={named(key): one for key, one in problem.wanted.items()} or None)
                 seconds.append(time.process_time() - begin)
         except MbdaeError as error:
             return Row(**facts, failure=str(error)), None
@@ -145,6 +167,7 @@ def _of_simulate(problem: Problem, accuracy: float | None, reference: Known) -> 
     solver, form = r.solution.solver.label, r.info.form
     facts |= {"label": f"{CHOICE}: {solver} {form}", "solver": solver, "form": form,
               "told": "; ".join(r.warnings) or ("not reliable" if r.reliable is False else "")}
+    facts["estimates"] = {name: one for name, one in r.accuracy.of.items() if one is not None}
     values = problem.all_values(r.solution, own)
     call, spread = quartiles(seconds[1:])
     cost = {"cpu_s": r.stats.cpu_s, "call_s": call, "cpu_spread_s": spread + problem.tick, "cpu_first_s": seconds[0]}

@@ -33,7 +33,8 @@ class Row:
     (t, y, y'), most of the memory of a finished run; peak_bytes: largest resident size of the whole process during the run,
     None where the system does not measure it; failure: why it did not finish; pareto: whether no other run was at least as
     accurate and as cheap, and the error is above the uncertainty of the reference; loose: joint models in words where they model
-    something else than the scene as stated, whose error is that against a reference of their own; chosen: whether `simulate`
+    something else than the scene as stated, whose error is that against a reference of their own; estimates: by the name of every
+    quantity that was asked for what its run estimates its error to be, over its largest value; chosen: whether `simulate`
     chose the solver, whose whole call was measured; told: its warnings.
 
     Of another program: engine: its name and version; setting: what the run was asked for, whose value is rtol too; order: by
@@ -76,6 +77,7 @@ class Row:
     order: float | None = None
     soft: str = ""
     skipped: str = ""
+    estimates: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         parts = (self.start_s, self.cpu_s, self.companions_s, self.judgement_s)
@@ -248,9 +250,10 @@ class ComparisonData(Study):
         head = ("run", "asked", "error", *more, "solver", "+-", "call", "steps", "")
         rows = []
         for row in self.runs:
-            errors = [_number(row.errors.get(name), ".1e") for name in more]
+            errors = [_with_estimate(row, name, row.errors.get(name)) for name in more]
             times = (seconds(row.cpu_s), seconds(row.cpu_spread_s), seconds(row.call_s))
-            first = (row.label, row.setting or _number(row.accuracy, ".0e"), _number(row.error, ".1e"))
+            error = _with_estimate(row, next(iter(self.units)), row.error)
+            first = (row.label, row.setting or _number(row.accuracy, ".0e"), error)
             rows.append((*first, *errors, *times, str(row.steps), mark(row)))
         return [head, *rows]
 
@@ -261,6 +264,8 @@ class ComparisonData(Study):
                 for name, unit in list(self.units.items())[1:]}
         found = {"error": self.what, **more, "solver": COLUMNS["CPU"], "+-": COLUMNS["spread"], "call": COLUMNS["call"],
                  "*": "no other run is both cheaper and more accurate, and its error is above the uncertainty of the reference"}
+        if any(row.estimates for row in self.runs):
+            found["(...)"] = "what the run itself estimates this error to be"
         if any(row.loose for row in self.runs):
             found["model"] = "it models something else than the scene; errors are those against a reference of its own"
         return found
@@ -283,6 +288,7 @@ COLUMNS = {
     "asked": "accuracy asked of the solver",
     "rtol": "relative tolerance the solver ran with",
     "error": "largest error over the run against the reference",
+    "estimate": "what the run estimates the errors of the quantities asked for to be, the largest",
     "CPU": "CPU time of the solver, the median of its repeats",
     "spread": "distance of the quartiles of the repeats, and what the clock does not resolve",
     "call": "CPU time of a whole call in a process that knows the kernels: start, solver, companions, checks",
@@ -328,8 +334,15 @@ def cells(row: Row) -> tuple[str, ...]:
     asked = (row.setting or _number(row.accuracy, ".0e"), _number(row.rtol, ".0e"))
     size = None if row.stored_bytes is None else row.stored_bytes / 1000
     peak = None if row.peak_bytes is None else row.peak_bytes / 1e6
+    estimate = max(row.estimates.values(), default=None)
     memory = (_number(size, ".0f"), _number(peak, ".0f"))
-    return (row.label, *asked, _number(row.error, ".1e"), *times, *(str(n) for n in counts), *memory, mark(row))
+    errors = (_number(row.error, ".1e"), _number(estimate, ".1e"))
+    return (row.label, *asked, *errors, *times, *(str(n) for n in counts), *memory, mark(row))
+
+
+def _with_estimate(row: Row, name: str, error: float | None) -> str:
+    """The error of a measure and, in brackets, what the run estimates of it where it was asked for."""
+    return _number(error, ".1e") + (f" ({_number(row.estimates[name], '.1e')})" if name in row.estimates else "")
 
 
 def _number(value: float | None, form: str) -> str:

@@ -50,6 +50,35 @@ def test_every_measure_has_its_error(w: Any) -> None:
     assert set(data["runs"][0]["errors"]) == set(data["measures"])
 
 
+def test_runs_are_asked_for_quantities() -> None:
+    """Errors over the largest values, of a component of a force with a known size, an expression and a function; beside them what
+    each run tells of them, which covers the error."""
+    def power(r: Any) -> Any:
+        return r["hinge"].force[:, 1] * r["rod"].velocity[:, 1]
+
+    asked = ["hinge.force[1]", "norm(hinge.force)*rod.position[0]", power]
+    w = mb.compare(pendulum(), 1.0, [mb.RadauIIA(3), mb.Run(mb.RadauIIA(3, rtol=1e-4))], [1e-3, 1e-5], of=asked)
+    names = ["hinge.force[1]", "norm(hinge.force)*rod.position[0]", "power"]
+    assert list(w.units) == [*names, "motion"]
+    exact = pendulum().simulate(1.0, accuracy=1e-10)
+    for row in w.runs:
+        r = pendulum().simulate(1.0, solver=mb.RadauIIA(3, rtol=row.rtol), form=mb.GGL(), outputs=exact.t)
+        off = np.max(np.abs(r["hinge"].force - exact["hinge"].force)[:, 1]) / np.max(np.abs(exact["hinge"].force[:, 1]))
+        assert row.errors[names[0]] == pytest.approx(off, rel=0.5)
+        assert row.error == row.errors[names[0]]
+    assert all(set(row.estimates) == set(names) for row in w.runs)
+    pairs = [(row.errors[name], row.estimates[name]) for row in w.runs for name in names]
+    assert all(error <= 3 * told <= 300 * max(error, 1e-12) for error, told in pairs)
+    assert any(row.chosen for row in mb.compare(pendulum(), 0.5, accuracies=[1e-4], of={"load": "hinge.force"}).runs)
+    assert f"({w.runs[0].estimates[names[0]]:.1e})" in w.table()
+    named = mb.compare(pendulum(), 0.5, [mb.IDA()], [1e-4], measure="hinge.angle", of="hinge.force")
+    assert list(named.units) == ["hinge.angle", "hinge.force"]
+    with pytest.raises(mb.OptionError, match=r"^of = "):
+        mb.compare(pendulum(), 0.5, of=["hinge.colour"])
+    with pytest.raises(mb.OptionError, match=r"a System has no sensors"):
+        mb.compare(pendulum().system(), 0.5, of=["hinge.force"])
+
+
 def test_named_measures_are_those_asked_for() -> None:
     w = mb.compare(pendulum(), 0.5, [mb.RadauIIA(3)], [1e-4], measure=["hinge.angle", "hinge.force"])
     assert list(w.runs[0].errors) == ["hinge.angle", "hinge.force"]

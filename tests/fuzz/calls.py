@@ -288,7 +288,7 @@ CALLS: dict[str, Call] = {
         "workers": 1, **RUNS}, "mbdae.arena._compared"),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
-        "reference": None, **RUNS, "engines": None}, "mbdae.compare.identity"),
+        "reference": None, **RUNS, "engines": None, "of": ["hinge.force"]}, "mbdae.compare.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
         "measure": "hinge.angle", **RUNS, "budget": 60.0}, "mbdae.extremes._Execution"),
