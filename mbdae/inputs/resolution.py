@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from math import ceil, inf
+from itertools import pairwise
+from math import ceil, inf, log
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,11 +57,13 @@ class Stretches:
 
 class LongestStep(NamedTuple):
     """Longest step (s) from a time: a share of the stretch between two edges (n+1,) in which it begins and, where it reaches
-    into the next stretch, the same share of that. It may reach beyond the end of the run, not beyond a kink (k,)."""
+    into the next stretch, the same share of that. It may reach beyond the end of the run, not beyond a kink (k,). unseen: the
+    time (s) until which something grows that error tests do not see."""
 
     edges: Array
     share: float = 1.0
     kinks: Array = NONE
+    unseen: float = -inf
 
     def __call__(self, t: float) -> float:
         return min(self.of_stretches(t), self.kink_after(t) - t)
@@ -83,21 +86,36 @@ class LongestStep(NamedTuple):
 
 
 class Bound(NamedTuple):
-    """The longest step (s) in a part of a run, from `begin` to `end` (s)."""
+    """The longest step (s) in a part of a run, from `begin` to `end` (s); unseen: whether it follows what the error test does not
+    see."""
 
     begin: float
     end: float
     longest: float
+    unseen: bool = False
 
 
-def divided(bounds: Sequence[Bound], t0: float, t1: float, share: float) -> Array:
+#: at a start at order 1 the length of steps grows by WIDENS after EQUAL steps: BDF of order k takes a higher one after steps of
+#: equal length, k + 2 of them
+WIDENS, EQUAL = 4.0, 7
+
+
+def divided(bounds: Sequence[Bound], t0: float, t1: float, share: float, begins: Sequence[float] = (),
+            error: float = 1.0) -> Array:
     """Edges (s) of the intervals of a run from t0 to t1 (s) to which its steps are confined so that they keep `share` times every
-    bound."""
-    found = [np.array([t0, t1])]
-    for bound in bounds:
-        a, b = max(bound.begin, t0), min(bound.end, t1)
-        if b > a:
-            found.append(np.linspace(a, b, ceil((b - a) / (bound.longest * share)) + 1))
+    bound. begins: times (s) at which a method starts at order 1. Where a bound is of what its error test does not see, its first
+    steps, which make a relative error of the square of their length over the bound, are so short that this is at most `error`;
+    those after them are longer, as the order rises."""
+    ends = {t for bound in bounds for t in bound[:2] if t0 < t < t1}
+    found = [np.array([t1])]
+    for a, b in pairwise(sorted({t0, t1, *ends, *begins})):
+        here = [bound for bound in bounds if bound.begin <= a < bound.end]
+        longest = share * min((bound.longest for bound in here), default=inf)
+        rises = -ceil(-log(error) / (2 * log(WIDENS))) if a in begins and any(bound.unseen for bound in here) else 0
+        edges = a + np.concatenate([[0], np.cumsum(np.repeat(longest * WIDENS ** np.arange(rises, 0.0), EQUAL))])
+        found.append(edges[edges < b])
+        last = found[-1][-1]
+        found.append(np.linspace(last, b, ceil((b - last) / longest) + 1) if longest < b - last else np.array([last]))
     return distinct(np.concatenate(found))
 
 

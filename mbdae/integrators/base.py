@@ -64,6 +64,8 @@ class Solver(ABC):
     highest_index: ClassVar[int] = 1  #: of an unknown that this method can solve for; 0: ordinary differential equations only
     #: short name of the method on the command line; "": the name of the class in small letters
     word: ClassVar[str] = ""
+    #: whether the method begins at order 1, and chooses its order by the error test
+    starts_low: ClassVar[bool] = False
     #: whether a run stored on disk restarts the method at its checkpoints
     restarts: ClassVar[bool] = True
     rtol: float | None  #: relative tolerance; None: it is chosen from the accuracy asked for (in a direct call of `solve`, 1e-6)
@@ -214,10 +216,12 @@ class Solver(ABC):
         if further is not None:
             inner = further[(further > system.t0) & (further < loop.run_end)]
             longest = with_edges(longest, np.concatenate([[system.t0], inner, [loop.run_end]]))
+        edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
         if asked.bounds:
             own = share if share is not None and longest is None else 1.0  # else `longest` has the share already
-            longest = with_edges(longest, divided(asked.bounds, system.t0, loop.run_end, own))
-        edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
+            begins, error = edges[:-1] if self.starts_low else (), self.aimed(system.label) or 1.0
+            longest = with_edges(longest, divided(asked.bounds, system.t0, loop.run_end, own, begins, error))
+            longest = longest._replace(unseen=max((bound.end for bound in asked.bounds if bound.unseen), default=-inf))
         try:
             for a, b in pairwise(edges):
                 if line is not None:

@@ -160,7 +160,7 @@ class _Run:
         self._start()
         loop, watch = self.loop, self.watch
         if self.system.longest_step is not None:
-            self.method.bound(*self.system.longest_step)
+            self.method.bound(*self.system.longest_step[:3])
         most = 1 if self.system.one_by_one or (watch is not None and watch.contacts is not None) else ROWS
         self.rows, going = most if watch is None else min(most, FEW), True
         loop.goes_on(self)

@@ -60,7 +60,7 @@ class Adaptive:
         self.warned, self.failures, self.resist = False, 0, SOON if system.n <= FEW_UNKNOWNS else RESIST
         self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         if system.longest_step is not None:
-            self.step.run.bound(*system.longest_step)
+            self.step.run.bound(*system.longest_step[:3])
         one_by_one = system.one_by_one
         if self.watch is not None:
             one_by_one |= self.watch.one_by_one or not table.stiffly_accurate

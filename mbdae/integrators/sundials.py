@@ -138,9 +138,8 @@ def not_finite(loop: StepLoop, run: SundialsRun, why: str) -> SolverError | None
 #: the length of the step jumps (at the start, in the last step); 2 have no advantage
 POINTS = 3
 #: IDA with an order above 2 and rtol of LOOSE or more is refused where the fastest vibration of a beam passes through more than
-#: FAST (rad) in the motion's characteristic time: orders above 2 excite faster vibrations, which they do not resolve. Measured
-#: without the refusal: errors of 0.1 to 0.5 without a warning at rtol 1e-3; an error of 2e-3, or a run that does not end, at
-#: 1e-4; a run that does not end at 1e-5
+#: FAST (rad) in the motion's characteristic time, which orders above 2 excite and do not resolve. Measured without the refusal:
+#: errors of 0.1 to 0.5 without a warning at rtol 1e-3; of 2e-3, or a run that does not end, at 1e-4; none that ends at 1e-5
 FAST, LOOSE = 2000.0, 1e-5
 
 
@@ -163,6 +162,7 @@ class IDA(Solver):
     factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 2e-3, "ODE": 5e-3, "DAE": 2e-3}}
     error_fall: ClassVar[float] = 0.4  # small, since errors of variable-order runs at similar rtol differ by a factor of 5
     companion: ClassVar[float] = 30.0
+    starts_low: ClassVar[bool] = True
     tightest: ClassVar[dict[str, float]] = {"": 1e-13}
 
     def __post_init__(self) -> None:
@@ -266,6 +266,7 @@ class CVODE(Solver):
     }
     error_fall: ClassVar[float] = 0.4  # measured with rtol 30 times smaller; with 10 times smaller errors of Adams sometimes rose
     companion: ClassVar[float] = 30.0
+    starts_low: ClassVar[bool] = True
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     #: names of methods in other programs -> the name of their counterpart here
     counterparts: ClassVar[dict[str, str]] = {
@@ -326,8 +327,7 @@ class _CvodeRun(SundialsRun):
                             tame=TAME if smooth else 0.0)
 
     def accepted(self, watch: SundialsWatch) -> None:
-        """Request a new Jacobian where the present one was evaluated with other contacts closed: CVODE evaluates it at predicted
-        states."""
+        """Request a new Jacobian where that of CVODE, evaluated at predicted states, is with other contacts closed."""
         newest = self.last.newest()
         if newest is not None:
             watch.jacobian_at(*newest)

@@ -61,7 +61,6 @@ class Method:
             failed.callback(self.close)
             self._context = self._silent_context()
             self._y, self._yp, self._own = self._vector(y), self._vector(yp), self._vector(y)
-            self._tolerances = self._vector(self._atol)
             self._fill(equations)
             matrix, solver = self._linear_solver()
             self.memory = self._create()
@@ -120,15 +119,16 @@ class Method:
 
     # -- steps
 
-    def bound(self, edges: Any, share: float, kinks: Any = ()) -> None:
-        """Limit the length of steps, see `Stretches.of`."""
+    def bound(self, edges: Any, share: float, kinks: Any = (), unseen: float = -np.inf) -> None:
+        """Limit the length of steps, see `Stretches.of`; unseen: time (s) until which something grows that error tests do not
+        see."""
         found = Stretches.of(edges, share, kinks)
-        self._limits, self.run.stretches = found.kept, found
+        self._limits, self.run.stretches, self.run.unseen = found.kept, found, unseen
 
     def begin(self, t: float, y: Array, yp: Array) -> None:
         """Restart at time t (s) from y, yp (n,)."""
         self._view(self._y)[:], self._view(self._yp)[:] = y, yp
-        self.run.from_y = None
+        self.run.from_y, self.run.begun, self.run.narrow = None, 0, 1.0
         self.run.choosing = int(self.prefix == "CVode")
         self._call("ReInit", t, *self._start_vectors())
 
@@ -224,6 +224,9 @@ class Method:
         run.e, run.array, run.data = equations.address, _pointer(S.N_VGetArrayPointer), _pointer(S.SUNDenseMatrix_Data)
         run.y_vector, run.yp_vector, run.inner_vector = self._y, self._yp, self._own
         run.fy, run.fyp = at(np.zeros(nnz)), at(np.zeros(nnz))
+        names = "SetStopTime", "SetMaxStep", "GetCurrentStep", "GetEstLocalErrors"
+        run.until, run.longest, run.planned, run.errors = (_pointer(getattr(S, self.prefix + name)) for name in names)
+        run.unseen, run.narrow, run.wider = -np.inf, 1.0, at(np.ones(self.n))
         run.atol, run.rtol = at(self._atol), self.settings.rtol
         run.y, run.yp, run.values, run.jacobian_y = map(at, (self.y, self.yp, self.values, self._jacobian_y))
         run.t, run.cj, run.most = -np.inf, 1.0, np.inf
@@ -231,16 +234,13 @@ class Method:
     def _set_up(self, t: float, matrix: int, solver: int) -> None:
         settings, user = self.settings, ctypes.addressof(self.run)
         self._initialise(t)
-        self._set_tolerances()
+        self._call("WFtolerances", self.C.sundials_weights)
         self._call("SetUserData", user)
         self._call("SetLinearSolver", solver, matrix)
         self._call("SetJacFn", getattr(self.C, self.jacobian))
         self._call("SetMaxOrd", settings.order)
         self._call("SetInitStep", settings.first_step)
         self._call("SetMaxNumSteps", -1)  # a negative number: steps are not limited
-
-    def _set_tolerances(self) -> None:
-        self._call("SVtolerances", self.settings.rtol, self._tolerances)
 
     def _start_vectors(self) -> tuple[int, ...]:
         return (self._y,)
@@ -267,9 +267,6 @@ class Ida(Method):
         self._pattern, self._sparse, self.jacobian = pattern, sparse, "ida_differences" if differences else "ida_jacobian"
         super().__init__(*args)
 
-    def _set_tolerances(self) -> None:
-        self._call("WFtolerances", self.C.ida_weights)
-
     def _linear_solver(self) -> tuple[int, int]:
         """Make a dense matrix and its linear solver, or a sparse matrix of the pattern and SuperLU_MT; returns their
         addresses."""
@@ -292,11 +289,10 @@ class Ida(Method):
 
     def _initialise(self, t: float) -> None:
         run, S = self.run, self.S
-        run.ida, run.until = _pointer(S.IDASolve), _pointer(S.IDASetStopTime)
+        run.ida = _pointer(S.IDASolve)
         run.iteration = _pointer(S.SUNNonlinSolGetCurIter)
-        run.wider = self._address(np.ones(self.n))
         if self._raising:
-            run.errors, run.order, run.longest = map(_pointer, (S.IDAGetEstLocalErrors, S.IDAGetLastOrder, S.IDASetMaxStep))
+            run.order = _pointer(S.IDAGetLastOrder)
         self._call("Init", self.C.ida_residual, t, self._y, self._yp)
         newton = self._owned(S.SUNNonlinSol_Newton(self._y, self._context), S.SUNNonlinSolFree)
         self._call("SetNonlinearSolver", newton)
@@ -323,7 +319,7 @@ class Cvode(Method):
 
     def _initialise(self, t: float) -> None:
         run, S = self.run, self.S
-        run.cvode, run.until, run.interpolant = map(_pointer, (S.CVode, S.CVodeSetStopTime, S.CVodeGetDky))
+        run.cvode, run.interpolant = _pointer(S.CVode), _pointer(S.CVodeGetDky)
         run.nodes, run.tame, run.smooth, run.choosing = self._address(self._nodes), self._tame, int(self._tame > 0), 1
         self._call("Init", self.C.cvode_rates, t, self._y)
 

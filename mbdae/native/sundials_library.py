@@ -40,8 +40,7 @@ _IDA = {
     "SUNSparseMatrix_IndexPointers": (_P, _P), "SUNSparseMatrix_IndexValues": (_P, _P),
     "SUNSparseFromDenseMatrix": (_P, _P, _D, _I), "IDACreate": (_P, _P), "IDAInit": (_I, _P, _P, _D, _P, _P),
     "IDAReInit": (_I, _P, _D, _P, _P), "IDASolve": (_I, _P, _D, _P, _P, _P, _I),
-    "IDAGetEstLocalErrors": (_I, _P, _P), "IDAWFtolerances": (_I, _P, _P), "IDAGetLastOrder": (_I, _P, _P),
-    "IDASetMaxStep": (_I, _P, _D), "IDASetNonlinearSolver": (_I, _P, _P), "SUNNonlinSol_Newton": (_P, _P, _P),
+    "IDAGetLastOrder": (_I, _P, _P), "IDASetNonlinearSolver": (_I, _P, _P), "SUNNonlinSol_Newton": (_P, _P, _P),
     "SUNNonlinSolFree": (_I, _P), "SUNNonlinSolSetConvTestFn": (_I, _P, _P, _P), "SUNNonlinSolGetCurIter": (_I, _P, _P),
 }
 _CVODE = {
@@ -49,9 +48,11 @@ _CVODE = {
     "CVode": (_I, _P, _D, _P, _P, _I), "CVodeGetDky": (_I, _P, _D, _I, _P),
 }
 _BOTH = {
-    "SVtolerances": (_I, _P, _D, _P), "SetUserData": (_I, _P, _P), "SetLinearSolver": (_I, _P, _P, _P), "SetJacFn": (_I, _P, _P),
+    "WFtolerances": (_I, _P, _P), "GetEstLocalErrors": (_I, _P, _P), "SetUserData": (_I, _P, _P),
+    "SetLinearSolver": (_I, _P, _P, _P), "SetJacFn": (_I, _P, _P),
     "SetMaxOrd": (_I, _P, _I), "SetInitStep": (_I, _P, _D), "SetMaxNumSteps": (_I, _P, c_long), "SetStopTime": (_I, _P, _D),
-    "GetReturnFlagName": (c_char_p, c_long), "Free": (None, _P),
+    "GetReturnFlagName": (c_char_p, c_long), "Free": (None, _P), "SetMaxStep": (_I, _P, _D),
+    "GetCurrentStep": (_I, _P, _P),
 }
 _SPARSE = {"SUNLinSol_SuperLUMT": (_P, _P, _P, _I, _P)}
 FUNCTIONS: dict[str, dict[str, tuple[Any, ...]]] = {
@@ -164,11 +165,13 @@ class RunStruct(ctypes.Structure):
         ("columns_bytes", Whole), ("rows_bytes", Whole), ("place", Pointer), ("fy", Pointer), ("fyp", Pointer),
         ("nodes", Pointer), ("atol", Pointer), ("rtol", Number), ("tame", Number), ("smooth", Whole), ("most", Number),
         ("toward", Number), ("evaluations", Whole), ("rejected", Whole), ("jacobians", Whole), ("choosing", Whole),
-        ("renew", Whole), ("renewing", Whole), ("fresh", Whole), ("t", Number), ("cj", Number), ("y", Pointer), ("yp", Pointer),
+        ("renew", Whole), ("renewing", Whole), ("begun", Whole), ("fresh", Whole), ("t", Number), ("cj", Number),
+        ("y", Pointer), ("yp", Pointer),
         ("values", Pointer), ("jacobian_t", Number), ("jacobian_y", Pointer), ("from_t", Number), ("last_step", Number),
         ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
-        ("iteration", Pointer), ("correction", Number), ("errors", Pointer), ("order", Pointer),
-        ("longest", Pointer), ("wider", Pointer), ("low", Whole), ("before", Whole), ("held", Whole),
+        ("iteration", Pointer), ("correction", Number), ("longest", Pointer), ("planned", Pointer), ("errors", Pointer),
+        ("order", Pointer), ("wider", Pointer), ("unseen", Number), ("narrow", Number),
+        ("low", Whole), ("before", Whole), ("held", Whole), ("cap", Number),
         ("stretches", Stretches),
     )
 

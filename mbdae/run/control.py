@@ -133,7 +133,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
         bounds = unfollowed(growth) if repeats < FOLLOWING else ()
         if not bounds and not grown and search.made and unseen(growth):  # else such an estimate was made
             run = replace(run, estimate=max(run.estimate, search.estimate(at_least(solver))))
-            bounds = () if run.estimate <= accuracy else unseen(growth)
+            bounds = () if run.estimate <= accuracy and not solver.starts_low else unseen(growth)
         if not hidden and not of_companions and not bounds:
             return replace(run, growth=tuple(growth))
         runs, cpu = run.runs, run.cpu_s

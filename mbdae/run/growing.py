@@ -244,7 +244,7 @@ def unfollowed(parts: Sequence[Growth]) -> tuple[Bound, ...]:
 
 def unseen(parts: Sequence[Growth]) -> tuple[Bound, ...]:
     """The bounds of the steps in the parts of a run in which a disturbance grows that is not seen, followed or not."""
-    return tuple(Bound(part.begin, part.end, 1 / max(part.behind, part.unseen)) for part in parts if part.unseen > 0)
+    return tuple(Bound(part.begin, part.end, 1 / max(part.behind, part.unseen), True) for part in parts if part.unseen > 0)
 
 
 def left_behind(parts: Sequence[Growth]) -> list[str]:

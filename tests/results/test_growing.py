@@ -11,6 +11,8 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
+from mbdae.inputs.resolution import Bound
+from mbdae.integrators.base import Asked
 from mbdae.run import amplification, control, growing
 
 G = 9.81
@@ -154,6 +156,45 @@ def test_own_equations_follow_growth_too(solver: Any) -> None:
     else:
         np.testing.assert_allclose(r.solution(times)[:, 0], fallen(off, times), atol=3e-3)
         assert r.accuracy.amplification == pytest.approx(RATE * 6.5 - 2, abs=1.5)
+
+
+def logistic(off: float) -> mb.DAE:
+    """y' = y (1 - y) from a small start."""
+    def residual(t: float, y: Any, yp: Any, out: Any) -> None:
+        out[0] = yp[0] - y[0] * (1 - y[0])
+
+    def rates(t: float, y: Any, out: Any) -> None:
+        out[0] = y[0] * (1 - y[0])
+
+    return mb.DAE(residual, [off], [off], rhs=rates)
+
+
+def grown(off: float, times: Any) -> Any:
+    return 1 / (1 + (1 / off - 1) * np.exp(-times))
+
+
+@pytest.mark.parametrize(("solver", "off", "end", "accuracy"), [
+    (mb.IDA(), 3.83e-8, 25.1, 1e-5), (mb.IDA(), 1e-12, 40.0, 1e-4), (mb.CVODE(), 1e-8, 30.0, 1e-4),
+    (mb.CVODE(method="BDF"), 1e-8, 30.0, 1e-4), (mb.RadauIIA(3), 1e-8, 30.0, 1e-4), (mb.DOP853(), 1e-8, 30.0, 1e-4),
+], ids=lambda x: str(x)[:12])
+def test_what_begins_at_order_one_follows_growth_too(solver: Any, off: float, end: float, accuracy: float) -> None:
+    """Errors of the first steps stay in what grows. IDA and CVODE were silently 3 to 22 times the accuracy off."""
+    times = np.linspace(0, end, 101)
+    r = logistic(off).simulate(end, accuracy=accuracy, solver=solver, outputs=times)
+    assert not r.warnings
+    assert np.max(np.abs(r.solution(times)[:, 0] - grown(off, times))) < accuracy / 2
+
+
+@pytest.mark.parametrize(("solver", "error"), [(mb.IDA(rtol=1e-9), 1e-4), (mb.CVODE(rtol=1e-9), 1e-6),
+                                               (mb.CVODE(rtol=1e-9, method="BDF"), 1e-3)], ids=lambda x: str(x)[:12])
+def test_steps_held_by_growth_have_a_high_order(solver: Any, error: float) -> None:
+    """Although the error test sees nothing, and would take the order that lets the step grow most: with that the error of what
+    grows was 9e-3 (Adams) and 4e-1 (BDF) of it. Steps that a bound holds are equal to the last digit: the BDF of IDA need that
+    for a higher order."""
+    off, end = 1e-10, 12.0
+    run = solver.run(logistic(off), Asked(end, bounds=(Bound(0.0, end, 0.1, True),)))
+    assert np.max(np.abs(run.y[:, 0] / grown(off, run.t) - 1)) < error
+    assert np.ptp(np.diff(run.t)[len(run.t) // 2 : -2]) < 1e-14 * end
 
 
 @pytest.mark.parametrize("off", [1e-8, np.pi - 1e-8])
