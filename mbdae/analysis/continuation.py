@@ -34,6 +34,7 @@ BEND = 0.2  #: largest angle (rad) between the tangents at both ends of a step
 #: corrections of a step, at most, and those up to which the next step is longer; residual below which a point is on the branch
 CORRECTIONS, QUICK, CLOSE = 8, 3, 1e-10
 LOOKS = 200  #: largest number of points between two, at which an event is sought
+ROUNDED = 1e-14  #: rounding error of the number, relative
 NEAR = 1e-7  #: distance from the end of the range, over it, that counts as none
 KINDS = {"fold": "folds", "doubling": "doublings", "hopf": "hopf", "branching": "branchings"}
 WHOLE = "the end of the range"
@@ -44,7 +45,7 @@ OF = "give a periodic motion (s.periodic), a state at rest (s.equilibrium), or N
 class Located:
     """A place where a branch changes. kind: "fold", "doubling" (of the period), "hopf" (oscillations begin to grow; of a periodic
     motion, a second frequency), or "branching" (another branch crosses, as at a buckling load); value: of the number; error:
-    estimate of its error, from runs with half the steps, without that of the mesh of beams; period (s), nan at rest;
+    estimate of its error, found again and with half the steps, without that of the mesh of beams; period (s), nan at rest;
     root: the multiplier, or the root in 1/s, that crosses."""
 
     kind: str
@@ -285,31 +286,25 @@ class _Walk:
 
     def _located(self, kind: str, place: Place | None, a: Place, b: Place, step: float,
                  function: Callable[[Place], float]) -> Located:
-        """The place with its error: of periodic motions the change with half the steps of the period, over GAIN; where it was not
-        found, the point after it with the distance of both points."""
+        """The place with its error. It is found once more, between points nearer to it, of periodic motions in half the steps of
+        the period: the change counts, there over GAIN, and how far the number moves while the function changes by what it is off
+        at both places and by the errors of roots. Where it was not found, the point after it with the distance of both points."""
         if place is None:
             return Located(kind, b.p, abs(b.p - a.p), b.period, b.crossing(kind))
-        value, error = place.p, 1e-9 * max(abs(place.p), self.over[1] - self.over[0])
-        finer = self.along.finer()
-        if finer is not None:
-            walk = _Walk(finer, self.over, self.most)
-            error = abs(place.p)
-            try:
-                near = walk.corrected(finer.again(place), place.tangent)
-                sides = [walk.corrected(finer.moved(near, s * step * near.tangent), near.tangent) if near else None
-                         for s in (-0.1, 0.1)]
-                if near and sides[0] and sides[1]:
-                    again = walk._root(sides[0], sides[1], 0.2 * step, function)
-                    if again is not None:
-                        value, error = again.p, error_of(again.p, place.p)
-            except MbdaeError:
-                pass
+        finer, value, error = self.along.finer(), place.p, abs(place.p)
+        walk = _Walk(finer or self.along, self.over, self.most)
+        try:
+            near = walk.corrected(walk.along.again(place), place.tangent)
+            sides = [walk.corrected(walk.along.moved(near, s * step * near.tangent), near.tangent) if near else None
+                     for s in (-0.1, 0.1)]
+            again = walk._root(sides[0], sides[1], 0.2 * step, function) if sides[0] and sides[1] else None
+            if again is not None and sides[0] and sides[1]:
+                over = abs((sides[1].p - sides[0].p) / (function(sides[1]) - function(sides[0])))
+                off = abs(function(again)) + self.along.doubt(kind, again) + (abs(function(place)) if finer is None else 0.0)
+                value, error = again.p, abs(again.p - place.p) / (GAIN if finer else 1.0) + over * off + ROUNDED * abs(again.p)
+        except MbdaeError:
+            pass
         return Located(kind, float(value), float(error), place.period, place.crossing(kind))
-
-
-def error_of(fine: float, coarse: float) -> float:
-    """Error of a value from that with half as many steps, round-off included."""
-    return abs(fine - coarse) / GAIN + 1e-9 * abs(fine)
 
 
 def _turning(place: Place) -> float:

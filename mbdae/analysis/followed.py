@@ -29,6 +29,7 @@ from mbdae.system.scene_system import SceneSystem
 
 DIFFERENCE = 1e-5  #: half the difference of the number, over its range, for derivatives by it
 SLACK = 1e-7  #: growth, over the largest root or in one period, that counts as none where roots lie on the border of stability
+LARGEST = 600.0  #: logarithm of the largest ratio of two determinants
 KNOWN = 1e-6  #: error of multipliers, relative, that the steps leave
 
 
@@ -83,6 +84,9 @@ class Along(Protocol):
     def functions(self, a: Place, b: Place) -> dict[str, Callable[[Place], float]]:
         """Functions of places that change their signs at an event, by the kind of event."""
 
+    def doubt(self, kind: str, place: Place) -> float:
+        """Error of the function of an event at a place, beyond that which more steps show."""
+
     def finer(self) -> Along | None:
         """The same equations in half the steps; None where there are no steps, or this is the finer one."""
 
@@ -129,7 +133,7 @@ class Orbits(_Varied):
         super().__init__(scene, name, unit)
         self.orbit, self.halved = orbit, shares is not None
         self.shares = orbit.shares if shares is None else shares
-        self.free = orbit.autonomous
+        self.free, self._slack = orbit.autonomous, 0.0
 
     def length(self, p: float) -> float:
         """The stated period (s) at a value of the number."""
@@ -190,8 +194,11 @@ class Orbits(_Varied):
             bent = place.roots[np.abs(place.roots.imag) > 1e-9]
             return float(np.max(np.abs(bent), initial=0.0)) - 1
 
-        slack = SLACK if min(pair(a), pair(b)) > -10 * SLACK else 0.0
+        slack = self._slack = SLACK if min(pair(a), pair(b)) > -10 * SLACK else 0.0
         return {"doubling": doubling, "branching": lambda place: place.whole, "hopf": lambda place: pair(place) - slack}
+
+    def doubt(self, kind: str, place: Place) -> float:
+        return self._slack if kind == "hopf" else 0.0
 
     def finer(self) -> Orbits | None:
         return None if self.halved else Orbits(self.scene, self.name, self.unit, self.orbit, halved(self.shares))
@@ -213,6 +220,7 @@ class Rests(_Varied):
             raise OptionError(f"of = {rest!r} rests in a body that turns: give the periodic motion of a turn, "
                               f"s.periodic(period, start=e)")
         self.rest = rest
+        self._size: float | None = None  #: logarithm of the first determinant
 
     def prepared(self, scene: SceneData) -> Prepared:
         return prepare(scene)
@@ -256,7 +264,8 @@ class Rests(_Varied):
             sign, size = np.linalg.slogdet(found.K)
         except MbdaeError:
             return place
-        whole = float(sign * np.exp(size / max(len(found.K), 1)))
+        self._size = size if self._size is None and np.isfinite(size) else self._size
+        whole = float(sign * np.exp(min(size - (self._size or 0.0), LARGEST)))  # linear where it vanishes
         return replace(place, roots=found.eigenvalues, stable=found.stable, whole=whole, errors=found.errors)
 
     def functions(self, a: Place, b: Place) -> dict[str, Callable[[Place], float]]:
@@ -267,6 +276,10 @@ class Rests(_Varied):
             return float(np.max((place.roots.real - place.errors)[bent], initial=-size)) / size
 
         return {"branching": lambda place: place.whole, "hopf": grows}
+
+    def doubt(self, kind: str, place: Place) -> float:
+        size = float(np.max(np.abs(place.roots), initial=0.0)) or 1.0
+        return float(np.max(place.errors, initial=0.0)) / size if kind == "hopf" else 0.0
 
     def finer(self) -> None:
         return None

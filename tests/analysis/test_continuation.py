@@ -1,14 +1,16 @@
-"""Branches: Duffing's folds and Mathieu's tongues against SciPy, Euler's load, refusals."""
+"""Branches: Duffing's folds, Mathieu's tongues and ground resonance against SciPy, loads of columns, refusals."""
 
 from __future__ import annotations
 
+import importlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
-from scipy.optimize import fsolve
+from scipy.optimize import brentq, fsolve
 from scipy.special import mathieu_a, mathieu_b
 
 import mbdae as mb
@@ -53,7 +55,7 @@ def test_folds_of_duffing_against_scipy() -> None:
     for fold in branch.folds:
         near = branch.result(int(np.argmin(np.abs(branch.values - fold.value))))
         z = fsolve(singular, [near["m"].position[0, 0], near["m"].velocity[0, 0], fold.value], xtol=1e-12)
-        assert abs(fold.value - z[2]) <= max(3 * fold.error, 1e-9) <= 1e-7
+        assert abs(fold.value - z[2]) <= 3 * fold.error <= 1e-7
         assert abs(fold.root - 1) < 1e-4
     assert {True, False} == set(branch.stable)
     assert branch.peaks("m.position").max() > 1.5
@@ -67,7 +69,7 @@ def test_tongues_of_mathieu() -> None:
     s, _ = slider(mb.number("a", 1.15) - 0.4 * sp.cos(2 * mb.t))
     branch = s.continuation("a", (1.1, 1.3), of=s.periodic(np.pi))
     (found,) = branch.doublings
-    assert abs(found.value - mathieu_a(1, 0.2)) <= max(3 * found.error, 1e-9)
+    assert abs(found.value - mathieu_a(1, 0.2)) <= 3 * found.error <= 1e-9
     assert not branch.stable[0]
     assert branch.stable[-1]
     assert mathieu_b(1, 0.2) < 1.1
@@ -84,6 +86,50 @@ def test_load_of_euler_within_the_error_of_the_mesh() -> None:
     assert 1e-4 < abs(found.value - np.pi**2 / 4) <= 2 * branch.mesh_error[0]
 
 
+def test_load_of_a_column_of_rigid_links_has_the_error_that_is_told() -> None:
+    """Its buckling load is the least eigenvalue of the stiffness in the angles of the links to the ground."""
+    s, k = mb.Scene("rigid column"), 1.0 + 0.3 * np.arange(3)
+    last: Any = s.ground
+    for i in range(3):
+        link = s.rigid_body(f"b{i}", 1.0, 0.1, at=(i + 0.5, 0))
+        s.revolute(f"J{i}", last, link, at=(i, 0), spring=float(k[i]), damper=0.1)
+        last = link
+    s.force("F", last, (-mb.number("P", 0.1), 0), at=(3, 0))
+    (found,) = s.continuation("P", (0.1, 0.9)).branchings
+    load = np.linalg.eigvalsh(np.diag(k) + np.diag([*k[1:], 0.0]) - np.diag(k[1:], 1) - np.diag(k[1:], -1))[0]
+    assert abs(found.value - load) <= 3 * found.error <= 1e-11
+
+
+def rotor_growth(example: Any, speed: float, damper: float) -> float:
+    """Largest growth rate (1/s) of the rotor on springs in multiblade coordinates: z = x + i y of the hub, and the sum of the lag
+    angles times the directions of their blades."""
+    N, L, m = example.BLADES, example.L, example.M
+    J, S = m * L**2 / 3, m * L / 2
+    M = np.array([[example.BLOCK + N * m, 1j * S], [S * N / 2j, J]])
+    C = np.diag([example.DAMPING, damper - 2j * speed * J])
+    K = np.diag([example.STIFFNESS, speed**2 * (S * example.HINGE - J) - 1j * speed * damper])
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    return float(np.linalg.eigvals(A).real.max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["speed", "damper"])
+def test_boundary_of_ground_resonance_against_scipy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rotor of the example: where its turning begins to shake the block, over its speed and over its lag dampers."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    example = importlib.import_module("ground_resonance_map")
+    speed, damper = mb.number("speed", 24.0), mb.number("damper", 3500.0)
+    if name == "speed":
+        s, period, over = example.scene(speed, (2000.0,) * 4), 2 * sp.pi / speed, (20.0, 25.0)
+        exact = brentq(lambda w: rotor_growth(example, w, 2000.0), *over, xtol=1e-12, rtol=1e-13)
+    else:
+        s, period, over = example.scene(18.0, (damper,) * 4), 2 * np.pi / 18.0, (2500.0, 4000.0)
+        exact = brentq(lambda c: rotor_growth(example, 18.0, c), *over, xtol=1e-10, rtol=1e-13)
+    s = s.recursive()
+    (found,) = s.continuation(name, over, of=s.periodic(period)).hopf
+    assert abs(found.value - exact) <= 3 * found.error <= 1e-6 * exact
+
+
 @pytest.mark.parametrize(("options", "words"), [
     ({"name": "w", "over": (2.0, 3.0)}, "does not contain w = 1.2"), ({"name": "w", "over": (2.0, 1.0)}, "not a smaller"),
     ({"name": "w", "over": 1.0}, "no pair"), ({"name": "v", "over": (0.0, 1.0)}, "v"),
@@ -97,7 +143,7 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], words: str) -> None:
 def ziegler(damper: float) -> mb.Scene:
     """Two light links with 2 kg and 1 kg at 1 m and 2 m, springs of 1 N m/rad, and a force along the outer link."""
     s = mb.Scene("ziegler")
-    a, b = s.rigid_body("a", 2.0, 1e-9, at=(1, 0)), s.rigid_body("b", 1.0, 1e-9, at=(2, 0))
+    a, b = s.rigid_body("a", 2.0, 1e-13, at=(1, 0)), s.rigid_body("b", 1.0, 1e-13, at=(2, 0))
     s.revolute("A", s.ground, a, at=(0, 0), spring=1.0, damper=damper)
     s.revolute("B", a, b, at=(1, 0), spring=1.0, damper=damper)
     s.force("F", b, (-mb.number("P", 1.4), 0), at=(2, 0), frame="body")
