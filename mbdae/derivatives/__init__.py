@@ -160,12 +160,11 @@ class Refined:
                                         + ROUNDED * size_of(value) + size_of(doubt))
                 left[key] = off * (coarser.finer / along.finer) ** UNEVEN if self.prepared.contacts else 0.0
             wrong = {key: one.error / (max(size_of(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
-            if (accuracy is None or max(wrong.values()) <= accuracy) and runs >= 1 + bool(self.prepared.contacts):
-                break
-            if self._at_round_off(coarser.finer):
+            enough = runs > bool(self.prepared.contacts) and (accuracy is None or max(wrong.values()) <= accuracy)
+            if enough or self._at_round_off(coarser.finer):
                 break
             # errors fall with the tolerance: those of the run made last are about 1/finer of what they are estimated
-            before, finer = now, min(max(FINER * max(wrong.values()) / finer / accuracy, FINER), MOST)
+            before, finer = now, min(max(FINER * max(wrong.values()) / finer / (accuracy or np.inf), FINER), MOST)
         self._tell_touches(coarser, along)
         for (what, name), share in wrong.items():
             if accuracy is not None and share > TOLD * accuracy:

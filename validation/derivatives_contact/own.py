@@ -110,7 +110,7 @@ TWO = Own(lambda p: np.array([0, 0, p["ahead"], p["aside"], p["speed_a"], 0, p["
           lambda t, y, p: np.hypot(y[2] - y[0], y[3] - y[1]) - 2 * p["radius"])
 
 # -- a slider-crank with play at the crank pin: x of the slider, angle of the rod from the slider's path, and their rates. The
-#    uniform rod is hinged to the slider at x and ends in the pin, x - length (cos, sin); the crank turns at w, its end is the race.
+#    uniform rod is hinged to the slider at x and ends in the pin, x - length (cos, sin); the race is at the end of the crank.
 
 CRANK, ROD = 0.05, 0.12  # m
 
