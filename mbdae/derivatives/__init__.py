@@ -46,6 +46,9 @@ ORDER = 8
 #: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-10, by the place of a
 #: rolling disc
 ROUNDED = 3e-10
+#: errors of derivatives through contacts fall at least with this power of the number of steps: forces begin with the power 1.5
+OF_TOUCHES = 1.5
+UNEVEN = 0.5  #: and not evenly from run to run, but at least with this power of the ratio of the tolerances
 SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 #: arguments of `simulate` and of solvers, which are no numbers of a scene
 OF_CALLS = ("accuracy", "t_end", "outputs", "solver", "form", "rtol", "atol", "step", "stages", "every", "max_wall")
@@ -147,24 +150,31 @@ class Refined:
     def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
         accuracy, along, finer = self.result.accuracy.asked, self.level(), FINER
-        before = self._read(along, reads)
-        for _ in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
+        before, left = self._read(along, reads), dict[Any, float]()  # left: what the pair of runs before leaves of its difference
+        for runs in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
             coarser, along, found = along, self.level(along.finer * finer, along), Derivatives()
-            now = self._read(along, reads)
+            now, fall = self._read(along, reads), self._fall(coarser, along)
             for key, (value, doubt) in now.items():
-                off = size_of(value - before[key][0]) + ROUNDED * size_of(value)
-                found[key] = Derivative(value, off + size_of(doubt))
+                off = size_of(value - before[key][0])
+                found[key] = Derivative(value, max(off * max(1 / (fall - 1), 1), left.get(key, 0.0))
+                                        + ROUNDED * size_of(value) + size_of(doubt))
+                left[key] = off * (coarser.finer / along.finer) ** UNEVEN if self.prepared.contacts else 0.0
             wrong = {key: one.error / (max(size_of(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
-            if accuracy is None or max(wrong.values()) <= accuracy or self._at_round_off(coarser.finer):
+            enough = runs > bool(self.prepared.contacts) and (accuracy is None or max(wrong.values()) <= accuracy)
+            if enough or self._at_round_off(coarser.finer):
                 break
             # errors fall with the tolerance: those of the run made last are about 1/finer of what they are estimated
-            before, finer = now, min(max(FINER * max(wrong.values()) / finer / accuracy, FINER), MOST)
+            before, finer = now, min(max(FINER * max(wrong.values()) / finer / (accuracy or np.inf), FINER), MOST)
         self._tell_touches(coarser, along)
         for (what, name), share in wrong.items():
             if accuracy is not None and share > TOLD * accuracy:
                 warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
                      f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
         return found
+
+    def _fall(self, coarser: Along, along: Along) -> float:
+        """By what errors of derivatives fall surely from one run to the next; infinite where they fall with the tolerance."""
+        return (len(along.run.t) / len(coarser.run.t)) ** OF_TOUCHES if self.prepared.contacts else np.inf
 
     def _tell_touches(self, coarser: Along, along: Along) -> None:
         """Say where contacts do not decide: grazing, and another sequence of contacts at another tolerance."""

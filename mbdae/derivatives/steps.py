@@ -35,6 +35,7 @@ from mbdae.system.base import Array
 from mbdae.system.model.moved_bodies import timeline
 
 REPEATED = 1e-6  #: largest distance of a repeated step from the run's, relative to the unknown's size
+RESTS = 1e-6  #: an unknown whose rate would move it by less than this share of its typical size in the run counts as at rest
 BLOCK = 64  #: steps of one call of C, for which the derivatives of inputs of time are made beforehand
 A = np.zeros((ALL, ALL))
 for _i, _j, _a in STAGES:
@@ -74,9 +75,8 @@ class Derived:
         self.solved = not base.rates
         steps = _Explicit if self.explicit else _Implicit
         self.steps: Any = steps(self)
-        places = self.lists.places
-        used = [np.flatnonzero(seed) for seed in self.seeds]
-        self.lists.twins.by([(places[at], seed[at]) for at, seed in zip(used, self.seeds, strict=True)], self.lists.fixed)
+        used = [(seed, np.flatnonzero(seed)) for seed in self.seeds]
+        self.lists.twins.by([(self.lists.places[at], seed[at]) for seed, at in used], self.lists.fixed)
 
     @property
     def explicit(self) -> bool:
@@ -122,8 +122,7 @@ class Derived:
 
     def _blocks(self) -> list[slice]:
         """Steps that one call of C takes."""
-        m = len(self.run.t) - 1
-        edges = sorted({*range(0, m, BLOCK), *self.calls, *self.landings, *self._fixed, m})
+        edges = sorted({*range(0, m := len(self.run.t) - 1, BLOCK), *self.calls, *self.landings, *self._fixed, m})
         return [slice(i, j) for i, j in pairwise(edges)]
 
     @cached_property
@@ -196,21 +195,22 @@ class Derived:
 
     @property
     def side(self) -> Array:
-        """Array whose first number is the time at which conditions are read."""
+        """Its first number is the time at which conditions are read."""
         return np.asarray(self._conditions.read)
 
     def jump(self, sides: Array) -> Array:
-        """(k,) how far y' jumps between two times, over its largest of the run; where multipliers are unknowns, how far F does at
-        equal y', over its terms with y'."""
-        y, size = self.run(sides), np.abs(self.run.yp).max(axis=0)
+        """(k,) jump of y' between two times, over its largest; of F at equal y', over its terms with y' and multipliers."""
+        y, size = self.run(sides), np.maximum(np.abs(self.run.yp).max(axis=0), RESTS * self.scale / np.ptp(self.run.t))
         if self.lists.n > self.n or not self.solved:
-            rates = [self.balance.at(t, x)[1][: self.n] if self.solved else self.lists.value(t, x, np.zeros_like(x))
-                     for t, x in zip(sides, y, strict=True)]
-            return np.asarray(np.abs(rates[1] - rates[0]) / (size + 1e-300))
+            a, b = [self.balance.at(t, x)[1][: self.n] if self.solved else self.lists.value(t, x, np.zeros_like(x))
+                    for t, x in zip(sides, y, strict=True)]
+            return np.asarray(np.abs(b - a) / (size + 1e-300))
         rate = self.run.interpolant.derivative(sides[:1])[0]
         before, after = (self.lists.value(t, one, rate) for t, one in zip(sides, y, strict=True))
-        by_rates = np.abs(self.assembly.dense_stages(sides[:1], y[:1], rate[None])[1][0]) @ size
-        return np.asarray(np.abs(after - before)[by_rates > 0] / by_rates[by_rates > 0])
+        fy, fyp = (np.abs(one[0]) for one in self.assembly.dense_stages(sides[:1], y[:1], rate[None]))
+        terms = fyp @ size + (fy * ~fyp.any(axis=0)) @ np.abs(self.run.y).max(axis=0)
+        moved = fyp.any(axis=1)
+        return np.asarray(np.abs(after - before)[moved] / terms[moved])
 
     @cached_property
     def balance(self) -> Balance:

@@ -2,6 +2,7 @@
 
 import warnings
 
+import numpy as np
 import pytest
 import sympy
 
@@ -69,6 +70,48 @@ def test_bounces_against_differences(made, at, name, of):
         g = made(at).simulate(0.45, 1e-8).gradient(mb.at_end(of), to=name)[name]
     assert g.value == pytest.approx(d, rel=1e-6)
     assert g.error < 1e-4 * abs(d)
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853()])
+def test_a_body_that_rests_has_no_force_that_jumps(solver):
+    """The plate is driven at a constant speed: its acceleration is rounding alone, and jumps by that wherever it is read."""
+    s = mb.Scene("lift", gravity=(0, 0, -9.81))
+    plate, b = s.rigid_body("plate", 3.0, (1, 1, 1), at=(0, 0, 0)), s.rigid_body("ball", 1.0, (J, J, J), at=(0, 0, 0.15))
+    s.prismatic("drive", s.ground, plate, at=(0, 0, 0), axis=(0, 0, 1), position=0.3 * mb.t, model=mb.Kinematic())
+    s.contact("hit", plate, b, mb.Plane(), mb.Sphere(radius=0.1), normal=mb.Hertz(1e6, damping=0.3))
+    r = s.simulate(0.15, 1e-6, solver=solver)
+    assert abs(r.gradient(mb.at_end("ball.position[2]"), to="hit.normal.damping")["hit.normal.damping"].value) > 1e-3
+
+
+@pytest.mark.parametrize("mass", [0.5, 0.7, 0.9, 1.1, 1.3, 1.5])
+def test_errors_cover_where_the_tolerance_falls_no_further(mass):
+    """The last two runs for these derivatives are at the smallest tolerance and differ little in their steps. Reference: the same
+    flight from 0.3 m, and the bounce by its own equation of motion, z'' = k p^1.5 (1 + c p') / m - g; derivatives by c."""
+    from scipy.integrate import solve_ivp
+
+    k, c, g, end = 1e6, 0.2, 9.81, 0.4
+    t = np.sqrt(2 * 0.2 / g)  # s, of the touch
+
+    def rates(_, y):
+        z, v, by_z, by_v = y
+        p, rate = max(-z, 0.0), -v
+        force = k * p**1.5
+        return [v, force * (1 + c * rate) / mass - g, by_v,
+                (force * rate - 1.5 * k * p**0.5 * (1 + c * rate) * by_z - c * force * by_v) / mass]
+
+    def parts(_, y):
+        return y[0] - 1e-300 if y[1] > 0 else -1.0
+
+    parts.terminal = True
+    out = solve_ivp(rates, (t, end), [0.0, -g * t, 0.0, 0.0], "DOP853", rtol=1e-12, atol=1e-15, events=parts, first_step=1e-9)
+    exact = out.y[2, -1] + out.y[3, -1] * (end - out.t[-1])
+    s = mb.Scene("ball", gravity=(0, 0, -g))
+    b = s.rigid_body("ball", mass, (J, J, J), at=(0, 0, 0.3))
+    s.contact("floor", s.ground, b, mb.Plane(), mb.Sphere(radius=0.1), normal=mb.Hertz(k, damping=c))
+    for accuracy in (1e-6, 1e-8):
+        r = s.simulate(end, accuracy, solver=mb.DOP853())
+        g_c = r.gradient(mb.at_end("ball.position[2]"), to="floor.normal.damping")["floor.normal.damping"]
+        assert abs(g_c.value - exact) <= g_c.error + 1e-10 * abs(exact)
 
 
 def test_the_adjoint_is_the_tangent_transposed_through_contacts():

@@ -48,5 +48,5 @@ def cases() -> list[Case]:
             Case("drawn scenes", "chosen", lambda: no_silent_zero(FEW)),
             Case("all drawn scenes", "chosen", no_silent_zero, slow=True, parts=list(WHOLE)),
             Case("laws", "chosen", lambda: of_laws(["Revolute"])),
-            Case("all laws", "chosen", of_laws, slow=True, parts=LAWS),
+            Case("all laws", "chosen", of_laws, slow=True, parts=list(LAWS)),
             Case("examples", "chosen", of_example, slow=True, parts=sorted(p.stem for p in EXAMPLES.glob("*.py")), each=True)]

@@ -140,7 +140,7 @@ class Reference:
         return found, apart + self.rounded * self.most * float(np.abs(weights(nodes)).sum())
 
 
-KINDS = ("right", "zero", "wrong", "uncovered", "refused", "no reference")
+KINDS = ("right", "zero", "told", "wrong", "uncovered", "refused", "no reference")
 
 
 class Judged:
@@ -199,8 +199,14 @@ class Judged:
         nothing = NOTHING * self.reference.most / self.reference.value(name)
         largest, beyond = self.sizes[name], max(off - noise, 0.0) / by
         text = f"{name} ({largest:.9g}, off {off / by:.1e}, error {error / by:.1e}, noise {noise / by:.1e})"
-        alone = beyond > 10 * self.accuracy * largest + nothing and f"'{name}'" not in self.warned
-        self.found["wrong" if beyond > 3 * error / by + nothing or alone else "right"].append(text)
+        bar = 10 * self.accuracy * largest + nothing
+        if beyond > 3 * error / by + nothing or (beyond > bar and f"'{name}'" not in self.warned):
+            kind = "wrong"
+        elif beyond > bar:
+            kind = "told"
+        else:  # a reference that is itself off by more than the bar finds nothing wrong and shows nothing right
+            kind = "right" if noise / by <= bar else "no reference"
+        self.found[kind].append(text)
         if beyond > error / by + nothing:
             self.found["uncovered"].append(text)
 
@@ -238,10 +244,11 @@ def counted(parts: list[dict[str, list[str]]]) -> list[Found]:
     """What the claim states of many scenes."""
     both = {kind: [one for part in parts for one in part[kind]] for kind in parts[0]}
     right = len(both["right"]) + len(both["zero"])
-    said = (f"{right} derivatives ({len(both['zero'])} of them 0), {len(both['refused'])} refused, "
-            f"{len(both['no reference'])} without a reference")
+    compared = right + len(both["told"])
+    said = (f"{right} derivatives right ({len(both['zero'])} of them 0), {len(both['told'])} beyond ten times the accuracy, with "
+            f"a warning, {len(both['refused'])} refused, {len(both['no reference'])} without a reference")
     return [Found(len(both["wrong"]), 0, "derivatives", "wrong", note=f"{said}; wrong: {', '.join(both['wrong']) or 'none'}"),
-            Found(len(both["uncovered"]), max(0.01 * right, 1), "derivatives", "errors that do not cover",
+            Found(len(both["uncovered"]), max(0.01 * compared, 1), "derivatives", "errors that do not cover",
                   note=", ".join(both["uncovered"])),
             Found(float(np.median(both["wide"])) if both["wide"] else 0.0, 50, "errors", "median of errors over what is off",
                   note=f"of {len(both['wide'])} compared with a reference that is more exact than the error")]
