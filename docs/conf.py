@@ -41,6 +41,7 @@ add_module_names = False
 html_theme = "furo"
 html_title = f"mbdae {release}"
 html_static_path = ["_static", "img"]
+html_extra_path = ["made/site"]  # the arena's folder, as it is
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False

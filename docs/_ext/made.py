@@ -1,4 +1,4 @@
-"""Pages that are made before Sphinx reads the sources: theory from `mb.report`, the gallery from `examples/`.
+"""Pages that are made before Sphinx reads the sources: theory from `mb.report`, the gallery from `examples/`, an arena.
 
     python docs/_ext/made.py img        the pictures of the README, into docs/img
     python docs/_ext/made.py            the pages, into docs/made, as the site does
@@ -34,6 +34,10 @@ THEORY = {
     "clearance": "'clearance'", "hertz": "mb.Hertz", "coulomb": "mb.Coulomb", "lugre": "mb.LuGre", "beam": "'beam'",
     "rigid-body": "'rigidbody'", "gear": "'gear'", "four-bar": "__import__('four_bar').scene()",
 }
+#: the arena of the site, which programs of other environments join where EXUDYN_PYTHON or MUJOCO_PYTHON names their interpreter
+ARENA: dict[str, Any] = {"count": 8, "seed": 1, "accuracies": [1e-3, 1e-5], "runs": ["RadauIIA(3)", "IDA"]}
+
+
 def newest(*folders: Path) -> float:
     """When the last of the files in folders, or of files, was changed."""
     files = [file for folder in folders for file in (folder.rglob("*.py") if folder.is_dir() else [folder])]
@@ -76,6 +80,20 @@ def example(name: str) -> None:
 """, encoding="utf-8")
 
 
+def arena(name: str) -> None:
+    """A small arena as the folder that `mbdae arena` writes, which stands in the site as it is."""
+    import mbdae as mb
+
+    named = {program: os.environ.get(f"{program.upper()}_PYTHON") for program in ("exudyn", "mujoco")}
+    others = {program: python for program, python in named.items() if python}
+    mb.arena(engines={"scipy": None, **others}, **ARENA).save(MADE / "site" / name)
+
+
+def page_of(kind: str, name: str) -> Path:
+    """The file of a page."""
+    return MADE / "site" / name / "index.html" if kind == "arena" else MADE / f"{name}.md"
+
+
 def paragraphs(text: str) -> str:
     """A docstring as Markdown: what is indented stays as it is."""
     lines = text.splitlines()
@@ -110,9 +128,9 @@ def pages() -> None:
     MADE.mkdir(exist_ok=True)
     copied()
     sources = {("example", name): EXAMPLES / f"{name}.py" for name in GALLERY.values()} | {
-        ("theory", name): EXAMPLES / "four_bar.py" for name in THEORY}
+        ("theory", name): EXAMPLES / "four_bar.py" for name in THEORY} | {("arena", "arena"): Path(__file__)}
     package = newest(ROOT / "mbdae", Path(__file__))
-    wanted = [page for page, source in sources.items() if stale(MADE / f"{page[1]}.md", package, source)]
+    wanted = [page for page, source in sources.items() if stale(page_of(*page), package, source)]
     count = os.cpu_count() or 1
     tasks = [task for task in (wanted[i::count] for i in range(count)) if task]
     with ThreadPoolExecutor(count) as pool:
@@ -167,7 +185,7 @@ def main(words: list[str]) -> None:
         return pictures()
     for word in words:
         kind, _, name = word.partition(":")
-        {"theory": theory, "example": example}[kind](name)
+        {"theory": theory, "example": example, "arena": arena}[kind](name)
     return None if words else pages()
 
 

@@ -318,7 +318,8 @@ def page(a: Arena) -> str:
               for e in a.entries]
     parts.append(section("hashes", "Hashes", html_table("hashes", headings(("scene", "statements", "equations in C")), hashes)
                          + '<p class="note">First digits of SHA-256; whole ones are in arena.json.</p>\n'))
-    parts.append(made_with(f"{sum(w.total_cpu_s for _, w in done):.0f} s", a.environment))
+    others = {"programs": ", ".join(a.asked["engines"])} if a.asked["engines"] else {}
+    parts.append(made_with(f"{sum(w.total_cpu_s for _, w in done):.0f} s", others | a.environment))
     return document(a.scene, DARK, parts)
 
 

@@ -68,6 +68,7 @@ def test_a_folder_to_cite(small: Any, tmp_path: Path) -> None:
     assert page.count("<svg") == 4  # the profiles twice, and a diagram for each scene
     assert "prefers-color-scheme: dark" in page
     assert "src=" not in page  # it loads no other file
+    assert all(one in page for one in small.asked["engines"])
 
 
 def test_finished_scenes_are_not_computed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
