@@ -14,6 +14,7 @@ from typing import Any
 from mbdae.audit.notation import AuditError
 from mbdae.documents.mathml import GREEK
 
+ANGLES = {"\\degree": True, "^\\circ": True, "\\radian": False, "rad": False, "": False}  #: units of siunitx: whether degrees
 FONTS = {"mathbf": "mathbf", "boldsymbol": "mathbf", "bm": "mathbf", "pmb": "mathbf", "mathsf": "mathsf", "mathcal": "mathcal",
          "mathbb": "mathbb", "mathfrak": "mathfrak", "underline": "underline", "vec": "vec"}
 UPRIGHT = {"mathrm", "mathit", "mathnormal", "text", "textrm", "textit", "mbox", "operatorname", "operatorname*"}
@@ -49,8 +50,6 @@ STACKS = {"split", "aligned", "gathered", "alignedat"}
 _NAMED = "partial ell int sum nabla top intercal prime max min hbar imath jmath infty circ Re Im iint oint star"
 NAMED = {*_NAMED.split(" ")}
 TRANSPOSED = {"T", "\\top", "\\intercal", "\\mathsf{T}", "\\mathsf{t}", "\\mathsf{\\top}", "t"}
-
-
 _ALONE = ("letter", "fence", "sign", "relation")  #: items between braces that are what they are without them
 DEEPEST = 40  #: brackets, fractions and scripts within each other that are read
 
@@ -264,13 +263,11 @@ class Items:
         if name in ("phantom", "hspace", "vspace", "label", "color", "footnote"):
             self.argument()
             return Item("nothing")
-        if name in ("num", "ang"):
-            value = self.raw()
-            if not re.fullmatch(r"-?\d*\.?\d+", value):
-                raise UnreadError(f"the number `{value}` is not read")
-            return Item("number", repr(float(value) * (1 if name == "num" else math.pi / 180)))
-        if name in ("SI", "qty", "si", "unit"):
-            raise UnreadError(f"`\\{name}` gives a value with its unit, which is not judged")
+        if name in ("num", "ang", "SI", "qty", "si", "unit"):
+            value, unit = "" if name in ("si", "unit") else self.raw(), "" if name in ("num", "ang") else self.raw()
+            if not value or unit not in ANGLES:
+                raise UnreadError(f"`\\{name}` gives the value {value or 1} with the unit {unit}, which is not judged")
+            return Item("number", number(value, name == "ang" or ANGLES[unit]))
         raise UnreadError(f"the command `\\{name}` is not known")
 
     def raw(self) -> str:
@@ -328,6 +325,15 @@ class Items:
                 raise UnreadError(f"`{token}` stands in {name} where a row should end")
         kept = tuple(tuple(row) for row in rows if any(row))
         return Item("cases" if "cases" in name else "stack" if name in STACKS else "matrix", name, kept)
+
+
+def number(text: str, degrees: bool = False) -> str:
+    """The number that siunitx prints, `2e-3` or `1 000,5`; degrees: those of an angle, as rad."""
+    found = re.fullmatch(r"([-+]?\d*[.,]?\d+)\.?(?:[eEdD]([-+]?\d+))?", re.sub(r"\s|~|\\,", "", text))
+    value = float(f"{found[1].replace(',', '.')}e{found[2] or 0}") if found else math.inf
+    if not math.isfinite(value):
+        raise UnreadError(f"the number `{text}` is not read")
+    return repr(value * (math.pi / 180 if degrees else 1))
 
 
 def related(items: Sequence[Item]) -> tuple[list[list[Item]], list[str]]:

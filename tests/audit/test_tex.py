@@ -318,3 +318,18 @@ def test_powers_of_vectors() -> None:
     assert mb.audit(text % r"\tfrac12 J\omega^2 + \tfrac12 m v^2", meanings=table).equations[0].verdict == "RIGHT"
     row = mb.audit(text % r"\tfrac12 J^2\omega^2 + \tfrac12 m v^2", meanings=table).equations[0]
     assert (row.verdict, row.repair) == ("MISPRINT", "J^2 -> J")
+
+
+@pytest.mark.parametrize(("tex", "verdict", "words"), [
+    (r"F = \num{1.0e0} m g", "RIGHT", ""), (r"F = \num{2 000} m g/\num{2e3}", "RIGHT", ""),
+    (r"F = \num{1,5} m g", "MISPRINT", ""),
+    (r"F\sin\ang{30} = \num{.5}m g", "RIGHT", ""), (r"F\sin\qty{90}{\degree} = m g", "RIGHT", ""),
+    (r"F\sin\SI{90}{\radian} = m g", "MISPRINT", ""), (r"F = \SI{3}{kg} g", "CANNOT JUDGE", "the value 3 with the unit kg"),
+    (r"g = \qty{9.81}{\metre\per\second\squared}", "CANNOT JUDGE", "9.81"), (r"F = \num{1e999} m g", "CANNOT JUDGE", "1e999"),
+    (r"F = \num{3 \pm 1} m g", "CANNOT JUDGE", "is not read")])
+def test_numbers_of_siunitx(tex: str, verdict: str, words: str) -> None:
+    """Numbers and angles are read, with one argument or two; a value with another unit is not judged and named whole."""
+    table = "m [kg]: positive number\ng [m/s^2]: positive number\nlet F [N] = m*g\n"
+    row = mb.audit(f"\n\\[ {tex} \\]\n", meanings=table).equations[0]
+    assert row.verdict == verdict, row.said
+    assert words in str(row.said) + str(row)
