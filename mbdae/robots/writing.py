@@ -23,6 +23,7 @@ from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.motion import Step, symbolic_motion
 
+EXACT = 1e-15  #: difference of a start from the drawing, m and rad, that is round-off of rotations
 EQUAL = 1e-9  #: largest difference of its forces, over the largest of them: round-off of quaternions and of principal axes
 
 
@@ -69,16 +70,14 @@ class _Writer:
         self.poses: dict[str, Pose] = {"ground": Pose()}
         self.joints: dict[tuple[str, str], Any] = {}  #: by joint and coordinate
         self.names: dict[tuple[str, str], tuple[str, str]] = {}  #: the same in the scene that is read back
-        self.start, self.rates = dict[tuple[str, str], float](), dict[tuple[str, str], float]()
         self.round: dict[tuple[str, str], Any] = {}  #: balls and floating bodies by bodies k and l, these with their points
-        self.solved = False  #: whether the start follows from couplings and loops
 
     def write(self) -> None:
         self.spec.modelname, self.spec.compiler.degree = self.s.name, False
         self.spec.compiler.inertiafromgeom = self.mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         self.spec.option.gravity = [float(g) for g in self.s.gravity]
         tree = spanning_tree(self.s)
-        self._refuse([*tree.roots])
+        self._refuse()
         if self.wrong:
             return
         carried = {child.name: (parent, joint) for parent, joint, child in tree.edges}
@@ -103,7 +102,7 @@ class _Writer:
             at = self._inside(f.body.name, Pose(f.axes, f.point))
             self.made[f.body.name].add_site(name=name, pos=at.p, quat=self._quat(at.R), group=4)
 
-    def _refuse(self, roots: list[Any]) -> None:
+    def _refuse(self) -> None:
         s, say = self.s, self.wrong.append
         if not s.space:
             say(f"scene '{s.name}' is planar, and MJCF speaks of space: state it in space")
@@ -112,8 +111,6 @@ class _Writer:
                 say("body 'world': MuJoCo calls the ground so; give it another name")
             if b.inertia is None:
                 say(f"'{b.name}' is a point mass or a beam, which MJCF does not say; state s.rigid_body")
-            elif b.given_velocity and b not in roots:
-                say(f"body '{b.name}': MJCF has start velocities of joints alone; state start_rate of the one that carries it")
             elif b.gravity is not None and self._lifted(b) is None:
                 say(f"body '{b.name}': its gravity is not along that of the scene, as in MJCF (gravcomp)")
         for what, items in (("line load", s.line_loads), ("controller", s.controllers)):
@@ -202,7 +199,7 @@ class _Writer:
         if type(law) is Free:
             if sense < 0 or c.k is not self.s.ground or len(c.laws) > 1:
                 self.wrong.append(f"joint '{c.name}': MJCF has free joints of bodies on the ground alone, without forces")
-            made.add_freejoint(name=c.name)
+            self.round["ground", body.name] = (made.add_freejoint(name=c.name), drawn.p)
             self.renamed[c.name] = body.name
             return
         at = drawn.R.T @ (np.asarray(law.at, dtype=float) - drawn.p)
@@ -217,8 +214,6 @@ class _Writer:
             self.joints[key] = made.add_joint(name=name, type=kinds.mjJNT_HINGE if step.turns else kinds.mjJNT_SLIDE, pos=at,
                                               axis=sense * drawn.R.T @ axis, armature=float(c.rotor.get(key[1], 0.0)))
             self.names[key] = (name, "angle" if step.turns else "displacement")
-        for word, held, to in (("start", c.hold, self.start), ("start rate", c.hold_rate, self.rates)):
-            to.update(((c.name, key), self._number(value, c, word)) for key, value in held.items())
         for act in (self._acts, self._loaded):  # what MJCF says of a load stands on the spring
             for force in c.laws[1:]:
                 act(self.joints[c.name, getattr(force, "coordinate", None) or str(steps[-1].amount)], c, force)
@@ -284,7 +279,6 @@ class _Writer:
                 made = self.spec.add_equality(name=c.name, type=kinds.mjEQ_JOINT, name1=self.names[one][0],
                                               name2=self.names[other][0], objtype=self.mujoco.mjtObj.mjOBJ_JOINT)
                 made.data[:5] = value / f, -g / f, 0, 0, 0
-                self.solved = self.solved or bool(value)
                 self.told.append(f"'{c.name}' couples exactly in the scene, softly in MuJoCo")
                 return
         if type(law) in (Weld, Spherical, Revolute) and len(c.laws) == 1 and all(b.name in self.made for b in (c.k, c.l)):
@@ -292,7 +286,6 @@ class _Writer:
             self._closed(c, c.name, at, type(law) is Weld)
             if type(law) is Revolute:  # two balls on its axis
                 self._closed(c, f"{c.name} axis", at + joint_axes(law, c.k)[:, 2], False)
-            self.solved = True
             self.told.append(f"'{c.name}' closes a loop: exact in the scene, soft in MuJoCo")
             return
         self.wrong.append(f"{c.kind} '{c.name}': MJCF does not say it; " + (
@@ -306,25 +299,29 @@ class _Writer:
         made.data[:11] = *self._inside((c.l if weld else c.k).name, Pose(p=at)).p, *np.zeros(7), float(weld)
 
     def starts(self, model: Any) -> None:
-        """The start as a key frame, where it is not the drawing at rest."""
-        thrown = [b for b in self.s.bodies if b.given_velocity]
-        if not (self.start or self.rates or thrown or self.solved):
+        """The start of a run as a key frame, where it is not the drawing at rest: what joints and bodies state, and what
+        couplings and loops make of it."""
+        s = self.s
+        if not (self.spec.equalities or any(b.given_velocity for b in s.bodies) or any(c.hold or c.hold_rate for c in s.joints)):
             return
-        if self.solved:  # what couplings and loops make of the values that are stated
-            r = self.s.simulate(1e-9, outputs=[0.0, 1e-9])
-            for name, coordinate in self.joints:
-                rate = "rate" if len(self.s[name].coordinates) == 1 else f"{coordinate}_rate"
-                self.start[name, coordinate], self.rates[name, coordinate] = (float(getattr(r[name], of)[0])
-                                                                              for of in (coordinate, rate))
-        q, v = np.array(model.qpos0), np.zeros(model.nv)
-        for key, (name, _) in self.names.items():
-            joint = model.joint(name)
-            q[joint.qposadr[0]] += self.start.get(key, 0.0)
-            v[joint.dofadr[0]] += self.rates.get(key, 0.0)
-        for b in thrown:
-            first, of = int(model.joint(FLOATS.format(b.name)).dofadr[0]), self.poses[b.name]
-            v[first : first + 3] = b.drawn.velocity - np.cross(b.drawn.angular_velocity, b.drawn.position - of.p)
-            v[first + 3 : first + 6] = of.R.T @ b.drawn.angular_velocity
-        if np.any(v) or np.any(q != model.qpos0):
+        r, q, v = s.simulate(1e-9, outputs=[0.0, 1e-9]), np.array(model.qpos0), np.zeros(model.nv)
+        for c, of in self.joints:
+            joint = model.joint(self.names[c, of][0])
+            q[joint.qposadr[0]], v[joint.dofadr[0]] = getattr(r[c], of)[0], getattr(r[c], f"{of}_rate")[0]
+        for (k, l), (made, point) in self.round.items():
+            joint, F, (A_k, _, w_k), (A_l, p, w_l) = model.joint(made.name), self.poses[l].R, moved(r, s[k]), moved(r, s[l])
+            at, to, arm = int(joint.qposadr[0]), int(joint.dofadr[0]), A_l @ (self.poses[l].p - s[l].drawn.position)
+            if point is not None:
+                q[at : at + 3], v[to : to + 3] = p + arm, r[l].velocity[0] + np.cross(w_l, arm)
+                at, to = at + 3, to + 3
+            turned = A_l @ F if point is not None else F.T @ A_k.T @ A_l @ F
+            q[at : at + 4], v[to : to + 3] = self._quat(turned), (A_l @ F).T @ (w_l - w_k)
+        if np.any(v) or not np.allclose(q, model.qpos0, rtol=EXACT, atol=EXACT):
             self.spec.add_key(name="start", qpos=q, qvel=v)
             self.told.append("the start is the key frame 'start'")
+
+
+def moved(r: Any, b: Any) -> tuple[Any, Any, Any]:
+    """Rotation (3, 3) of a body from the drawing to the start of a run, place of its centre and angular velocity there."""
+    of = r[b.name]
+    return of.rotation[0] @ b.drawn.rotation.T, of.position[0], of.angular_velocity[0]
