@@ -91,6 +91,43 @@ def free_by_a_joint() -> mb.Scene:
     return s
 
 
+def free_between_bodies() -> mb.Scene:
+    """A free joint of l on k, with axes and a point of its own, a spring and dampers along and about its axes."""
+    s, a, b = two()
+    s.revolute("A", s.ground, a, at=(0, 0, 0), axis=(0, 0, 1), angle0=0.6, rate0=1.1)
+    s.joint(mb.Free, "F", a, b, at=(0.3, 0, 0), axis=(1, 2, 2), start={"x": 0.2, "z": -0.3}, start_rate={"y": 0.4},
+            spring={"y": 30.0}, damper={"z": 2.0})
+    s.bushing("all alike", a, b, at=(0.3, 0, 0), stiffness=(0,) * 6, damping=(0.7,) * 6)
+    return s
+
+
+def on_a_line() -> mb.Scene:
+    s, a, b = two()
+    s.revolute("A", s.ground, a, at=(0, 0, 0), axis=(0, 0, 1), rate0=1.1)
+    s.point_on_line("L", a, b, at=(0.3, 0, 0), axis=(1, 2, 2), start={"displacement": 0.1}, spring=20.0, damper=0.5)
+    s.bushing("turning", a, b, at=(0, 0, 0), stiffness=(0,) * 6, damping=(0, 0, 0, 0.2, 0.2, 0.2))
+    return s
+
+
+def on_a_plane() -> mb.Scene:
+    s, a, b = two()
+    s.point_on_plane("E", s.ground, a, at=(0.3, 0, 0), axis=(1, 2, 2), start={"x": 0.1}, start_rate={"y": 0.4}, rotor={"x": 0.3})
+    s.revolute("A", a, b, at=(0.3, 0.1, 0), axis=(0, 0, 1), rate0=1.1)
+    return s
+
+
+def without_mass_between() -> mb.Scene:
+    """A slide, a hinge that is coupled with another one, and a ball, with bodies without mass between them."""
+    s, a, b = two()
+    one, other = (s.rigid_body(name, 0.0, np.zeros((3, 3)), at=(0.1, 0, 0)) for name in ("one", "other"))
+    s.prismatic("slide", s.ground, one, at=(0, 0, 0), axis=(1, 2, 3), spring=5.0, model=mb.Recursive(), position0=0.2)
+    s.revolute("hinge", one, other, at=(0.1, 0, 0), axis=(0, 1, 0), model=mb.Recursive(), damper=0.3, rate0=0.4)
+    s.spherical("ball", other, a, at=(0.2, 0, 0), model=mb.Recursive())
+    s.bushing("turning", other, a, at=(0, 0, 0), stiffness=(0,) * 6, damping=(0, 0, 0, 0.2, 0.2, 0.2))
+    s.revolute("B", a, b, at=(0.3, 0.1, 0), axis=(0, 0, 1), model=mb.Recursive())
+    return s
+
+
 def thrown() -> mb.Scene:
     s = mb.Scene("thrown", gravity=SPACE)
     R = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]) @ np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
@@ -114,7 +151,9 @@ def thrown_on_joints() -> mb.Scene:
 STARTS: dict[str, Callable[[], mb.Scene]] = {
     "couple": coupled, "rack": of_a_rack, "couple with a value": with_a_value, "gear": geared,
     "chain of couplings": follower_stated, "loop, crank": lambda: closed("A"), "loop, rocker": lambda: closed("D"), 
-    "loop as drawn": lambda: closed(""), "free joint": free_by_a_joint, "thrown": thrown, "thrown on joints": thrown_on_joints}
+    "loop as drawn": lambda: closed(""), "free joint": free_by_a_joint, "free joint between bodies": free_between_bodies,
+    "point on a line": on_a_line, "point on a plane": on_a_plane, "bodies without mass": without_mass_between,
+    "thrown": thrown, "thrown on joints": thrown_on_joints}
 
 
 def in_mujoco(s: mb.Scene, folder: Path) -> tuple[Any, Any, tuple[str, ...]]:
@@ -165,6 +204,17 @@ def test_the_key_frame_is_the_start_of_the_run(tmp_path: Path, scene: str) -> No
     assert ("the start is the key frame 'start'" in told) is bool(model.nkey) is (scene != "loop as drawn")
 
 
-@pytest.mark.parametrize("scene", ["free joint", "thrown", "thrown on joints"])
+@pytest.mark.parametrize("scene", [
+    "free joint", "free joint between bodies", "point on a line", "point on a plane", "bodies without mass", "thrown",
+    "thrown on joints"])
 def test_trees_move_in_mujoco_as_in_the_scene(tmp_path: Path, scene: str) -> None:
     assert run_beside(STARTS[scene](), tmp_path) < 1e-6
+
+
+def test_a_hinge_behind_a_ball_needs_a_body_between_them(tmp_path: Path) -> None:
+    s, a, _ = two()
+    empty = s.rigid_body("empty", 0.0, np.zeros((3, 3)), at=(0.1, 0, 0))
+    s.spherical("ball", s.ground, empty, at=(0, 0, 0), model=mb.Recursive())
+    s.revolute("hinge", empty, a, at=(0.1, 0, 0), axis=(0, 1, 0), model=mb.Recursive())
+    with pytest.raises(mb.SceneError, match="'hinge'.* 'empty' mass and inertia"):
+        s.write_mjcf(tmp_path / "out.xml")
