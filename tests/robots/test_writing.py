@@ -216,5 +216,5 @@ def test_a_hinge_behind_a_ball_needs_a_body_between_them(tmp_path: Path) -> None
     empty = s.rigid_body("empty", 0.0, np.zeros((3, 3)), at=(0.1, 0, 0))
     s.spherical("ball", s.ground, empty, at=(0, 0, 0), model=mb.Recursive())
     s.revolute("hinge", empty, a, at=(0.1, 0, 0), axis=(0, 1, 0), model=mb.Recursive())
-    with pytest.raises(mb.SceneError, match="'hinge'.* 'empty' mass and inertia"):
+    with pytest.raises(mb.SceneError, match=r"'hinge'.* 'empty' mass and inertia"):
         s.write_mjcf(tmp_path / "out.xml")
