@@ -71,9 +71,10 @@ class Folding(NamedTuple):
         found[one] = new
 
 
-def satisfied(robot: Robot, ties: Iterable[Tie], keyed: bool, exact: float) -> list[str]:
-    """Let the joints of a robot start as ties of them demand, where the first joint of a tie follows the other. Returns mistakes:
-    ties that contradict each other. keyed: whether a key frame says the start; exact: up to which a tie holds."""
+def satisfied(robot: Robot, ties: Iterable[Tie], keyed: bool | None, exact: float) -> list[str]:
+    """Let the joints of a robot start as ties of them demand, where the first joint of a tie follows the other, which starts
+    within its limits. Returns mistakes: ties that contradict each other. keyed: whether a key frame says the start; None: the
+    ties alone do; exact: up to which a tie holds."""
     joints, found, wrong, broken = {j.name: j for j in robot.joints}, dict[Any, Folded](), list[str](), list[str]()
     for name, terms, value in ties:
         off, rate = sum(f * joints[j].start for j, f in terms) - value, sum(f * joints[j].rate for j, f in terms)
@@ -86,16 +87,18 @@ def satisfied(robot: Robot, ties: Iterable[Tie], keyed: bool, exact: float) -> l
                          f"{abs(one.value):.3g}; remove one of them")
     moved = []
     for name, of in found.items():
-        joint, (start, rate) = joints[name], (0.0, 0.0) if of.of is None else (joints[of.of].start, joints[of.of].rate)
-        start, rate = of.offset + of.factor * start, of.factor * rate
+        joint, start, rate = joints[name], 0.0, 0.0
+        if of.of is not None:
+            start, rate = joints[of.of].inside(), joints[of.of].rate
+        start, rate, joint.tied = of.offset + of.factor * start, of.factor * rate, True
         moved += [f"'{name}'"] if max(abs(start - joint.start), abs(rate - joint.rate)) > exact else []
         joint.start, joint.rate = start, rate
     if broken and keyed:
         robot.heard.append(f"the key frame contradicts ties of joints ({', '.join(broken)}), by which {', '.join(moved)} start "
                            f"otherwise")
-    elif broken:
-        robot.told.append(f"ties of joints ({', '.join(broken)}) hold from the start on; MuJoCo starts at the file's zero, and "
-                          f"pulls {', '.join(moved)} to them")
+    elif broken and keyed is not None:
+        robot.heard.append(f"ties of joints ({', '.join(broken)}) hold from the start on; MuJoCo starts at the file's zero, and "
+                           f"pulls {', '.join(moved)} to them")
     return wrong
 
 
