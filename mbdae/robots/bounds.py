@@ -1,5 +1,5 @@
 """Files of robots, read with bounds: no entities, no network, nothing outside of the folders that were given, nothing that grows
-beyond reason; MuJoCo kept from writing of its own accord."""
+beyond reason; MuJoCo kept from writing of its own accord, and asked what it makes of a model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, SceneError
 from mbdae.robots import Pose, library
 from mbdae.scene.shapes import Box, Cylinder, Shape, Sphere
 
@@ -34,6 +34,9 @@ MOST: dict[Any, int] = {("replicate", "count"): MOST_MADE, ("composite", "count"
                         "actdim": 1000, ("numeric", "size"): 1_000_000, "nkey": 10_000, "nuserdata": 1_000_000}
 MOST_USER = 1000  #: numbers of its user that an element has (nuser_...)
 GROWING = ("composite", "flexcomp")
+FREE, BALL, SLIDE, HINGE = range(4)  #: MuJoCo's kinds of joints
+DOFS = {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qvel
+SAME, ROUND = 1e-6, 1e-11  #: difference of momenta and forces up to which they are the same, over them and over the largest
 DIGITS = 17  #: of numbers in the file: all of them
 
 
@@ -265,6 +268,64 @@ def add(j: Any, word: str, value: float) -> None:
         found[0] += value
     else:
         setattr(j, word, found + value)
+
+def verify(reader: Any) -> None:
+    """Compare what a reader of MJCF has read of masses, armature, springs and dampers with the momenta and forces that MuJoCo has
+    at random velocities: what it does not know of, such as what a later version brings, is refused and not left out. Actuators
+    that act without control, which are not read, are told."""
+    mujoco, m, d, joints = reader.mujoco, reader.m, reader.data, {j.name: j for j in reader.robot.joints}
+    flags = m.opt.disableflags
+    v, momenta, jac = np.random.default_rng(0).uniform(0.5, 1, size=m.nv), np.zeros(m.nv), np.zeros((2, 3, m.nv))
+    before, d.qvel[:], d.qpos[:] = d.qpos.copy(), v, reader.start
+    m.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    mujoco.mj_fwdPosition(m, d)
+    mujoco.mj_fwdVelocity(m, d)
+    mujoco.mj_mulM(m, d, momenta, v)
+    expected, dampers, springs = np.zeros((3, m.nv))
+    for b in range(1, m.nbody):
+        link, R = reader.robot.links[reader.names[b]], d.xmat[b].reshape(3, 3)
+        mujoco.mj_jacBodyCom(m, d, *jac, b)
+        expected += link.mass * jac[0].T @ (jac[0] @ v) + jac[1].T @ R @ link.inertia @ R.T @ (jac[1] @ v)
+    for i, kind in enumerate(map(int, m.jnt_type)):
+        k, q = int(m.jnt_dofadr[i]), int(m.jnt_qposadr[i])
+        dampers[k : k + DOFS[kind]] = -reader._damping(i) * v[k : k + DOFS[kind]]
+        if kind in (SLIDE, HINGE):
+            made = joints[reader.joint_names[i]]
+            expected[k] += made.rotor * v[k]
+            springs[k] = -made.spring * (d.qpos[q] - m.qpos0[q] - made.rest)
+    wrong = []
+    pairs = {"inertia": (momenta, expected), "damping": (d.qfrc_damper, dampers), "spring": (d.qfrc_spring, springs)}
+    for what, (one, other) in pairs.items():
+        for k in map(int, np.flatnonzero(abs(one - other) > SAME * abs(other) + ROUND * max(abs(other), default=0.0))):
+            i = int(m.dof_jntid[k])
+            if what != "spring" or int(m.jnt_type[i]) in (SLIDE, HINGE):  # of others `refuse` has told
+                wrong.append(f"joint '{reader.joint_names[i]}': its {what} in MuJoCo gives {one[k]:.6g} where what is read "
+                             f"gives {other[k]:.6g}; something else acts on it that is not modelled: remove it from the file")
+    mujoco.mj_integratePos(m, d.qpos, v, 1.0)
+    mujoco.mj_fwdPosition(m, d)
+    mujoco.mj_fwdVelocity(m, d)
+    mujoco.mj_fwdActuation(m, d)
+    if acting := [name_of(m, "name_actuatoradr", i) or f"{i}" for i in map(int, np.flatnonzero(d.actuator_force))]:
+        reader.robot.heard.append(f"actuators that act without control too, as springs and dampers do, are left out: "
+                                  f"{', '.join(map(repr, acting))}; state spring=, rest= and damper= of their joints")
+    m.opt.disableflags, d.qvel[:], d.qpos[:] = flags, 0, before
+    mujoco.mj_kinematics(m, d)
+    if wrong:
+        raise SceneError(list(dict.fromkeys(wrong)))
+
+
+
+def open_at(mujoco: Any, m: Any, q: Any, v: Any) -> dict[int, float]:
+    """By how much the equalities of a compiled model that are active, by their numbers, are not satisfied at a state q, v: the
+    largest of places (m, rad) and their rates."""
+    d, found = mujoco.MjData(m), dict[int, float]()
+    d.qpos[:], d.qvel[:] = q, v
+    mujoco.mj_fwdPosition(m, d)
+    mujoco.mj_fwdVelocity(m, d)
+    for i in range(d.ne):
+        e = int(d.efc_id[i])
+        found[e] = max(found.get(e, 0.0), abs(float(d.efc_pos[i])), abs(float(d.efc_vel[i])))
+    return found
 
 
 @contextmanager

@@ -3,7 +3,7 @@ other names and another order."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,10 +12,12 @@ from scipy.linalg import block_diag
 
 from mbdae.errors import SceneError
 from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
+from mbdae.robots import Robot
 from mbdae.scene.shapes import joint_axes
 
 Array = NDArray[np.float64]
 FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
+ROUND_OFF = 1e-12  #: of factors of a sum, over those of its terms
 STATES = 5  #: random states at which two trees are compared
 
 
@@ -30,10 +32,76 @@ class Coordinate(NamedTuple):
 
 
 class Folded(NamedTuple):
-    """A coordinate that is factor times another one, plus offset."""
-    of: tuple[str, str]
+    """A coordinate that is factor times another one, plus offset, by couplings of these names; of None: it has this value."""
+    of: Any
     factor: float
     offset: float
+    by: tuple[str, ...] = ()
+
+
+def reduced(found: Mapping[Any, Folded], terms: Iterable[tuple[Any, float]], value: float) -> Folding:
+    """A sum of coordinates times factors that has a value, in the coordinates that are not folded."""
+    left, by, size = dict[Any, float](), dict[str, None](), dict[Any, float]()
+    for key, factor in terms:
+        one = found.get(key, Folded(key, 1.0, 0.0))
+        by |= dict.fromkeys(one.by)
+        value -= factor * one.offset
+        if one.of is not None:
+            left[one.of] = left.get(one.of, 0.0) + factor * one.factor
+            size[one.of] = size.get(one.of, 0.0) + abs(factor * one.factor)
+    return Folding({key: factor for key, factor in left.items() if abs(factor) > ROUND_OFF * size[key]}, value, tuple(by))
+
+
+Tie = tuple[str, list[tuple[Any, float]], float]  #: name, coordinates with factors, and the value that the sum of them has
+
+
+class Folding(NamedTuple):
+    """A coupling in the coordinates that are left: their factors, the value of the sum, and by which couplings others went."""
+    left: dict[Any, float]
+    value: float
+    by: tuple[str, ...]
+
+    def into(self, found: dict[Any, Folded], name: str) -> None:
+        """Fold the first of one or two coordinates, by the coupling `name`, and write others that follow it anew."""
+        (one, f), *rest = self.left.items()
+        other, g = rest[0] if rest else (None, 0.0)
+        new = Folded(other, -g / f, self.value / f, (*self.by, name))
+        for key, old in found.items():
+            if old.of == one:
+                by = tuple(dict.fromkeys((*old.by, *new.by)))
+                found[key] = Folded(other, old.factor * new.factor, old.offset + old.factor * new.offset, by)
+        found[one] = new
+
+
+def satisfied(robot: Robot, ties: Iterable[Tie], keyed: bool | None, exact: float) -> list[str]:
+    """Let the joints of a robot start as ties of them demand, where the first joint of a tie follows the other, which starts
+    within its limits. Returns mistakes: ties that contradict each other. keyed: whether a key frame says the start; None: the
+    ties alone do; exact: up to which a tie holds."""
+    joints, found, wrong, broken = {j.name: j for j in robot.joints}, dict[Any, Folded](), list[str](), list[str]()
+    for name, terms, value in ties:
+        off, rate = sum(f * joints[j].start for j, f in terms) - value, sum(f * joints[j].rate for j, f in terms)
+        broken += [f"'{name}'"] if max(abs(off), abs(rate)) > exact else []
+        one = reduced(found, terms, value)
+        if one.left:
+            one.into(found, name)
+        elif abs(one.value) > exact:
+            wrong.append(f"equalities {', '.join(map(repr, (*one.by, name)))}: they contradict each other, by "
+                         f"{abs(one.value):.3g}; remove one of them")
+    moved = []
+    for name, of in found.items():
+        joint, start, rate = joints[name], 0.0, 0.0
+        if of.of is not None:
+            start, rate = joints[of.of].inside(), joints[of.of].rate
+        start, rate, joint.tied = of.offset + of.factor * start, of.factor * rate, True
+        moved += [f"'{name}'"] if max(abs(start - joint.start), abs(rate - joint.rate)) > exact else []
+        joint.start, joint.rate = start, rate
+    if broken and keyed:
+        robot.heard.append(f"the key frame contradicts ties of joints ({', '.join(broken)}), by which {', '.join(moved)} start "
+                           f"otherwise")
+    elif broken and keyed is not None:
+        robot.heard.append(f"ties of joints ({', '.join(broken)}) hold from the start on; MuJoCo starts at the file's zero, and "
+                           f"pulls {', '.join(moved)} to them")
+    return wrong
 
 
 def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folded], set[str]]:
@@ -45,17 +113,12 @@ def folded_of(scene: Any, inside: set[str]) -> tuple[dict[tuple[str, str], Folde
         law = c.laws[0]
         if not isinstance(law, Gear | Rack | WeightedSum):
             continue
-        pair, value = couples(law)
-        if len(pair) != 2 or not isinstance(value, int | float) or any(key[0] not in inside for key, _ in pair):
+        terms, value = couples(law)
+        if len(terms) != 2 or not isinstance(value, int | float) or any(key[0] not in inside for key, _ in terms):
             continue
-        (one, f), (other, g) = pair
-        if one in found or f == 0 or one in {x.of for x in found.values()}:
-            continue
-        if other in found:
-            via = found[other]
-            other, g, value = via.of, g * via.factor, value - g * via.offset
-        if other != one:
-            found[one] = Folded(other, -g / f, value / f)
+        one = reduced(found, terms, value)
+        if len(one.left) == 2:
+            one.into(found, c.name)
             names.add(c.name)
     return found, names
 

@@ -8,13 +8,29 @@ import numpy as np
 
 from mbdae.errors import OptionError, SceneError, unknown_name
 from mbdae.robots import Joint, Link, Pose, Robot, build, damped, library
-from mbdae.robots.bounds import MOST_MADE, Files, compiled, name_of, parsed, picture_of, text_of
+from mbdae.robots.bounds import (
+    BALL,
+    DOFS,
+    FREE,
+    HINGE,
+    MOST_MADE,
+    SAME,
+    SLIDE,
+    Files,
+    compiled,
+    name_of,
+    open_at,
+    parsed,
+    picture_of,
+    text_of,
+    verify,
+)
+from mbdae.robots.couplings import Tie, satisfied
 
 CLOSED = 1e-9  #: m and rad, over the model's extent, up to which an equality holds as drawn
-FREE, BALL, SLIDE, HINGE = range(4)
-SIZES, DOFS = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}, {FREE: 6, BALL: 3, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos, qvel
+SIZES = {FREE: 7, BALL: 4, SLIDE: 1, HINGE: 1}  #: numbers of a joint in qpos
 OF_JOINT = (0, 1)  #: kinds of transmission: an actuator on a joint
-SAME, ROUND = 1e-6, 1e-11  #: difference of momenta and forces up to which they are the same, over them and over the largest
+KEPT = 1e-6  #: m, rad, m/s and rad/s, up to which a key frame satisfies an equality: digits of saved files
 
 
 def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) -> Any:
@@ -28,14 +44,20 @@ def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) ->
     reader = _Reader(mujoco, model, robot, limits, stop, key)
     reader.refuse()
     reader.bodies()
-    reader.verify()
+    verify(reader)
     reader.equalities()
     reader.tell()
-    return build(make, robot, (0.0, 0.0, 0.0) if "GRAVITY" in reader.off else tuple(map(float, model.opt.gravity)), keep)
+    s = build(make, robot, (0.0, 0.0, 0.0) if "GRAVITY" in reader.off else tuple(map(float, model.opt.gravity)), keep)
+    for name, at in list(zip(reader.names, reader.data.xpos, strict=True))[1:]:
+        if np.linalg.norm(s.frames[name].point - at) > SAME * max(1.0, float(model.stat.extent)):
+            raise SceneError([f"body '{name}': MuJoCo has it at {at}, what is read at {s.frames[name].point}; give it another "
+                              f"name"])
+    return s
 
 
 #: what a tendon does -> MuJoCo's switch of it
 TENDON = {"stiffness": "SPRING", "damping": "DAMPER", "limited": "LIMIT", "frictionloss": "FRICTIONLOSS", "armature": ""}
+
 
 
 class _Reader:
@@ -119,41 +141,6 @@ class _Reader:
         """Entry of an array that versions of MuJoCo before the one that brought it do not have: 0 there."""
         return getattr(self.m, array)[i] if hasattr(self.m, array) else 0.0
 
-    def verify(self) -> None:
-        """Compare what was read of masses, armature, springs and dampers with the momenta and forces that MuJoCo has at random
-        velocities: what this reader does not know of, such as what a later version brings, is refused and not left out."""
-        m, d, flags, joints = self.m, self.data, self.m.opt.disableflags, {j.name: j for j in self.robot.joints}
-        v, momenta, jac = np.random.default_rng(0).uniform(0.5, 1, size=m.nv), np.zeros(m.nv), np.zeros((2, 3, m.nv))
-        before, d.qvel[:], d.qpos[:] = d.qpos.copy(), v, self.start
-        m.opt.disableflags = flags | int(self.mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-        self.mujoco.mj_fwdPosition(m, d)
-        self.mujoco.mj_fwdVelocity(m, d)
-        self.mujoco.mj_mulM(m, d, momenta, v)
-        expected, dampers, springs = np.zeros((3, m.nv))
-        for b in range(1, m.nbody):
-            link, R = self.robot.links[self.names[b]], d.xmat[b].reshape(3, 3)
-            self.mujoco.mj_jacBodyCom(m, d, *jac, b)
-            expected += link.mass * jac[0].T @ (jac[0] @ v) + jac[1].T @ R @ link.inertia @ R.T @ (jac[1] @ v)
-        for i, kind in enumerate(map(int, m.jnt_type)):
-            k, q = int(m.jnt_dofadr[i]), int(m.jnt_qposadr[i])
-            dampers[k : k + DOFS[kind]] = -self._damping(i) * v[k : k + DOFS[kind]]
-            if kind in (SLIDE, HINGE):
-                made = joints[self.joint_names[i]]
-                expected[k] += made.rotor * v[k]
-                springs[k] = -made.spring * (d.qpos[q] - m.qpos0[q] - made.rest)
-        wrong = []
-        pairs = {"inertia": (momenta, expected), "damping": (d.qfrc_damper, dampers), "spring": (d.qfrc_spring, springs)}
-        for what, (one, other) in pairs.items():
-            for k in map(int, np.flatnonzero(abs(one - other) > SAME * abs(other) + ROUND * max(abs(other), default=0.0))):
-                i = int(m.dof_jntid[k])
-                if what != "spring" or int(m.jnt_type[i]) in (SLIDE, HINGE):  # of others `refuse` has told
-                    wrong.append(f"joint '{self.joint_names[i]}': its {what} in MuJoCo gives {one[k]:.6g} where what is read "
-                                 f"gives {other[k]:.6g}; something else acts on it that is not modelled: remove it from the file")
-        m.opt.disableflags, d.qvel[:], d.qpos[:] = flags, 0, before
-        self.mujoco.mj_kinematics(m, d)
-        if wrong:
-            raise SceneError(list(dict.fromkeys(wrong)))
-
     def tell(self) -> None:
         m, told, heard = self.m, self.robot.told, self.robot.heard
         if m.nu:
@@ -163,6 +150,9 @@ class _Reader:
             told.append("contacts between geoms are not read: state them by s.contact")
         if m.opt.density or m.opt.viscosity or np.any(m.opt.wind):
             heard.append("the medium (density, viscosity, wind) around the bodies is left out")
+        if any(getattr(m, "tree_sleep_policy", ())[i] == self.mujoco.mjtSleepPolicy.mjSLEEP_INIT for i in range(m.ntree)) and (
+                m.opt.enableflags & int(self.mujoco.mjtEnableBit.mjENBL_SLEEP)):
+            heard.append("bodies that sleep at the start, held in the air until something wakes them, move from the start on")
         if m.nmocap:
             told.append("mocap bodies stay where the file has them, whatever a key frame says")
         pictures = {"planes": np.sum(m.geom_type == 0), "height fields": m.nhfield, "skins": m.nskin}
@@ -190,12 +180,10 @@ class _Reader:
             self._carried(b, made)
             if m.body_gravcomp[b] and not self.off >= {"SPRING", "DAMPER"}:  # without both MuJoCo leaves it out, too
                 made.gravity = tuple(float(x) for x in (1 - m.body_gravcomp[b]) * m.opt.gravity * ("GRAVITY" not in self.off))
-        taken = {*self.names, *self.joint_names}
         for i in range(m.nsite):
-            name = name_of(m, "name_siteadr", i)
-            if name:
-                robot.frames[robot.own_name(name, "site", taken)] = (self.names[int(m.site_bodyid[i])],
-                                                                 self._pose(m.site_pos[i], m.site_quat[i]))
+            if name := name_of(m, "name_siteadr", i):
+                own = robot.own_name(name, "site", (*self.names, *self.joint_names, *robot.frames))
+                robot.frames[own] = self.names[int(m.site_bodyid[i])], self._pose(m.site_pos[i], m.site_quat[i])
 
     def _carried(self, b: int, link: Link) -> None:
         m, robot = self.m, self.robot
@@ -216,6 +204,8 @@ class _Reader:
         for n, i in enumerate(joints):
             last = i == joints[-1]
             child = link.name if last else f"{link.name} after {self.joint_names[i]}"
+            while not last and (child in robot.links or child in self.names):  # names of others
+                child += " link"
             if not last:
                 robot.links[child] = Link(child)
             robot.joints.append(self._joint(i, parent, child, pose if n == 0 else Pose()))
@@ -246,6 +236,11 @@ class _Reader:
         if m.jnt_limited[i] and self.limits and "LIMIT" not in self.off:
             low, high = (float(x) - ref for x in m.jnt_range[i])
             made.limits, made.stop = (low, high), self.stop
+            acting = [a for a in range(m.nu) if int(m.actuator_trntype[a]) in OF_JOINT and int(m.actuator_trnid[a][0]) == i]
+            efforts = [float(np.max(np.abs(m.actuator_gear[a][0] * m.actuator_forcerange[a]))) for a in acting]
+            most = [sum(efforts)] if acting and np.all(m.actuator_forcelimited[acting]) else []
+            most += [float(np.max(np.abs(m.jnt_actfrcrange[i])))] if m.jnt_actfrclimited[i] else []
+            made.effort = min(most, default=0.0)
         return made
 
     def _damping(self, i: int) -> float:
@@ -261,7 +256,7 @@ class _Reader:
     # -- equalities
 
     def equalities(self) -> None:
-        m, wrong, types = self.m, [], self.mujoco.mjtEq
+        m, wrong, types, ties = self.m, list[str](), self.mujoco.mjtEq, list[Tie]()
         self.hinges = self._hinges()
         for e in range(m.neq):
             name, kind = name_of(m, "name_eqadr", e) or f"equality {e}", int(m.eq_type[e])
@@ -270,9 +265,15 @@ class _Reader:
             elif kind in (types.mjEQ_CONNECT, types.mjEQ_WELD):
                 wrong += self._closed(e, name, kind == types.mjEQ_WELD)
             elif kind == types.mjEQ_JOINT:
-                wrong += self._tied(e, name)
+                wrong += self._tied(e, name, ties)
             else:
                 wrong.append(f"equality '{name}': of tendons or flexes it is not modelled; remove it from the file")
+        for e, off in (open_at(self.mujoco, m, self.start, self.rates) if self.keyed else {}).items():
+            if off > KEPT and int(m.eq_type[e]) in (types.mjEQ_CONNECT, types.mjEQ_WELD):
+                name = name_of(m, "name_eqadr", e) or f"equality {e}"
+                self.robot.heard.append(f"the key frame contradicts '{name}', by {off:.3g} (m, m/s, rad or rad/s): the start is "
+                                        f"where that holds, elsewhere than in the key frame")
+        wrong += satisfied(self.robot, ties, self.keyed, KEPT if self.keyed else CLOSED)
         if wrong:
             raise SceneError(wrong)
 
@@ -329,22 +330,15 @@ class _Reader:
             self.robot.closing.append(close)
         return []
 
-    def _tied(self, e: int, name: str) -> list[str]:
+    def _tied(self, e: int, name: str, ties: list[Tie]) -> list[str]:
         m, (a0, a1, *more) = self.m, [float(x) for x in self.m.eq_data[e][:5]]
         one, other = (int(of[e]) for of in (m.eq_obj1id, m.eq_obj2id))
         if any(more):
             return [f"equality '{name}': a polynomial of degree 2 or more between joints is not modelled; make it linear"]
         if any(int(m.jnt_type[i]) not in (SLIDE, HINGE) for i in (one, other) if i >= 0):
             return [f"equality '{name}': it ties joints of more than one coordinate, which is not modelled"]
-        words = [f"{self.joint_names[i]}.{'angle' if m.jnt_type[i] == HINGE else 'displacement'}" for i in (one, other) if i >= 0]
-        of = {words[0]: 1.0} | ({words[1]: -a1} if len(words) == 2 and a1 else {})
-        joints = {j.name: j for j in self.robot.joints}
-        made, of_ = joints[self.joint_names[one]], joints.get(self.joint_names[other] if other >= 0 else "")
-        before, (start, rate) = (made.start, made.rate), (of_.start, of_.rate) if of_ else (0.0, 0.0)
-        made.start, made.rate = a0 + a1 * start, a1 * rate
-        if self.keyed and np.max(np.abs(np.subtract((made.start, made.rate), before))) > CLOSED:
-            self.robot.heard.append(f"'{name}': the key frame contradicts it, and '{made.name}' starts as it demands")
-        elif a0 and not self.keyed:
-            self.robot.told.append(f"'{name}' holds from the start on; MuJoCo starts at the file's zero, and is pulled to it")
-        self.robot.closing.append(lambda s, _: s.couple(name, of, a0))
+        of = {one: 1.0} | ({other: -a1} if other >= 0 and a1 else {})
+        words = {f"{self.joint_names[i]}.{'angle' if m.jnt_type[i] == HINGE else 'displacement'}": f for i, f in of.items()}
+        ties.append((name, [(self.joint_names[i], f) for i, f in of.items()], a0))
+        self.robot.closing.append(lambda s, _: s.couple(name, words, a0))
         return []

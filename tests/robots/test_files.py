@@ -442,6 +442,159 @@ def test_a_key_frame_that_contradicts_a_tie_of_joints_is_told(tmp_path: Path, ke
     assert any("contradicts" in line for line in s.told) is told
 
 
+TIED = ('<mujoco><worldbody>' + "".join(
+    f'<body name="b{i}" pos="0 0 {i}"><joint name="j{i}" axis="0 1 0"/><geom size=".1" mass="1" pos=".2 0 0"/></body>'
+    for i in (1, 2, 3)) + '</worldbody><equality>{}</equality><keyframe><key name="k" qpos="{}"/></keyframe></mujoco>')
+
+
+def tie(name: str, one: int, other: int, offset: float, factor: float = 1.0) -> str:
+    """An equality of joints: one is offset and factor times the other."""
+    second = f'joint2="j{other}"' if other else ""
+    return f'<joint name="{name}" joint1="j{one}" {second} polycoef="{offset} {factor} 0 0 0"/>'
+
+
+@pytest.mark.parametrize(("ties", "named"), [
+    ((("a", 1, 2, 0), ("b", 1, 2, 0.3)), "'a', 'b'"), ((("a", 1, 2, 0), ("b", 2, 3, 0), ("c", 3, 1, 0.2)), "'a', 'b', 'c'"),
+    ((("a", 1, 0, 0.1), ("b", 1, 0, 0.2)), "'a', 'b'"), ((("a", 1, 2, 0), ("b", 1, 2, 0, 2), ("c", 2, 0, 0.1)), "'a', 'b', 'c'"),
+    ((("t1", 1, 2, 0.1), ("same", 2, 1, -0.1)), ""), ((("t1", 1, 2, 0.1, 2), ("t2", 2, 3, 0.2, -3), ("t3", 1, 3, 0.5, -6)), "")])
+def test_ties_that_contradict_each_other_are_refused_by_name(tmp_path: Path, ties: tuple, named: str) -> None:
+    """And no others: those that follow from others are read."""
+    file = written(tmp_path, TIED.format("".join(tie(*one) for one in ties), "0 0 0"), "tied.xml")
+    if named:
+        with pytest.raises(mb.SceneError, match=f"equalities {named}: they contradict each other"):
+            mb.read_mjcf(file)
+    else:
+        assert len(mb.read_mjcf(file).tree().follows) == len(ties) - 1
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("key", [None, "k"])
+def test_chains_of_ties_start_closed_and_are_folded_in(tmp_path: Path, order: tuple, key: str | None) -> None:
+    """Whatever their order in the file, with the start that the last joint has in the key frame."""
+    ties = [tie("t1", 1, 2, 0.1, 2), tie("t2", 2, 3, 0.2, -1)]
+    s = mb.read_mjcf(written(tmp_path, TIED.format("".join(ties[i] for i in order), "0.5 0.2 0.4"), "tied.xml"), key=key)
+    assert any("'t1'" in said and "'t2'" in said and "'j1'" in said and "'j2'" in said for said in s.told) is (key is None)
+    assert any("contradicts ties of joints ('t2')" in said for said in s.told) is (key is not None)
+    r, last = s.simulate(1e-3, outputs=[0.0, 1e-3]), 0.4 if key else 0.0
+    assert [r[f"j{i}"].angle[0] for i in (1, 2, 3)] == pytest.approx([0.1 + 2 * (0.2 - last), 0.2 - last, last], abs=1e-9)
+    tree = s.tree()
+    assert (tree.names, set(tree.follows), tree.closing) == (("j3",), {"j1.angle", "j2.angle"}, ())
+    assert tree.mass_matrix([0.3]) == pytest.approx(np.array([[6 * (0.004 + 0.04)]]))
+
+
+def test_a_key_frame_may_be_rounded(tmp_path: Path) -> None:
+    file = written(tmp_path, TIED.format(tie("t", 1, 2, 0.1), "0.30000001 0.2 0"), "tied.xml")
+    assert not any("contradicts" in said for said in mb.read_mjcf(file, key="k").told)
+
+
+def test_bodies_may_be_named_as_links_that_are_made_for_joints(tmp_path: Path) -> None:
+    ball = '<geom size=".1" pos=".1 0 0"/>'
+    hips = f'<body name="a"><joint name="x" axis="0 1 0"/><joint name="y" axis="1 0 0"/>{ball}</body>'
+    other = f'<body name="a after x" pos="1 1 1"><joint name="z" type="slide"/>{ball}</body>'
+    for bodies in (hips + other, other + hips):
+        tree = mb.read_mjcf(written(tmp_path, f"<mujoco><worldbody>{bodies}</worldbody></mujoco>", "q.xml")).tree()
+        assert set(tree.names) == {"x", "y", "z"}
+        assert tree.pose("a", tree.zero)[:, 3] == pytest.approx([0, 0, 0])
+        assert tree.pose("a after x", tree.zero)[:, 3] == pytest.approx([1, 1, 1])
+
+
+@pytest.mark.parametrize(("key", "told"), [('qpos="0 0 0"', False), ('qpos=".1 0 0"', True), ('qpos="0 0 0" qvel="1 0 0"', True)])
+def test_a_key_frame_that_contradicts_a_loop_warns(tmp_path: Path, key: str, told: bool) -> None:
+    links = "".join(f'<body name="b{i}" pos="{x} 0 {z}"><joint name="j{i}" axis="0 1 0"/><geom size=".1" pos=".02 0 0"/>'
+                    for i, (x, z) in enumerate(((0, 1), (0.2, 0.3), (0.2, 0))))
+    loop = '<equality><connect name="closed" body1="b2" body2="world" anchor="0.1 0 0"/></equality>'
+    file = written(tmp_path, f'<mujoco><worldbody>{links}</body></body></body></worldbody>{loop}<keyframe><key name="h" {key}/>'
+                             f'</keyframe></mujoco>', "loop.xml")
+    if told:
+        with pytest.warns(mb.AccuracyWarning, match="the key frame contradicts 'closed'"):
+            mb.read_mjcf(file, key="h")
+    else:
+        assert not any("contradicts" in said for said in mb.read_mjcf(file, key="h").told)
+
+
+@pytest.mark.parametrize(("actuator", "told"), [
+    ('<motor joint="j"/>', False), ('<position joint="j" kp="3"/>', True), ('<velocity joint="j" kv="3"/>', True),
+    ('<general joint="j" biastype="affine" biasprm="0 -2 0"/>', True), ('<motor joint="j" damping="2"/>', False)])
+def test_actuators_that_act_without_control_warn(tmp_path: Path, actuator: str, told: bool) -> None:
+    if told:
+        with pytest.warns(mb.AccuracyWarning, match="act without control too"):
+            acted(tmp_path, actuator=actuator)
+    else:
+        assert not any("without control" in said for said in acted(tmp_path, actuator=actuator).told)
+
+
+def test_bodies_asleep_at_the_start_warn(tmp_path: Path) -> None:
+    text = ('<mujoco><option><flag sleep="{}"/></option><worldbody><body sleep="init"><freejoint/><geom size=".1"/></body>'
+            '</worldbody></mujoco>')
+    try:
+        mujoco.MjModel.from_xml_string(text.format("enable"))
+    except ValueError as error:
+        pytest.skip(f"this version of MuJoCo does not know of it: {error}")
+    assert not any("sleep" in said for said in mb.read_mjcf(written(tmp_path, text.format("disable"), "off.xml")).told)
+    with pytest.warns(mb.AccuracyWarning, match="sleep at the start"):
+        mb.read_mjcf(written(tmp_path, text.format("enable"), "on.xml"))
+
+
+def stiffness_of(scene: mb.Scene, joint: str) -> float:
+    """Of the stop of a joint."""
+    return next(float(law.stiffness) for law in scene[joint].laws if hasattr(law, "lower"))
+
+
+@pytest.mark.parametrize(("effort", "force"), [('effort="50"', 50.0), ('effort="0"', 0.0), ("", 0.0), ('effort="1e-3"', 0.0)])
+def test_stops_of_urdf_carry_effort_and_weight(tmp_path: Path, effort: str, force: float) -> None:
+    """Whichever is more; an effort of 0 is not stated, which is told."""
+    s = mb.read_urdf(written(tmp_path, ARM.replace('effort="50"', effort)))
+    tree = s.tree()
+    angles = np.linspace(0, 2 * np.pi, 721)[:, None] * [1, 0]
+    weight = np.max(np.abs(tree.gravity(angles)[:, 0]))  # the arm as drawn, turned about its horizontal shoulder
+    assert stiffness_of(s, "shoulder") == pytest.approx(max(force, weight) / 1e-3, rel=0.05)
+    assert any("'shoulder': effort=\"0\"" in said for said in s.told) is (effort == 'effort="0"')
+
+
+@pytest.mark.parametrize(("joint", "actuator", "force"), [
+    ("", "", 0.0), ('actuatorfrcrange="-2000 3000"', "", 3000.0),
+    ("", '<motor joint="j" gear="3" forcerange="-2e3 1e3"/>', 6000.0),
+    ("", '<motor joint="j"/>', 0.0), ('actuatorfrcrange="-2000 3000"', '<motor joint="j" forcerange="-9e3 1"/>', 3000.0)])
+def test_stops_of_mjcf_carry_effort_and_weight(tmp_path: Path, joint: str, actuator: str, force: float) -> None:
+    """A slide of 100 kg sinks by 1 mm where no effort is stated."""
+    text = ('<mujoco><worldbody><body><joint name="j" type="slide" axis="0 0 1" limited="true" range="-.05 .3" {}/>'
+            '<geom size=".1" mass="100"/></body></worldbody><actuator>{}</actuator></mujoco>')
+    s = mb.read_mjcf(written(tmp_path, text.format(joint, actuator), "heavy.xml"))
+    assert stiffness_of(s, "j") == pytest.approx(max(force, 981.0) / 1e-3)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.7])
+def test_followers_start_by_ties_of_joints_that_start_within_limits(tmp_path: Path, offset: float) -> None:
+    text = ARM.replace('type="continuous"', 'type="revolute"').replace('offset="0.02"', f'offset="{offset}"')
+    text = text.replace('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><limit lower="0.5" upper="1" effort="5" velocity="1"/>')
+    with pytest.warns(mb.AccuracyWarning, match="its start 0 rad is outside of its limits; it starts at 0.5"):
+        s = mb.read_urdf(written(tmp_path, text))
+    r = s.simulate(1e-3, outputs=[0.0, 1e-3])
+    assert (r["elbow"].angle[0], r["grip"].displacement[0]) == pytest.approx((0.5, 0.05 + offset), abs=1e-9)
+    limited = TIED.replace('name="j2"', 'name="j2" limited="true" range="30 60"')
+    s = mb.read_mjcf(written(tmp_path, limited.format(tie("t", 1, 2, offset), "0 0 0"), "tied.xml"))
+    r = s.simulate(1e-3, outputs=[0.0, 1e-3])
+    assert (r["j1"].angle[0], r["j2"].angle[0]) == pytest.approx((np.pi / 6 + offset, np.pi / 6), abs=1e-9)
+
+
+def test_chains_of_mimics_start_closed_whatever_their_order(tmp_path: Path) -> None:
+    """The finger follows the elbow, which follows the shoulder, stated after it."""
+    text = ARM.replace('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><mimic joint="shoulder" multiplier="2" offset="0.3"/>')
+    start, end = text.index('  <joint name="grip"'), text.index('  <joint name="flange"')
+    grip = text[start:end]
+    text = (text[:start] + text[end:]).replace('  <joint name="shoulder"', f'{grip}  <joint name="shoulder"')
+    s = mb.read_urdf(written(tmp_path, text))
+    assert s.tree().names == ("shoulder",)
+    r = s.simulate(1e-3, outputs=[0.0, 1e-3])
+    assert (r["elbow"].angle[0], r["grip"].displacement[0]) == pytest.approx((0.3, 0.05), abs=1e-9)
+
+
+def test_sites_keep_a_name_each(tmp_path: Path) -> None:
+    text = MODEL.replace("<freejoint/>", '<freejoint/><site name="leg" pos="0.1 0 0"/><site name="leg site" pos="0.2 0 0"/>')
+    tree = mb.read_mjcf(written(tmp_path, text, "model.xml")).tree()
+    assert [tree.pose(name, tree.zero)[0, 3] for name in ("leg site", "leg site site")] == pytest.approx([0.1, 0.2])
+
+
 def test_compensation_by_actuators_is_told_and_empty_models_are_read(tmp_path: Path) -> None:
     body = ('<body name="b" gravcomp="1"><joint axis="0 1 0" actuatorgravcomp="true"/>'
             '<geom size=".1" mass="1" pos=".2 0 0"/></body>')

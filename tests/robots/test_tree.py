@@ -291,6 +291,17 @@ def test_robots_of_drawn_masses_and_lengths_are_not_refused() -> None:
         assert np.all(np.isfinite(a)), n
 
 
+def test_masses_too_far_apart_are_named() -> None:
+    """A heavy arm on a light one whose hinges are in line: 1e-16 of the inertia decides how the light one accelerates."""
+    s = mb.Scene("apart")
+    heavy, light = 1e8, 1e-8
+    a, b = (s.rigid_body(name, m, (0.1 * m,) * 3, at=(0, 0, 0)) for name, m in (("light", light), ("heavy", heavy)))
+    s.revolute("one", s.ground, a, at=(0, 0, 0), axis=(0, 0, 1))
+    s.revolute("other", a, b, at=(0, 0, 0), axis=(0, 0, 1))
+    with pytest.raises(mb.SceneError, match=r"of masses between 1e-08 and 1e\+08 kg, alike .* masses that differ less"):
+        s.tree().forward_dynamics([0.1, 0.2], [0.0, 0.0], [1.0, 1.0])
+
+
 def test_a_hinge_with_friction_is_a_coordinate() -> None:
     """Dry friction acts in runs; joint-space dynamics know of masses and joints alone."""
     def chain_of(n: int, **friction):
@@ -341,3 +352,54 @@ def test_velocities_beyond_the_range_are_not_taken_for_missing_inertia() -> None
         tree.forward_dynamics(q, fast, np.ones(tree.nv))
     with pytest.raises(mb.OptionError, match=r"in state \[1\]"):
         tree.forward_dynamics([q, q], [np.zeros(tree.nv), fast], np.ones(tree.nv))
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_dynamics_do_not_depend_on_how_far_all_has_moved(seed: int) -> None:
+    """A slide, or a floating base, that carries all: not a bit changes, as nothing is formed from places in space."""
+    s = mb.Scene("far", gravity=(0.3, -1.0, -9.81))
+    rng, carrier = np.random.default_rng(seed), s.ground
+    for i, kind in enumerate((s.prismatic if seed % 2 else None, s.revolute, s.revolute, s.prismatic)):
+        body = s.rigid_body(f"b{i}", 1 + rng.random(), (0.2, 0.25, 0.3), at=rng.normal(size=3))
+        if kind is not None:
+            kind(f"J{i}", carrier, body, at=rng.normal(size=3), axis=rng.normal(size=3))
+        carrier = body
+    tree = s.tree()
+    q, (v, a) = tree.zero + 0.0, rng.normal(size=(2, tree.nv))
+    q[-3:] += rng.normal(size=3)
+    far = q.copy()
+    far[: 1 if seed % 2 else 3] = 1e10
+    tau, at = tree.inverse_dynamics(q, v, a), (0.1, 0.2, 0.3)
+    assert np.array_equal(tree.mass_matrix(far), tree.mass_matrix(q))
+    assert np.array_equal(tree.inverse_dynamics(far, v, a), tau)
+    assert np.array_equal(tree.forward_dynamics(far, v, tau), tree.forward_dynamics(q, v, tau))
+    assert np.array_equal(tree.jacobian("b3", far, at), tree.jacobian("b3", q, at))
+    assert np.array_equal(tree.jacobian_rate("b3", far, v, at), tree.jacobian_rate("b3", q, v, at))
+
+
+@pytest.mark.parametrize("x", [1.0, 1e4, 1e8])
+def test_a_long_arm_in_closed_form(x: float) -> None:
+    """A hinge, a slide that is far out and a pendulum at its end: entries are exact but for rounding of the largest that a
+    rotation brings about, eps sqrt(M_ii M_jj), and so are the forces."""
+    (m, n), (I, J, K), L = (2.0, 1.5), (0.3, 0.2, 0.1), 0.4
+    s = mb.Scene("boom")
+    boom, sledge, bob = (s.rigid_body(name, mass, (own,) * 3, at=at) for name, mass, own, at in (
+        ("boom", 1.0, I, (0, 0, 0)), ("sledge", m, J, (0, 0, 0)), ("bob", n, K, (L, 0, 0))))
+    s.revolute("phi", s.ground, boom, at=(0, 0, 0), axis=(0, 0, 1))
+    s.prismatic("x", boom, sledge, at=(0, 0, 0), axis=(1, 0, 0))
+    s.revolute("theta", sledge, bob, at=(0, 0, 0), axis=(0, 0, 1))
+    tree, phi, theta = s.tree(), 0.7, -0.5
+    c, sn = np.cos(theta), np.sin(theta)
+    M = np.array([[I + J + K + m * x**2 + n * (x**2 + L**2 + 2 * x * L * c), -n * L * sn, K + n * (L**2 + x * L * c)],
+                  [-n * L * sn, m + n, -n * L * sn], [K + n * (L**2 + x * L * c), -n * L * sn, K + n * L**2]])
+    (w, u, z), q = (v := np.array([0.3, -0.6, 0.9])), np.array([phi, x, theta])
+    along, across, inward = -x * w**2, 2 * u * w, L * (w + z) ** 2  # accelerations without those of the coordinates
+    of_bob = along - inward * c, across - inward * sn
+    bias = [x * (m * across + n * of_bob[1]) + n * L * (c * of_bob[1] - sn * of_bob[0]), m * along + n * of_bob[0],
+            n * L * (c * of_bob[1] - sn * of_bob[0])]
+    size = np.sqrt(np.diag(M))
+    assert tree.mass_matrix(q) / np.outer(size, size) == pytest.approx(M / np.outer(size, size), abs=1e-15, rel=0)
+    assert tree.bias(q, v) / size == pytest.approx(bias / size, abs=1e-15 * x, rel=0)  # of accelerations x w^2
+    a = np.array([0.2, -0.3, 0.5])
+    found = tree.forward_dynamics(q, v, M @ a + bias)
+    assert found == pytest.approx(a, abs=1e-14 * x / L + 1e-14)  # accelerations of the bob, x w^2, over L
