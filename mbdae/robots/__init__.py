@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 LAWS: dict[str, Any] = {"revolute": Revolute, "prismatic": Prismatic, "planar": Planar, "spherical": Spherical, "free": Free}
 #: speed (rad/s or m/s) at which dry friction of a file, which jumps at rest, reaches its value
 SMOOTH = 1e-3
-#: how far (rad or m) a stop yields under the largest effort of its joint, or under 1 N m or N where none is stated
-YIELD = 1e-3
+#: how far (rad or m) a stop yields under the largest effort of its joint, or under the weight of what it carries
+YIELD, EARTH = 1e-3, 9.81  #: EARTH: m/s^2, for weights where no gravity is stated
 #: share of its largest principal moment by which a moment may exceed the sum of the others, from rounded files
 ROUNDED = 1e-6
 GROUND = "ground"  #: name of what carries all in a scene
@@ -96,6 +96,12 @@ class Joint:
     start: float = 0.0
     rate: float = 0.0
     stop: Stop | None = None
+    tied: bool = False  #: whether ties of joints say its start
+
+    def inside(self) -> float:
+        """The value within the limits that is nearest to the start."""
+        low, high = self.limits or (None, None)
+        return float(np.clip(self.start, -np.inf if low is None else low, np.inf if high is None else high))
 
 
 @dataclass
@@ -172,7 +178,10 @@ def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
     moved = {j.parent for j in robot.joints if j.kind != "fixed"} | {j.child for j in robot.joints if j.kind != "fixed"}
     for link in robot.links.values():
         joint = carried.get(link.name)
-        poses[link.name] = pose = poses[joint.parent] @ joint.pose if joint else robot.roots.get(link.name, Pose())
+        poses[link.name] = poses[joint.parent] @ joint.pose if joint else robot.roots.get(link.name, Pose())
+    weights = _weights(robot, poses, gravity)
+    for link in robot.links.values():
+        joint, pose = carried.get(link.name), poses[link.name]
         fixed = joint is None or joint.kind == "fixed"
         on = bodies[joint.parent] if joint else s.ground
         held = joint is not None and fixed and on is s.ground
@@ -186,7 +195,7 @@ def build(make: Any, robot: Robot, gravity: Any, keep: bool) -> Any:
                                              angular_velocity=link.spin)
         s.frame(link.name, bodies[link.name], at=pose.p, rotation=pose.R)
         if joint is not None and bodies[link.name] is not on:
-            _joint(s, robot, joint, on, bodies[link.name], pose)
+            _joint(s, robot, joint, on, bodies[link.name], pose, weights.get(joint.name, 0.0))
     for name, (on, at) in robot.frames.items():
         pose = poses[on] @ at
         s.frame(name, bodies[on], at=pose.p, rotation=pose.R)
@@ -216,7 +225,7 @@ def _massless(s: Any, robot: Robot, moved: set[str]) -> None:
                               f"says how it moves; give it a mass, or make the joint fixed")
 
 
-def _joint(s: Any, robot: Robot, joint: Joint, k: Any, l: Any, pose: Pose) -> None:
+def _joint(s: Any, robot: Robot, joint: Joint, k: Any, l: Any, pose: Pose, weight: float) -> None:
     at = pose.point(joint.at)
     if joint.kind == "fixed":
         s.weld(joint.name, k, l, at=at)
@@ -230,7 +239,7 @@ def _joint(s: Any, robot: Robot, joint: Joint, k: Any, l: Any, pose: Pose) -> No
         return
     options: dict[str, Any] = {}
     if joint.kind in ("revolute", "prismatic"):
-        options = _options(robot, joint)
+        options = _options(robot, joint, weight)
     elif joint.kind == "planar" and joint.damping:
         options["damper"] = dict.fromkeys(("x", "y", "angle"), joint.damping)
     axis = pose.R @ joint.axis
@@ -246,25 +255,37 @@ def damped(s: Any, joint: str, k: Any, l: Any, at: Any, damping: tuple[float, fl
     s.bushing(f"damping of {joint}", k, l, at=at, stiffness=(0,) * 6, damping=(*(damping[0],) * 3, *(damping[1],) * 3))
 
 
-def _options(robot: Robot, joint: Joint) -> dict[str, Any]:
+def _weights(robot: Robot, poses: dict[str, Pose], gravity: Any) -> dict[str, float]:
+    """Of joints by name the weight of what they carry, N, of hinges times its distance from their axes as drawn, N m."""
+    size, found, beyond = float(np.linalg.norm(gravity)) or EARTH, dict[str, float](), dict[str, list[Link]]()
+    for joint in reversed(robot.joints):
+        links = [robot.links[joint.child], *beyond.get(joint.child, [])]
+        beyond.setdefault(joint.parent, []).extend(links)
+        pose = poses[joint.child]
+        if joint.kind in ("revolute", "prismatic") and joint.limits is not None:
+            axis = pose.R @ joint.axis / np.linalg.norm(joint.axis)
+            arms = [poses[link.name].point(link.centre) - pose.point(joint.at) for link in links]
+            levers = [np.linalg.norm(np.cross(axis, arm)) if joint.kind == "revolute" else 1.0 for arm in arms]
+            found[joint.name] = size * float(sum(link.mass * lever for link, lever in zip(links, levers, strict=True)))
+    return found
+
+
+def _options(robot: Robot, joint: Joint, weight: float) -> dict[str, Any]:
     unit, effort = ("rad", "N m") if joint.kind == "revolute" else ("m", "N")
     options: dict[str, Any] = {}
-    start = joint.start
     if joint.limits is not None:
-        low, high = joint.limits
         options["limits"] = joint.limits
-        options["stop"] = joint.stop or Stop(max(joint.effort, 1.0) / YIELD, 0.0)
-        inside = float(np.clip(start, -np.inf if low is None else low, np.inf if high is None else high))
-        if inside != start:
-            robot.told.append(f"joint '{joint.name}': its start {start:g} {unit} is outside of its limits; it starts at "
-                              f"{inside:g}")
-            start = inside
+        options["stop"] = joint.stop or Stop((max(joint.effort, weight) or 1.0) / YIELD, 0.0)
+        if (inside := joint.inside()) != joint.start:
+            robot.heard.append(f"joint '{joint.name}': its start {joint.start:g} {unit} is outside of its limits; " + (
+                "ties of joints demand it, and its stop pushes it back" if joint.tied else f"it starts at {inside:g}"))
+            joint.start = joint.start if joint.tied else inside
         if joint.stop is None:
             robot.told.append(f"joint '{joint.name}': its limits are elastic stops of {options['stop'].stiffness:g} "
                               f"{effort}/{unit} without damping, which the file does not say; limits=False leaves them out, "
                               f"or pass stop=")
-    if start:
-        options["start"] = start
+    if joint.start:
+        options["start"] = joint.start
     if joint.rate:
         options["start_rate"] = joint.rate
     if joint.damping:

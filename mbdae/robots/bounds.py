@@ -262,12 +262,12 @@ def geom_of(mujoco: Any, shape: Shape) -> tuple[Any, list[float], Any] | None:
     return None
 
 
-def put(j: Any, word: str, value: float) -> None:
-    """State the damping or stiffness of a joint in a specification of MuJoCo: a number, in later versions a polynomial."""
+def add(j: Any, word: str, value: float) -> None:
+    """Add to the damping or stiffness of a joint in a specification of MuJoCo: a number, in later versions a polynomial."""
     if np.ndim(found := getattr(j, word)):
-        found[0] = value
+        found[0] += value
     else:
-        setattr(j, word, value)
+        setattr(j, word, found + value)
 
 def verify(reader: Any) -> None:
     """Compare what a reader of MJCF has read of masses, armature, springs and dampers with the momenta and forces that MuJoCo has

@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from mbdae.errors import SceneError
 from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
 from mbdae.robots import Robot
+from mbdae.scene.shapes import joint_axes
 
 Array = NDArray[np.float64]
 FLOATS = "{} floats"  #: name of the joint by which a body that no joint holds is given six freedoms
@@ -71,9 +73,10 @@ class Folding(NamedTuple):
         found[one] = new
 
 
-def satisfied(robot: Robot, ties: Iterable[Tie], keyed: bool, exact: float) -> list[str]:
-    """Let the joints of a robot start as ties of them demand, where the first joint of a tie follows the other. Returns mistakes:
-    ties that contradict each other. keyed: whether a key frame says the start; exact: up to which a tie holds."""
+def satisfied(robot: Robot, ties: Iterable[Tie], keyed: bool | None, exact: float) -> list[str]:
+    """Let the joints of a robot start as ties of them demand, where the first joint of a tie follows the other, which starts
+    within its limits. Returns mistakes: ties that contradict each other. keyed: whether a key frame says the start; None: the
+    ties alone do; exact: up to which a tie holds."""
     joints, found, wrong, broken = {j.name: j for j in robot.joints}, dict[Any, Folded](), list[str](), list[str]()
     for name, terms, value in ties:
         off, rate = sum(f * joints[j].start for j, f in terms) - value, sum(f * joints[j].rate for j, f in terms)
@@ -86,16 +89,18 @@ def satisfied(robot: Robot, ties: Iterable[Tie], keyed: bool, exact: float) -> l
                          f"{abs(one.value):.3g}; remove one of them")
     moved = []
     for name, of in found.items():
-        joint, (start, rate) = joints[name], (0.0, 0.0) if of.of is None else (joints[of.of].start, joints[of.of].rate)
-        start, rate = of.offset + of.factor * start, of.factor * rate
+        joint, start, rate = joints[name], 0.0, 0.0
+        if of.of is not None:
+            start, rate = joints[of.of].inside(), joints[of.of].rate
+        start, rate, joint.tied = of.offset + of.factor * start, of.factor * rate, True
         moved += [f"'{name}'"] if max(abs(start - joint.start), abs(rate - joint.rate)) > exact else []
         joint.start, joint.rate = start, rate
     if broken and keyed:
         robot.heard.append(f"the key frame contradicts ties of joints ({', '.join(broken)}), by which {', '.join(moved)} start "
                            f"otherwise")
-    elif broken:
-        robot.told.append(f"ties of joints ({', '.join(broken)}) hold from the start on; MuJoCo starts at the file's zero, and "
-                          f"pulls {', '.join(moved)} to them")
+    elif broken and keyed is not None:
+        robot.heard.append(f"ties of joints ({', '.join(broken)}) hold from the start on; MuJoCo starts at the file's zero, and "
+                           f"pulls {', '.join(moved)} to them")
     return wrong
 
 
@@ -132,18 +137,23 @@ def differences(one: Any, other: Any, there: Callable[[str, str], tuple[str, str
     """Largest differences of the forces that accelerations need, at STATES random states, which hold mass matrix and bias, and
     the largest of these forces. one, other: what `s.tree()` returns; there: names of a joint and its coordinate in the other."""
     by_name = {(c.joint.removesuffix(FLOATS.format("")), c.name): c for c in other._coordinates}
-    q_of, v_of = np.zeros(one.nq, dtype=int), np.zeros(one.nv, dtype=int)
+    to_q, to_v = np.zeros((other.nq, one.nq)), np.zeros((other.nv, one.nv))
     for c in one._coordinates:
-        found = by_name.get(there(c.joint.removesuffix(FLOATS.format("")), c.name))
+        name = c.joint.removesuffix(FLOATS.format(""))
+        found = by_name.get(there(name, c.name))
         if found is None or found.nv != c.nv:
             raise SceneError([f"joint '{c.joint}': MJCF does not say it with the same coordinates"])
-        q_of[c.q : c.q + c.nq], v_of[c.v : c.v + c.nv] = range(found.q, found.q + c.nq), range(found.v, found.v + c.nv)
+        at_q, at_v = ((slice(y, y + n), slice(x, x + n)) for y, x, n in ((found.q, c.q, c.nq), (found.v, c.v, c.nv)))
+        if c.nq == 4:  # a quaternion and a spin along the axes of the joint, which in the other are the inertial ones
+            joint = None if c.joint == FLOATS.format(name) else one.scene[name]
+            axes = np.eye(3) if joint is None else joint_axes(joint.laws[0], joint.k)
+            to_q[at_q], to_v[at_v] = block_diag(1, axes), axes
+        else:
+            to_q[at_q], to_v[at_v] = np.eye(c.nq), np.eye(c.nv)
     rng = np.random.default_rng(0)
     q, (v, a) = rng.normal(size=(STATES, one.nq)), rng.normal(size=(2, STATES, one.nv))
     for c in one._coordinates:
         if c.nq == 4:
             q[:, c.q : c.q + 4] /= np.linalg.norm(q[:, c.q : c.q + 4], axis=1)[:, None]
-    q_there, (v_there, a_there) = np.zeros((STATES, other.nq)), np.zeros((2, STATES, other.nv))
-    q_there[:, q_of], v_there[:, v_of], a_there[:, v_of] = q, v, a
-    tau, again = one._interpreted(q, v, a), other._interpreted(q_there, v_there, a_there)[:, v_of]
+    tau, again = one._interpreted(q, v, a), other._interpreted(q @ to_q.T, v @ to_v.T, a @ to_v.T) @ to_v
     return np.max(np.abs(tau - again), axis=1), np.max(np.abs(tau), axis=1)

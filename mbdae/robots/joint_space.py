@@ -26,9 +26,9 @@ from mbdae.system.model.trees import find_trees, lumped
 from mbdae.threads import single_threaded
 
 Array = NDArray[np.float64]
-#: LLVM's level of optimisation, and number of steps of a function from which on it is not optimised: that takes 3 s for these and
-#: grows with their square; without it calls take 1.6 times as long
-LEVEL, OPTIMISED = 2, 10_000
+#: LLVM's level of optimisation, and number of steps and outputs of a function from which on it is not optimised: that takes 2 s
+#: for these and grows with their square, 7 s for 8000; without it, .5 s, calls take 1.6 to 2.7 times as long: 500 000 make it up
+LEVEL, OPTIMISED = 2, 7_000
 FAINT = 1e-200  #: what finite inputs are multiplied by in the number that tells of wrong ones
 WRONG = (2 * UNIT) ** 2  #: of that number: the square of how far squares of quaternions may be from 1
 WORDS = {"q": "q", "v": "v", "a": "a", "t": "tau", "p": "at"}  #: of the inputs of functions
@@ -256,7 +256,7 @@ class Tree:
         needed = program.needed(found)
         said = [f"{name} = {program.steps[name]}" for name in needed]  # closed, they would be written out in full
         key = key_of("joint space", str(symbols), *said, str(found))
-        level = LEVEL if len(needed) < OPTIMISED else 0
+        level = LEVEL if len(needed) + len(found) < OPTIMISED else 0
         kernel = Kernel(symbols, partial(program.by_pairs, found), level, len(found), key)
         return kernel, tuple(len(known[head]) for head in heads)
 

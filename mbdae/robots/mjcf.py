@@ -236,6 +236,11 @@ class _Reader:
         if m.jnt_limited[i] and self.limits and "LIMIT" not in self.off:
             low, high = (float(x) - ref for x in m.jnt_range[i])
             made.limits, made.stop = (low, high), self.stop
+            acting = [a for a in range(m.nu) if int(m.actuator_trntype[a]) in OF_JOINT and int(m.actuator_trnid[a][0]) == i]
+            efforts = [float(np.max(np.abs(m.actuator_gear[a][0] * m.actuator_forcerange[a]))) for a in acting]
+            most = [sum(efforts)] if acting and np.all(m.actuator_forcelimited[acting]) else []
+            most += [float(np.max(np.abs(m.jnt_actfrcrange[i])))] if m.jnt_actfrclimited[i] else []
+            made.effort = min(most, default=0.0)
         return made
 
     def _damping(self, i: int) -> float:

@@ -17,6 +17,7 @@ from mbdae.system.model.trees import Tree
 Array = NDArray[np.float64]
 NOTHING_MOVED = ("no inertia is moved by it{}, but for rounding, so that nothing says how it accelerates; give its body inertia, "
                  "or the joint rotor=")
+WIDE = 1e8  #: ratio of masses from which on messages name it
 #: pivots below this part of the inertia that their terms may have are rounding
 ROUNDING = 64 * float(np.finfo(float).eps)
 
@@ -57,8 +58,11 @@ def singular(tree: Any, q: Array, where: str = "") -> str:
     alone = [tree.coordinates[k] for k in still if M[k, k] <= least[k]]
     if not alone:  # each moves inertia, but only together with others
         moved = sorted({*still, *np.flatnonzero(np.any(M[still] != 0, axis=0)).tolist()})
-        return (f"{', '.join(tree.coordinates[k] for k in moved)}: they move the same inertia alike{where}, but for rounding, so "
-                "that nothing says how each accelerates; give one of their joints rotor=, or leave this position")
+        masses = [b.mass for b in tree.scene.bodies if b.mass]
+        spread = f", of masses between {min(masses):.2g} and {max(masses):.2g} kg," if max(masses) > WIDE * min(masses) else ""
+        return (f"{', '.join(tree.coordinates[k] for k in moved)}: they move the same inertia{spread} alike{where}, but for "
+                f"rounding, so that nothing says how each accelerates; give {'masses that differ less, or ' if spread else ''}"
+                f"one of their joints rotor=, or leave this position")
     return f"{', '.join(alone)}: {NOTHING_MOVED.format(where)}"
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from mbdae.errors import OptionError, SceneError
 from mbdae.robots import EXTRA, GROUND, Joint, Link, Pose, Robot, build, library
 from mbdae.robots.bounds import bounds_of, parsed, text_of
+from mbdae.robots.couplings import satisfied
 from mbdae.scene.components import Stop
 
 KINDS = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed", "floating": "free",
@@ -260,6 +261,8 @@ def _one(robot: Robot, one: Any, limits: bool | None, stop: Any) -> Joint:
         robot.told.append(f"joint '{one.name}': limits of a {'mimic' if limits is None else one.type} joint are not read")
     if one.type in ("revolute", "prismatic"):
         made.effort = float((one.limit.effort if one.limit else 0) or 0)
+        if one.limit is not None and one.limit.effort == 0:
+            robot.told.append(f"joint '{one.name}': effort=\"0\" of its limit counts as not stated")
         if one.limit is None:
             robot.told.append(f"joint '{one.name}': it states no limits; none were made")
         elif limits:
@@ -292,9 +295,10 @@ def _outwards(robot: Robot, joints: list[Any]) -> list[Any]:
 
 def _mimics(robot: Robot, mimics: dict[str, Any]) -> None:
     joints = {j.name: j for j in robot.joints}
+    satisfied(robot, [(name, [(name, 1.0), (of.joint, -float(of.multiplier))], float(of.offset)) for name, of in mimics.items()],
+              None, 0.0)
     for name, mimic in mimics.items():
         joint, of, factor, offset = joints[name], joints[mimic.joint], float(mimic.multiplier), float(mimic.offset)
-        joint.start = factor * of.start + offset
         one, other = (f"{j.name}.{'angle' if j.kind == 'revolute' else 'displacement'}" for j in (joint, of))
 
         def tie(s: Any, _: Any, name: str = name, one: str = one, other: str = other, factor: float = factor,

@@ -7,22 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import symengine as se
 
 from mbdae.errors import OptionError, SceneError
 from mbdae.files import path_of, replacing
 from mbdae.laws.forces import JointDamper, JointFriction, JointLoad, JointSpring
 from mbdae.laws.friction import Coulomb
-from mbdae.laws.joint_rows import Free
 from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
-from mbdae.robots.bounds import all_digits, geom_of, put, quiet
+from mbdae.robots.bounds import add, all_digits, geom_of, quiet
 from mbdae.robots.couplings import FLOATS, couples, differences
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import joint_axes
-from mbdae.symbolic.motion import Step, symbolic_motion
+from mbdae.symbolic.motion import Step, symbolic_steps
 
+EXACT = 1e-15  #: difference of a start from the drawing, m and rad, that is round-off of rotations
 EQUAL = 1e-9  #: largest difference of its forces, over the largest of them: round-off of quaternions and of principal axes
 
 
@@ -52,7 +51,7 @@ def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
             raise SceneError([f"what MJCF says of scene '{scene.name}' cannot be read back: "
                               f"{str(error).removeprefix(new.name)}; nothing was written"]) from error
         off, size = differences(scene.tree(), again, lambda joint, of: writer.names.get(
-            (joint, of), (writer.renamed.get(joint, joint), of)))
+            (joint, of), (joint, of)))
         if not np.all(off <= EQUAL * np.maximum(1e-9, size)):
             raise SceneError([f"what MJCF says of this scene moves otherwise: forces for accelerations differ by "
                               f"{np.max(off):.3g}, of {np.max(size):.3g}; nothing was written"])
@@ -64,21 +63,19 @@ class _Writer:
 
     def __init__(self, mujoco: Any, scene: Any) -> None:
         self.mujoco, self.s, self.spec, self.wrong, self.told = mujoco, scene, mujoco.MjSpec(), list[str](), list[str]()
-        self.renamed: dict[str, str] = {}
         self.made: dict[str, Any] = {"ground": self.spec.worldbody}
         self.poses: dict[str, Pose] = {"ground": Pose()}
         self.joints: dict[tuple[str, str], Any] = {}  #: by joint and coordinate
         self.names: dict[tuple[str, str], tuple[str, str]] = {}  #: the same in the scene that is read back
-        self.start, self.rates = dict[tuple[str, str], float](), dict[tuple[str, str], float]()
-        self.round: dict[tuple[str, str], Any] = {}  #: balls and floating bodies by bodies k and l, these with their points
-        self.solved = False  #: whether the start follows from couplings and loops
+        #: joints that turn freely by bodies k and l: the slides before, the ball, the point of a floating body or joint, axes
+        self.round: dict[tuple[str, str], Any] = {}
 
     def write(self) -> None:
         self.spec.modelname, self.spec.compiler.degree = self.s.name, False
         self.spec.compiler.inertiafromgeom = self.mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         self.spec.option.gravity = [float(g) for g in self.s.gravity]
         tree = spanning_tree(self.s)
-        self._refuse([*tree.roots])
+        self._refuse()
         if self.wrong:
             return
         carried = {child.name: (parent, joint) for parent, joint, child in tree.edges}
@@ -103,7 +100,7 @@ class _Writer:
             at = self._inside(f.body.name, Pose(f.axes, f.point))
             self.made[f.body.name].add_site(name=name, pos=at.p, quat=self._quat(at.R), group=4)
 
-    def _refuse(self, roots: list[Any]) -> None:
+    def _refuse(self) -> None:
         s, say = self.s, self.wrong.append
         if not s.space:
             say(f"scene '{s.name}' is planar, and MJCF speaks of space: state it in space")
@@ -112,8 +109,6 @@ class _Writer:
                 say("body 'world': MuJoCo calls the ground so; give it another name")
             if b.inertia is None:
                 say(f"'{b.name}' is a point mass or a beam, which MJCF does not say; state s.rigid_body")
-            elif b.given_velocity and b not in roots:
-                say(f"body '{b.name}': MJCF has start velocities of joints alone; state start_rate of the one that carries it")
             elif b.gravity is not None and self._lifted(b) is None:
                 say(f"body '{b.name}': its gravity is not along that of the scene, as in MJCF (gravcomp)")
         for what, items in (("line load", s.line_loads), ("controller", s.controllers)):
@@ -125,9 +120,9 @@ class _Writer:
         children: dict[str, int] = {}
         for parent, _, _ in tree.edges:
             children[parent.name] = children.get(parent.name, 0) + 1
-        loops = {body.name for c in self.s.connections if c in tree.closing or not c.is_joint for body in (c.k, c.l)}
-        carried = {child.name for _, joint, child in tree.edges if not isinstance(joint.laws[0], Weld | Free)}
-        welded = {parent.name for parent, joint, _ in tree.edges if isinstance(joint.laws[0], Weld | Free)}
+        loops = {body.name for c in tree.closing for body in (c.k, c.l)}
+        carried = {child.name for _, joint, child in tree.edges if not isinstance(joint.laws[0], Weld)}
+        welded = {parent.name for parent, joint, _ in tree.edges if isinstance(joint.laws[0], Weld)}
         return {b.name for b in self.s.bodies if not b.mass and b.inertia is not None and not np.any(b.inertia)
                 and children.get(b.name) == 1 and b.name in carried - welded and b.name not in loops}
 
@@ -169,11 +164,10 @@ class _Writer:
         for shape in b.shapes or ():
             self._shape(b, made, shape)
         if not chain:
-            self.round["ground", b.name] = (made.add_freejoint(name=FLOATS.format(b.name)), drawn.p)
-        inner = b
+            self.round["ground", b.name] = ([], made.add_freejoint(name=FLOATS.format(b.name)), drawn.p, drawn.R)
         for n, (carrier, joint) in enumerate(chain):
             outer = b if n + 1 == len(chain) else chain[n + 1][0]
-            self._joint(joint, made, drawn, 1.0 if joint.k is carrier and joint.l is outer else -1.0, inner)
+            self._joint(joint, made, drawn, 1.0 if joint.k is carrier and joint.l is outer else -1.0)
 
     def _shape(self, b: Any, made: Any, shape: Any) -> None:
         if (found := geom_of(self.mujoco, shape)) is None:
@@ -185,7 +179,7 @@ class _Writer:
 
     # -- joints
 
-    def _joint(self, c: Any, made: Any, drawn: Pose, sense: float, body: Any) -> None:
+    def _joint(self, c: Any, made: Any, drawn: Pose, sense: float) -> None:
         law, kinds = c.laws[0], self.mujoco.mjtJoint
         if any(getattr(law, key) is not None for key in ("at_l", "axis_l", "axis_x_l")):
             self.wrong.append(f"joint '{c.name}': its frame on l is stated apart from that on k, where MJCF has one: draw the "
@@ -194,45 +188,46 @@ class _Writer:
         steps = self._steps(law)
         if isinstance(law, Weld) and len(c.laws) == 1:
             return
-        if not (steps or type(law) in (Spherical, Free)) or c.prescribed or c.others or c.loose or c.rubs:
+        if not steps or c.prescribed or c.others or c.loose or c.rubs:
             why = ("a prescribed motion" if c.prescribed else "friction by its reaction (normal_force= states another)" if c.rubs
                    else f"{type(law).__name__} with this model")
             self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF: hinges, slides, chains of them, balls, free joints")
             return
-        if type(law) is Free:
-            if sense < 0 or c.k is not self.s.ground or len(c.laws) > 1:
-                self.wrong.append(f"joint '{c.name}': MJCF has free joints of bodies on the ground alone, without forces")
-            made.add_freejoint(name=c.name)
-            self.renamed[c.name] = body.name
-            return
-        at = drawn.R.T @ (np.asarray(law.at, dtype=float) - drawn.p)
-        if not steps:
-            self.round[c.k.name, c.l.name] = (made.add_joint(name=c.name, type=kinds.mjJNT_BALL, pos=at), None)
-            if sense < 0 or len(c.laws) > 1:
-                self.wrong.append(f"joint '{c.name}': a ball of MJCF turns its outer body, l, relative to k, without forces")
-            return
-        for step in steps if sense > 0 else reversed(steps):
-            key = (c.name, str(step.amount))
-            name, axis = c.name if len(steps) == 1 else " ".join(key), joint_axes(law, c.k) @ [float(x) for x in step.axis]
-            self.joints[key] = made.add_joint(name=name, type=kinds.mjJNT_HINGE if step.turns else kinds.mjJNT_SLIDE, pos=at,
-                                              axis=sense * drawn.R.T @ axis, armature=float(c.rotor.get(key[1], 0.0)))
-            self.names[key] = (name, "angle" if step.turns else "displacement")
-        for word, held, to in (("start", c.hold, self.start), ("start rate", c.hold_rate, self.rates)):
-            to.update(((c.name, key), self._number(value, c, word)) for key, value in held.items())
+        at, slides = drawn.R.T @ (np.asarray(law.at, dtype=float) - drawn.p), list[Any]()
+        for of, step in list(steps.items())[:: int(sense)]:
+            name = c.name if len(steps) == 1 else f"{c.name} {of}"
+            if step.turns and any(j.type == kinds.mjJNT_BALL for j in made.joints):
+                self.wrong.append(f"joint '{c.name}': MJCF has no hinge that a ball carries without a body between them; give "
+                                  f"'{(c.k if sense > 0 else c.l).name}' mass and inertia")
+            if step.rotation is not None:
+                ball = made.add_joint(name=name, type=kinds.mjJNT_BALL, pos=at)
+                self.round[c.k.name, c.l.name] = (slides, ball, law.at if len(slides) == 3 else None, drawn.R)
+                self.names[c.name, of] = (name, "rotation")
+                if sense < 0:
+                    self.wrong.append(f"joint '{c.name}': a ball of MJCF turns its outer body, l, relative to k; exchange "
+                                      f"'{c.k.name}' and '{c.l.name}' in its statement")
+                continue
+            axis = sense * drawn.R.T @ joint_axes(law, c.k) @ [float(x) for x in step.axis]
+            self.joints[c.name, of] = made.add_joint(name=name, type=kinds.mjJNT_HINGE if step.turns else kinds.mjJNT_SLIDE,
+                                                     pos=at, axis=axis, armature=float(c.rotor.get(of, 0.0)))
+            self.names[c.name, of] = (name, "angle" if step.turns else "displacement")
+            slides += [] if step.turns else [self.joints[c.name, of]]
         for act in (self._acts, self._loaded):  # what MJCF says of a load stands on the spring
             for force in c.laws[1:]:
-                act(self.joints[c.name, getattr(force, "coordinate", None) or str(steps[-1].amount)], c, force)
+                act(self.joints.get((c.name, getattr(force, "coordinate", None) or [*steps][-1])), c, force)
 
-    def _steps(self, law: Any) -> tuple[Step, ...]:
-        """The hinges and slides of a joint, one for each coordinate; () where it is no chain of such."""
-        motion = symbolic_motion(law) if hasattr(law, "states_motion") else None
-        steps = () if motion is None else motion.steps
-        return steps if [s.amount for s in steps] == [se.Symbol(c) for c in law.coordinates] and not any(
-            s.rotation for s in steps) else ()
+    def _steps(self, law: Any) -> dict[str, Step]:
+        """The hinges, slides and balls of a joint by their coordinates; none where it is no chain of such."""
+        steps = symbolic_steps(law) or ()
+        names = [str(s.amount) if s.rotation is None else str(s.rotation.P[0]).removesuffix("_P1") for s in steps]
+        turning = [s for s in steps if s.turns]
+        if names != list(law.coordinates) or (any(s.rotation for s in turning) and len(turning) > 1):
+            return {}
+        return dict(zip(names, steps, strict=True))
 
     def _loaded(self, j: Any, c: Any, force: Any) -> None:
         load = self._number(force.load, c, "load") if isinstance(force, JointLoad) else 0.0
-        if stiffness := float(np.ravel(j.stiffness)[0]):
+        if j is not None and (stiffness := float(np.ravel(j.stiffness)[0])):
             j.springref += load / stiffness
         elif load:
             self.wrong.append(f"joint '{c.name}': MJCF says no load on it (but actuators, which are no part of the mechanics)")
@@ -246,9 +241,9 @@ class _Writer:
 
     def _acts(self, j: Any, c: Any, force: Any) -> None:
         if isinstance(force, JointDamper):
-            put(j, "damping", self._number(force.damping, c, "damper"))
+            add(j, "damping", self._number(force.damping, c, "damper"))
         elif isinstance(force, JointSpring):
-            put(j, "stiffness", self._number(force.stiffness, c, "spring"))
+            add(j, "stiffness", self._number(force.stiffness, c, "spring"))
             j.springref = self._number(force.rest, c, "rest")
         elif isinstance(force, JointStop):
             j.limited = self.mujoco.mjtLimited.mjLIMITED_TRUE
@@ -259,19 +254,22 @@ class _Writer:
             lever = 1.0 if j.type == self.mujoco.mjtJoint.mjJNT_SLIDE else float(force.radius)
             j.frictionloss = self._number(force.normal_force, c, "normal force") * lever * float(force.friction.mu)
             self.told.append(f"joint '{c.name}': its friction jumps at rest in MuJoCo, where the scene smooths it")
-        elif not isinstance(force, JointLoad):
+        elif j is None or not isinstance(force, JointLoad):
             self.wrong.append(f"joint '{c.name}': {type(force).__name__} on it is not said by MJCF")
 
     # -- what is not in the tree
 
     def _damped(self, c: Any) -> bool:
         """State a bushing that only damps all directions alike, at a ball or a floating body, as the damping of that joint."""
-        made, at = self.round.get((c.k.name, c.l.name), (None, None))
+        slides, ball, at, _ = self.round.get((c.k.name, c.l.name), ([], None, None, None))
         stated = {p: getattr(law, p) for law in c.laws for p in law.params if getattr(law, p) is not None}
-        if made is None or set(stated) != {f"{head}{a}" for head in ("s" if at is None else "cs") for a in "xyz"} or not (
-                at is None or np.allclose(c.laws[0].at, at)) or len(set(stated.values())) > 1:
+        point = "c" if any(p.startswith("c") for p in stated) else ""
+        placed = at is not None and np.allclose(c.laws[0].at, at) if point else slides or at is None
+        if ball is None or set(stated) != {f"{head}{a}" for head in f"{point}s" for a in "xyz"} or (
+                len(set(stated.values())) > 1 or not placed):
             return False
-        put(made, "damping", self._number(stated["sx"], c, "damping"))
+        for j in (*slides, ball) if point else (ball,):
+            add(j, "damping", self._number(stated["sx"], c, "damping"))
         return True
 
     def _closing(self, c: Any) -> None:
@@ -284,7 +282,6 @@ class _Writer:
                 made = self.spec.add_equality(name=c.name, type=kinds.mjEQ_JOINT, name1=self.names[one][0],
                                               name2=self.names[other][0], objtype=self.mujoco.mjtObj.mjOBJ_JOINT)
                 made.data[:5] = value / f, -g / f, 0, 0, 0
-                self.solved = self.solved or bool(value)
                 self.told.append(f"'{c.name}' couples exactly in the scene, softly in MuJoCo")
                 return
         if type(law) in (Weld, Spherical, Revolute) and len(c.laws) == 1 and all(b.name in self.made for b in (c.k, c.l)):
@@ -292,7 +289,6 @@ class _Writer:
             self._closed(c, c.name, at, type(law) is Weld)
             if type(law) is Revolute:  # two balls on its axis
                 self._closed(c, f"{c.name} axis", at + joint_axes(law, c.k)[:, 2], False)
-            self.solved = True
             self.told.append(f"'{c.name}' closes a loop: exact in the scene, soft in MuJoCo")
             return
         self.wrong.append(f"{c.kind} '{c.name}': MJCF does not say it; " + (
@@ -306,25 +302,29 @@ class _Writer:
         made.data[:11] = *self._inside((c.l if weld else c.k).name, Pose(p=at)).p, *np.zeros(7), float(weld)
 
     def starts(self, model: Any) -> None:
-        """The start as a key frame, where it is not the drawing at rest."""
-        thrown = [b for b in self.s.bodies if b.given_velocity]
-        if not (self.start or self.rates or thrown or self.solved):
+        """The start of a run as a key frame, where it is not the drawing at rest: what joints and bodies state, and what
+        couplings and loops make of it."""
+        s = self.s
+        if not (self.spec.equalities or any(b.given_velocity for b in s.bodies) or any(c.hold or c.hold_rate for c in s.joints)):
             return
-        if self.solved:  # what couplings and loops make of the values that are stated
-            r = self.s.simulate(1e-9, outputs=[0.0, 1e-9])
-            for name, coordinate in self.joints:
-                rate = "rate" if len(self.s[name].coordinates) == 1 else f"{coordinate}_rate"
-                self.start[name, coordinate], self.rates[name, coordinate] = (float(getattr(r[name], of)[0])
-                                                                              for of in (coordinate, rate))
-        q, v = np.array(model.qpos0), np.zeros(model.nv)
-        for key, (name, _) in self.names.items():
-            joint = model.joint(name)
-            q[joint.qposadr[0]] += self.start.get(key, 0.0)
-            v[joint.dofadr[0]] += self.rates.get(key, 0.0)
-        for b in thrown:
-            first, of = int(model.joint(FLOATS.format(b.name)).dofadr[0]), self.poses[b.name]
-            v[first : first + 3] = b.drawn.velocity - np.cross(b.drawn.angular_velocity, b.drawn.position - of.p)
-            v[first + 3 : first + 6] = of.R.T @ b.drawn.angular_velocity
-        if np.any(v) or np.any(q != model.qpos0):
+        r, q, v = s.simulate(1e-9, outputs=[0.0, 1e-9]), np.array(model.qpos0), np.zeros(model.nv)
+        for c, of in self.joints:
+            joint = model.joint(self.names[c, of][0])
+            q[joint.qposadr[0]], v[joint.dofadr[0]] = getattr(r[c], of)[0], getattr(r[c], f"{of}_rate")[0]
+        for (k, l), (_, made, _, F) in self.round.items():
+            joint, (A_k, _, w_k), (A_l, p, w_l) = model.joint(made.name), moved(r, s[k]), moved(r, s[l])
+            at, to, turned, floats = int(joint.qposadr[0]), int(joint.dofadr[0]), F.T @ A_k.T @ A_l @ F, len(joint.qpos0) == 7
+            if floats:
+                arm, turned = A_l @ (self.poses[l].p - s[l].drawn.position), A_l @ F
+                q[at : at + 3], v[to : to + 3] = p + arm, r[l].velocity[0] + np.cross(w_l, arm)
+                at, to = at + 3, to + 3
+            q[at : at + 4], v[to : to + 3] = self._quat(turned), (A_l @ F).T @ (w_l - w_k)
+        if np.any(v) or not np.allclose(q, model.qpos0, rtol=EXACT, atol=EXACT):
             self.spec.add_key(name="start", qpos=q, qvel=v)
             self.told.append("the start is the key frame 'start'")
+
+
+def moved(r: Any, b: Any) -> tuple[Any, Any, Any]:
+    """Rotation (3, 3) of a body from the drawing to the start of a run, place of its centre and angular velocity there."""
+    of = r[b.name]
+    return of.rotation[0] @ b.drawn.rotation.T, of.position[0], of.angular_velocity[0]

@@ -535,6 +535,60 @@ def test_bodies_asleep_at_the_start_warn(tmp_path: Path) -> None:
         mb.read_mjcf(written(tmp_path, text.format("enable"), "on.xml"))
 
 
+def stiffness_of(scene: mb.Scene, joint: str) -> float:
+    """Of the stop of a joint."""
+    return next(float(law.stiffness) for law in scene[joint].laws if hasattr(law, "lower"))
+
+
+@pytest.mark.parametrize(("effort", "force"), [('effort="50"', 50.0), ('effort="0"', 0.0), ("", 0.0), ('effort="1e-3"', 0.0)])
+def test_stops_of_urdf_carry_effort_and_weight(tmp_path: Path, effort: str, force: float) -> None:
+    """Whichever is more; an effort of 0 is not stated, which is told."""
+    s = mb.read_urdf(written(tmp_path, ARM.replace('effort="50"', effort)))
+    tree = s.tree()
+    angles = np.linspace(0, 2 * np.pi, 721)[:, None] * [1, 0]
+    weight = np.max(np.abs(tree.gravity(angles)[:, 0]))  # the arm as drawn, turned about its horizontal shoulder
+    assert stiffness_of(s, "shoulder") == pytest.approx(max(force, weight) / 1e-3, rel=0.05)
+    assert any("'shoulder': effort=\"0\"" in said for said in s.told) is (effort == 'effort="0"')
+
+
+@pytest.mark.parametrize(("joint", "actuator", "force"), [
+    ("", "", 0.0), ('actuatorfrcrange="-2000 3000"', "", 3000.0),
+    ("", '<motor joint="j" gear="3" forcerange="-2e3 1e3"/>', 6000.0),
+    ("", '<motor joint="j"/>', 0.0), ('actuatorfrcrange="-2000 3000"', '<motor joint="j" forcerange="-9e3 1"/>', 3000.0)])
+def test_stops_of_mjcf_carry_effort_and_weight(tmp_path: Path, joint: str, actuator: str, force: float) -> None:
+    """A slide of 100 kg sinks by 1 mm where no effort is stated."""
+    text = ('<mujoco><worldbody><body><joint name="j" type="slide" axis="0 0 1" limited="true" range="-.05 .3" {}/>'
+            '<geom size=".1" mass="100"/></body></worldbody><actuator>{}</actuator></mujoco>')
+    s = mb.read_mjcf(written(tmp_path, text.format(joint, actuator), "heavy.xml"))
+    assert stiffness_of(s, "j") == pytest.approx(max(force, 981.0) / 1e-3)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.7])
+def test_followers_start_by_ties_of_joints_that_start_within_limits(tmp_path: Path, offset: float) -> None:
+    text = ARM.replace('type="continuous"', 'type="revolute"').replace('offset="0.02"', f'offset="{offset}"')
+    text = text.replace('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><limit lower="0.5" upper="1" effort="5" velocity="1"/>')
+    with pytest.warns(mb.AccuracyWarning, match="its start 0 rad is outside of its limits; it starts at 0.5"):
+        s = mb.read_urdf(written(tmp_path, text))
+    r = s.simulate(1e-3, outputs=[0.0, 1e-3])
+    assert (r["elbow"].angle[0], r["grip"].displacement[0]) == pytest.approx((0.5, 0.05 + offset), abs=1e-9)
+    limited = TIED.replace('name="j2"', 'name="j2" limited="true" range="30 60"')
+    s = mb.read_mjcf(written(tmp_path, limited.format(tie("t", 1, 2, offset), "0 0 0"), "tied.xml"))
+    r = s.simulate(1e-3, outputs=[0.0, 1e-3])
+    assert (r["j1"].angle[0], r["j2"].angle[0]) == pytest.approx((np.pi / 6 + offset, np.pi / 6), abs=1e-9)
+
+
+def test_chains_of_mimics_start_closed_whatever_their_order(tmp_path: Path) -> None:
+    """The finger follows the elbow, which follows the shoulder, stated after it."""
+    text = ARM.replace('<axis xyz="1 2 0"/>', '<axis xyz="1 2 0"/><mimic joint="shoulder" multiplier="2" offset="0.3"/>')
+    start, end = text.index('  <joint name="grip"'), text.index('  <joint name="flange"')
+    grip = text[start:end]
+    text = (text[:start] + text[end:]).replace('  <joint name="shoulder"', f'{grip}  <joint name="shoulder"')
+    s = mb.read_urdf(written(tmp_path, text))
+    assert s.tree().names == ("shoulder",)
+    r = s.simulate(1e-3, outputs=[0.0, 1e-3])
+    assert (r["elbow"].angle[0], r["grip"].displacement[0]) == pytest.approx((0.3, 0.05), abs=1e-9)
+
+
 def test_sites_keep_a_name_each(tmp_path: Path) -> None:
     text = MODEL.replace("<freejoint/>", '<freejoint/><site name="leg" pos="0.1 0 0"/><site name="leg site" pos="0.2 0 0"/>')
     tree = mb.read_mjcf(written(tmp_path, text, "model.xml")).tree()

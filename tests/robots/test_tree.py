@@ -291,6 +291,17 @@ def test_robots_of_drawn_masses_and_lengths_are_not_refused() -> None:
         assert np.all(np.isfinite(a)), n
 
 
+def test_masses_too_far_apart_are_named() -> None:
+    """A heavy arm on a light one whose hinges are in line: 1e-16 of the inertia decides how the light one accelerates."""
+    s = mb.Scene("apart")
+    heavy, light = 1e8, 1e-8
+    a, b = (s.rigid_body(name, m, (0.1 * m,) * 3, at=(0, 0, 0)) for name, m in (("light", light), ("heavy", heavy)))
+    s.revolute("one", s.ground, a, at=(0, 0, 0), axis=(0, 0, 1))
+    s.revolute("other", a, b, at=(0, 0, 0), axis=(0, 0, 1))
+    with pytest.raises(mb.SceneError, match=r"of masses between 1e-08 and 1e\+08 kg, alike .* masses that differ less"):
+        s.tree().forward_dynamics([0.1, 0.2], [0.0, 0.0], [1.0, 1.0])
+
+
 def test_a_hinge_with_friction_is_a_coordinate() -> None:
     """Dry friction acts in runs; joint-space dynamics know of masses and joints alone."""
     def chain_of(n: int, **friction):
