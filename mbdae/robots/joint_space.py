@@ -57,9 +57,7 @@ class Tree:
         origins = {name: f.point for name, f in scene.frames.items() if f.body.name == name}
         moving = moving_scene(scene, origins)
         self._carriers, welds = lumped(moving)
-        model = build(moving)
-        trees = find_trees(model)
-        _refuse_left_out(moving, model, trees)
+        model, trees = _treed(moving)
         order = ordered(moving, trees)
         folded, couplings = folded_of(moving, set(order))
         self._coordinates = coordinates_of(model, order, folded)
@@ -286,12 +284,18 @@ def moving_scene(scene: Any, origins: dict[str, Any]) -> Any:
     return made
 
 
-def _refuse_left_out(scene: Any, model: Model, trees: list[Any]) -> None:
-    """Raise SceneError where beams, or bodies that constraints without coordinates hold, are in none of the trees."""
-    inside = {n.name for tree in trees for n in tree.nodes if n is not None}
-    if trees and (left := [b.name for b in scene.bodies if b.name not in inside] + [line.beam.name for line in model.lines]):
-        raise SceneError([f"scene '{scene.name}': no tree of joints carries {', '.join(map(repr, dict.fromkeys(left)))}; give "
-                          f"such bodies joints with coordinates, or a bushing alone, and leave beams out of these dynamics"])
+def _treed(scene: Any) -> tuple[Model, list[Any]]:
+    """Model and trees of a scene. SceneError where beams, or bodies that constraints without coordinates hold, are in none of the
+    trees; a planar scene is looked at in space, too, where balls have coordinates."""
+    for space in dict.fromkeys((scene.space, "spatial" if scene.space == "auto" else scene.space)):
+        scene.space = space
+        trees = find_trees(model := build(scene))
+        inside = {n.name for tree in trees for n in tree.nodes if n is not None}
+        left = [b.name for b in scene.bodies if b.name not in inside] + [line.beam.name for line in model.lines]
+        if not trees or not left:
+            return model, trees
+    raise SceneError([f"scene '{scene.name}': no tree of joints carries {', '.join(map(repr, dict.fromkeys(left)))}; give such "
+                      f"bodies joints with coordinates, or a bushing alone, and leave beams out of these dynamics"])
 
 
 def ties(scene: Any) -> list[Any]:

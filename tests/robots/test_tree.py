@@ -231,6 +231,25 @@ def test_what_no_tree_carries_is_refused_by_name() -> None:
         s.tree()
 
 
+@pytest.mark.parametrize("out_of_plane", [0, 1])
+@pytest.mark.parametrize("ball_first", [True, False])
+def test_a_ball_carries_a_body_in_planar_scenes_too(ball_first: bool, out_of_plane: float) -> None:
+    """A four-bar that a ball and a hinge close: the one that is stated first carries the last body."""
+    s = mb.Scene("four-bar", gravity=(0, -9.81, out_of_plane))
+    crank, coupler, rocker = (s.rigid_body(name, 1.0, (0.01, 0.02, 0.03), at=at) for name, at in (
+        ("crank", (0, 0.15)), ("coupler", (0.25, 0.45)), ("rocker", (0.55, 0.3))))
+    s.revolute("A", s.ground, crank, at=(0, 0))
+    s.revolute("B", crank, coupler, at=(0, 0.3))
+    statements = [lambda: s.spherical("C", coupler, rocker, at=(0.5, 0.6)),
+                  lambda: s.revolute("D", s.ground, rocker, at=(0.6, 0))]
+    for state in statements if ball_first else reversed(statements):
+        state()
+    tree = s.tree()
+    assert (tree.names, tree.closing) == ((("A", "B", "C"), ("D",)) if ball_first else (("A", "B", "D"), ("C",)))
+    of_coupler, of_rocker = 0.03 + 0.25**2 + 0.15**2, 0.03 + 0.55**2  # about B
+    assert tree.mass_matrix(tree.zero)[1, 1] == pytest.approx(of_coupler + (of_rocker if ball_first else 0))
+
+
 def test_a_link_that_turns_about_itself_without_inertia_is_named() -> None:
     s = mb.Scene("spit", gravity=(0, 0, -9.81))
     s.revolute("j", s.ground, s.link("a", (0, 0, 0), (1, 0, 0), mass=1.0), at=(0, 0, 0), axis=(1, 0, 0))
