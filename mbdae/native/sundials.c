@@ -11,7 +11,7 @@ static const double NEWTON = 0.1, UNCHANGED = 1e-4, SLOWEST = 0.9; /* see `ida_c
 static const double ROUND = 1e3 * 2.220446049250313e-16; /* a step is not made shorter than this part of the time */
 enum { STEPS = 7, MANY = 3, LOW = 3, HELD = 24, HIGH = 5 };  /* see `raise_order` */
 static const double LEADING = 0.03, WIDER = 1000;
-static const double HELD_BY_BOUND = 0.85, AIMED = 0.3, NARROWS = 0.1, LEAST = 1e-30, NARROWEST = 1e-14; /* see `choose_order` */
+static const double HELD_BY_BOUND = 0.85, AIMED = 0.3, NARROWS = 0.1, LEAST = 1e-30, NARROWEST = 1e-13; /* see `choose_order` */
 
 /* One run; `Run` of sundials.py has the same members. */
 typedef struct {
@@ -262,8 +262,10 @@ static int choose_order(Run *r, const double *y, double h) {
   const double longest = longest_of_stretches(&r->stretches, r->from_t);
   I n = r->e->n;
   double size = 0;
-  if (r->from_t >= r->unseen || h < HELD_BY_BOUND * longest) {
-    r->narrow = r->from_t >= r->unseen ? 1 : fmin(1, r->narrow / NARROWS);
+  const int rejected = r->rejected > r->before;
+  r->before = r->rejected;
+  if (rejected || r->from_t >= r->unseen || h < HELD_BY_BOUND * longest) {
+    r->narrow = r->from_t >= r->unseen ? 1 : fmin(1, r->narrow / (rejected ? NARROWS * NARROWS : NARROWS));
     return 0;
   }
   int code = r->errors(r->memory, r->inner_vector);
