@@ -11,7 +11,7 @@ static const double NEWTON = 0.1, UNCHANGED = 1e-4, SLOWEST = 0.9; /* see `ida_c
 static const double ROUND = 1e3 * 2.220446049250313e-16; /* a step is not made shorter than this part of the time */
 enum { STEPS = 7, MANY = 3, LOW = 3, HELD = 24, HIGH = 5 };  /* see `raise_order` */
 static const double LEADING = 0.03, WIDER = 1000;
-static const double HELD_BY_BOUND = 0.9, AIMED = 0.3, NARROWS = 0.1, NARROWEST = 1e-14; /* see `choose_order` */
+static const double HELD_BY_BOUND = 0.85, AIMED = 0.3, NARROWS = 0.1, LEAST = 1e-30, NARROWEST = 1e-13; /* see `choose_order` */
 
 /* One run; `Run` of sundials.py has the same members. */
 typedef struct {
@@ -199,12 +199,18 @@ static int piece(Run *r, double t, const double *y, const double *yp) {
   return 1;
 }
 
+/* Tolerance of an unknown that is y; narrowed ones are not below round-off. */
+static double tolerance_of(const Run *r, I i, double y) {
+  const double own = r->rtol * fabs(y) + r->atol[i];
+  return fmin(own, fmax(r->narrow * own, NARROWEST * fabs(y)));
+}
+
 /* Weights of the error test: 1 / tolerance of every unknown. */
 API int sundials_weights(Closed y, Closed weights, void *user) {
   const Run *r = user;
   const double *at = r->array(y);
   double *w = r->array(weights);
-  for (I i = 0; i < r->e->n; i++) w[i] = 1 / (r->narrow * r->wider[i] * (r->rtol * fabs(at[i]) + r->atol[i]));
+  for (I i = 0; i < r->e->n; i++) w[i] = 1 / (r->wider[i] * tolerance_of(r, i, at[i]));
   return 0;
 }
 
@@ -255,19 +261,17 @@ static void raise_order(Run *r, const double *y, double h) {
 static int choose_order(Run *r, const double *y, double h) {
   const double longest = longest_of_stretches(&r->stretches, r->from_t);
   I n = r->e->n;
-  double size = 0, least = 0;
-  if (r->from_t >= r->unseen || h < HELD_BY_BOUND * longest) {
-    r->narrow = r->from_t >= r->unseen ? 1 : fmin(1, r->narrow / NARROWS);
+  double size = 0;
+  const int rejected = r->rejected > r->before;
+  r->before = r->rejected;
+  if (rejected || r->from_t >= r->unseen || h < HELD_BY_BOUND * longest) {
+    r->narrow = r->from_t >= r->unseen ? 1 : fmin(1, r->narrow / (rejected ? NARROWS * NARROWS : NARROWS));
     return 0;
   }
   int code = r->errors(r->memory, r->inner_vector);
   const double *e = r->array(r->inner_vector);
-  for (I i = 0; code >= 0 && i < n; i++) {
-    const double tolerance = r->rtol * fabs(y[i]) + r->atol[i];
-    size += pow(e[i] / tolerance, 2);
-    least = fmax(least, NARROWEST * fabs(y[i]) / tolerance);
-  }
-  if (code >= 0) r->narrow = fmin(1, fmax(fmax(sqrt(size / (double)n) / AIMED, NARROWS * r->narrow), least));
+  for (I i = 0; code >= 0 && i < n; i++) size += pow(e[i] / tolerance_of(r, i, y[i]), 2);
+  if (code >= 0) r->narrow = fmin(1, fmax(r->narrow * fmax(sqrt(size / (double)n) / AIMED, NARROWS), LEAST));
   return code;
 }
 

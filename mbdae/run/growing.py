@@ -46,6 +46,8 @@ SHARE = 1e-3  #: a position takes part in a disturbance where it is disturbed by
 LOST = 80.0  #: growth (natural logarithm) after which a disturbance of any size is seen
 #: fractions of the time between two looks at which roots are compared with those at the looks, and largest ratio of two of them
 BETWEEN, STEADY = (0.17, 0.37, 0.59, 0.71, 0.88), 2.0
+#: growth (natural logarithm) of carried disturbances in a part of a run from which on roots that are others elsewhere in it count
+GROWS = 0.5
 #: the steps of a part in which a disturbance is behind are at least FOLLOWED over CLOSEST times the magnitude of its root: where
 #: something else moves it, as a load, it does not grow as its root says at any step
 CLOSEST = 100.0
@@ -108,7 +110,7 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     spectra = roots_at(looks)
     found, late = spectra.found(VISIBLE), [0.0] * len(times)
     if _any_unseen(found):
-        found = _persistent(run, looks, found, ends)
+        found = _persistent(system, run, looks, found, ends)
         if _any_unseen(found) and not _carried(system, run, found):
             found = [_seen(one) for one in found]
     if _any_unseen(found):
@@ -126,11 +128,16 @@ def _any_unseen(found: list[GrowthFound]) -> bool:
     return any(one.unseen for one in found)
 
 
-def _persistent(run: Solution, looks: Looks, found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
+def _persistent(system: System, run: Solution, looks: Looks, found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
-    an impact."""
-    return [_seen(one) if one.unseen > 0 and not _steady(run, looks, i, edges[i : i + 2], (one.rate,)) else one
-            for i, one in enumerate(found)]
+    an impact, unless disturbances carried along the run grow in that part."""
+    passing = [i for i, one in enumerate(found) if one.unseen > 0 and not _steady(run, looks, i, edges[i : i + 2], (one.rate,))]
+    known = passing and system.n <= SMALL
+    course = Disturbances(system, run, CARRIES / max(one.unseen for one in found)).course() if known else None
+    if course is None:
+        return [_seen(one) if i in passing else one for i, one in enumerate(found)]
+    grown = np.diff(np.interp(edges, *course))
+    return [_seen(one) if i in passing and grown[i] < GROWS else one for i, one in enumerate(found)]
 
 
 def _seen(one: GrowthFound) -> GrowthFound:
