@@ -48,6 +48,17 @@ def test_the_first_peak_of_a_flexible_rod_is_that_of_its_steady_running() -> Non
         assert s.simulate(0.02, 1e-3).peak("B.force").value > 1.8 * 4826.0
 
 
+def test_energy_of_a_relaxed_start_is_that_of_steady_running() -> None:
+    """The rod's strain counts from the start on; after a turn the energy is the same again, and what the drive did is damped."""
+    r = engine(angle=100 * np.pi * mb.t).simulate(0.02, 1e-3, start="relaxed", of=["B.force"])
+    e = r.energy
+    total = e.kinetic + e.potential
+    assert e.potential[0] > 1e-4 * total[0]
+    assert np.max(np.abs(e.balance)) < 1e-7 * np.max(total)
+    assert total[-1] == pytest.approx(total[0], rel=1e-6)
+    assert 0 < e.work[-1] < 1e-5 * total[0]
+
+
 @pytest.mark.parametrize("rate", [100, 300, pytest.param(700, marks=pytest.mark.slow)])
 def test_a_turning_beam_begins_in_its_relative_equilibrium(rate: float) -> None:
     """Also above the first frequency of the beam, where only long polynomials find it."""
