@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, OptionError
+from mbdae.errors import ListsAttributes, MissingError, OptionError
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import UNITS, quantity
 from mbdae.process import unchanging
@@ -242,11 +242,11 @@ class ConnectionSensor(ListsAttributes):
         if name == "drive" or name.startswith("drive_"):
             driven = ", ".join(drives_of(item))
             instead = f"it has {driven}" if driven else "none of its coordinates is prescribed or loaded; read force and torque"
-            raise OptionError(f"{item.kind} '{item.name}' has no {name}: {instead}")
+            raise MissingError(f"{item.kind} '{item.name}' has no {name}: {instead}")
         if name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
             of_bodies = "it has no coordinates; read position and rotation of its bodies"
             instead = f"its coordinates: {', '.join(names)}" if names else of_bodies
-            raise OptionError(f"{item.kind} '{item.name}' has no {name}; {instead}")
+            raise MissingError(f"{item.kind} '{item.name}' has no {name}; {instead}")
         return super().__getattr__(name)  # type: ignore[misc,no-any-return]
 
     def __dir__(self) -> list[str]:
