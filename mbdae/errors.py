@@ -82,10 +82,6 @@ class OptionError(MbdaeError, ValueError):
     """An option has a value that cannot be used."""
 
 
-class MissingError(OptionError, AttributeError):
-    """A quantity was read by a name that its object does not have; `hasattr` and `getattr` with a default know it, too."""
-
-
 class NotReadError(OptionError):
     """A parameter of a law cannot be varied: it has no effect on the equations, or was compiled into them as a constant."""
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, MissingError, OptionError
+from mbdae.errors import ListsAttributes, OptionError
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import UNITS, quantity
 from mbdae.process import unchanging
@@ -92,6 +92,10 @@ def quantities_of(kind: type) -> tuple[str, ...]:
     for one in kinds:
         kinds += one.__subclasses__()
     return tuple(name for name in UNITS if any(name in vars(one) for one in kinds))
+
+
+class MissingError(OptionError, AttributeError):
+    """A quantity was read by a name that its object does not have; `hasattr` and `getattr` with a default know it, too."""
 
 
 class BodySensor(ListsAttributes):
