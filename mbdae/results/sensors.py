@@ -94,6 +94,10 @@ def quantities_of(kind: type) -> tuple[str, ...]:
     return tuple(name for name in UNITS if any(name in vars(one) for one in kinds))
 
 
+class MissingError(OptionError, AttributeError):
+    """A quantity was read by a name that its object does not have; `hasattr` and `getattr` with a default know it, too."""
+
+
 class BodySensor(ListsAttributes):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
@@ -242,11 +246,11 @@ class ConnectionSensor(ListsAttributes):
         if name == "drive" or name.startswith("drive_"):
             driven = ", ".join(drives_of(item))
             instead = f"it has {driven}" if driven else "none of its coordinates is prescribed or loaded; read force and torque"
-            raise OptionError(f"{item.kind} '{item.name}' has no {name}: {instead}")
+            raise MissingError(f"{item.kind} '{item.name}' has no {name}: {instead}")
         if name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
             of_bodies = "it has no coordinates; read position and rotation of its bodies"
             instead = f"its coordinates: {', '.join(names)}" if names else of_bodies
-            raise OptionError(f"{item.kind} '{item.name}' has no {name}; {instead}")
+            raise MissingError(f"{item.kind} '{item.name}' has no {name}; {instead}")
         return super().__getattr__(name)  # type: ignore[misc,no-any-return]
 
     def __dir__(self) -> list[str]:

@@ -272,7 +272,8 @@ class SceneItems(NamesAttributes):
         raise SceneError([f"there is no item '{name}' in scene '{self.name}'; it has {self._names()}"])
 
     def _names(self) -> str:
-        names = [item.name for item in self._items]
+        frames = [name for name, f in self.frames.items() if not f.body.is_ground]
+        names = list(dict.fromkeys([*(item.name for item in self._items), *frames]))
         return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "") or "none"
 
     def _keep_read_coordinates(self, item: Any) -> None:

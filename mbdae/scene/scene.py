@@ -171,7 +171,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @reads(name=reading.name, body=reading.body, at=reading.point, rotation=reading.rotation)
     @statement
     def frame(self, name: str, body: Any, at: Any = None, rotation: Any = None) -> Body:
-        """A named frame on a body, which moves nothing: `s.tree()` gives its Jacobian. `at`: its origin, m, as drawn, by default
+        """A named frame on a body, which moves nothing: `s.tree()` gives its Jacobian, r["its name"].position, .velocity, ... the
+        motion of its origin in a run, and `rotation` that of the body. `at`: its origin, m, as drawn, by default
         the centre of mass; `rotation` 3x3, its axes as drawn, by default those of the body. The frame of a link of a robot file
         has the name of the link. Returns the body."""
         owner = body.body if isinstance(body, Place) else body

@@ -87,8 +87,11 @@ def split(path: str) -> tuple[str, str]:
 
 
 def placed(scene: Any, key: str) -> tuple[Any, Any]:
-    """The item of a scene, and where on it: "item", "item.at(s)" with s from 0 to 1, "item.at(x, y)" or "item.at(x, y, z)"."""
+    """The item of a scene, and where on it: "item", "item.at(s)" with s from 0 to 1, "item.at(x, y)" or "item.at(x, y, z)", or
+    the name of a frame, which is a place on its body."""
     found = None if key in scene._by_name else _PLACE.fullmatch(key)
+    if found is None and key not in scene._by_name and key in scene.frames and not scene.frames[key].body.is_ground:
+        return scene.frames[key].body, scene.frames[key].point
     if found is None:
         return scene[key], None
     item = scene[found["item"]]

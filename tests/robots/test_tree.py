@@ -100,6 +100,37 @@ def test_frames_stay_with_copies_of_a_scene() -> None:
     assert J[0] == pytest.approx(J[1], abs=EXACT)
 
 
+def test_frames_are_read_in_results_and_by_sensors() -> None:
+    """Their origins, as `s.tree()` has them; in expressions, too."""
+    ends = []
+    for place in ("tool tip", "b.at(2, 0, 0)"):
+        s = mb.Scene("one", gravity=(0, 0, -9.81))
+        b = s.rigid_body("b", 1.0, (0.1, 0.1, 0.1), at=(1, 0, 0))
+        s.revolute("J", s.ground, b, at=(0, 0, 0), axis=(0, 1, 0))
+        s.frame("tool tip", b, at=(2, 0, 0))
+        s.force("drag", b, (0, 0, -5 * s.sensor(f"{place}.velocity[2]")))
+        r = s.simulate(0.1, accuracy=1e-8)
+        ends.append(r["J"].angle[-1])
+    tree, q = s.tree(), r["J"].angle[:, None]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-9)
+    assert r["tool tip"].position == pytest.approx(tree.pose("tool tip", q)[:, :, 3], abs=EXACT)
+    velocity = tree.jacobian("tool tip", q[-1]) @ r["J"].rate[-1:]
+    assert r.read("tool tip.velocity[2]")[-1] == pytest.approx(velocity[2], abs=EXACT)
+    with pytest.raises(mb.SceneError, match=r"no item 'tip'.*'tool tip'"):
+        r["tip"]
+
+
+def test_what_a_joint_does_not_have_is_missing_as_attributes_are() -> None:
+    s = mb.Scene("slide", gravity=(0, 0, -9.81))
+    s.prismatic("J", s.ground, s.rigid_body("b", 1.0, (0.1, 0.1, 0.1), at=(1, 0, 0)), at=(0, 0, 0), axis=(0, 0, 1))
+    found = s.simulate(0.01)["J"]
+    assert hasattr(found, "displacement")
+    assert not hasattr(found, "angle")
+    assert getattr(found, "drive", None) is None
+    with pytest.raises(mb.OptionError, match="'J' has no angle; its coordinates: displacement"):
+        _ = found.angle
+
+
 @pytest.mark.parametrize("model", [mb.Recursive(), mb.Classical()])
 def test_rows_of_joints_turn_the_linear_equations_into_theirs(model: mb.Recursive | mb.Classical) -> None:
     """Near rest M of the linear equations, in coordinates of the joints, is the mass matrix of the tree."""
