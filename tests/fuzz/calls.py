@@ -299,7 +299,7 @@ CALLS: dict[str, Call] = {
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
-        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None}, "mbdae.sweep.with_processes"),
+        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None, "derivatives": None}, "mbdae.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
@@ -320,6 +320,7 @@ CALLS: dict[str, Call] = {
     "Equilibrium.save": Call(lambda: hanging().save, lambda: {"path": "a.npz"}),
     "Linearization.shares": Call(lambda: linear().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
     "Floquet.shares": Call(lambda: floquet().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
+    "Mode.gradient": Call(lambda: linear().modes[0].gradient, lambda: {"to": "rod.mass"}),
     "Mode.__getitem__": Call(lambda: linear().modes[0].__getitem__, lambda: {"body": "rod"}),
     "ComparisonData.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
     "ComparisonData.table": Call(lambda: comparison().table, lambda: {"all_columns": False}),
