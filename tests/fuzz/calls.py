@@ -41,7 +41,8 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
-    **dict.fromkeys(("Result.gradient", "Result.sensitivity", "integral", "at_end", "largest", "number"), "tests/derivatives"),
+    **dict.fromkeys(("Result.gradient", "Result.sensitivity", "Mode.gradient", "integral", "at_end", "largest",
+                     "number"), "tests/derivatives"),
     **dict.fromkeys(("fit", "design", "mass", "function"), "tests/test_fits"),
     **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak",
                      "Result.mean", "Result.rms", "Result.error"),
@@ -320,7 +321,6 @@ CALLS: dict[str, Call] = {
     "Equilibrium.save": Call(lambda: hanging().save, lambda: {"path": "a.npz"}),
     "Linearization.shares": Call(lambda: linear().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
     "Floquet.shares": Call(lambda: floquet().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
-    "Mode.gradient": Call(lambda: linear().modes[0].gradient, lambda: {"to": "rod.mass"}),
     "Mode.__getitem__": Call(lambda: linear().modes[0].__getitem__, lambda: {"body": "rod"}),
     "ComparisonData.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
     "ComparisonData.table": Call(lambda: comparison().table, lambda: {"all_columns": False}),
