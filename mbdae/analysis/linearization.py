@@ -13,7 +13,7 @@ from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system
 from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
 from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced, refuse_rolling
-from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
+from mbdae.analysis.shapes import Mode, Modes, OnMesh, motion, participants, repeated, scaled, shares
 from mbdae.analysis.spectrum import Structure, spectrum
 from mbdae.analysis.state import at_kinks, kinks, pencil_at, pencil_with_errors, sides, structure
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
@@ -113,6 +113,11 @@ class Linearization(OnMesh, Modes[Mode]):
     roots = eigenvalues
 
     @property
+    def root_errors(self) -> Array:
+        """The `errors`."""
+        return self.errors
+
+    @property
     def damping(self) -> Array:
         """Damping ratios (modes,)."""
         return np.array([mode.damping for mode in self.modes])
@@ -172,7 +177,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     if kinked := kinks(m, state[:4]):
         found.sides, found.stable = tuple(made(start.t, *beside, z) for beside in sides(state[:4], kinked[0][1])), None
         warn(at_kinks(kinked, "the roots"))
-    found._finer = finer(partial(linearize, frame=axes.name, count=count, out_of_plane=False), prepared.model.scene, at)
+    found._again = repeated(partial(linearize, frame=axes.name, count=count, out_of_plane=False), at)
     beams = (system, z) if m.model.lines else None
     change = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if change:

@@ -20,7 +20,7 @@ from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
 from mbdae.analysis.orbit import MOST, RETURN, Departures, Return, check_return, departures, followed, halved
 from mbdae.analysis.reduced import refuse_rolling
-from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
+from mbdae.analysis.shapes import Mode, Modes, OnMesh, motion, participants, repeated, scaled, shares
 from mbdae.analysis.shooting import propagated
 from mbdae.analysis.state import at_kinks
 from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
@@ -59,6 +59,11 @@ class FloquetMode(Mode):
     multiplier: complex
     error: float
 
+    @property
+    def root(self) -> complex:
+        """What `gradient` differentiates: the multiplier."""
+        return self.multiplier
+
 
 class Floquet(OnMesh, Modes[FloquetMode]):
     """Multipliers of a periodic motion and their modes, by falling size.
@@ -87,6 +92,11 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     def roots(self) -> Any:
         """The multipliers, which `mesh_error` compares."""
         return self.multipliers
+
+    @property
+    def root_errors(self) -> Any:
+        """Estimated errors of the multipliers."""
+        return self.errors * self.period * np.abs(self.multipliers)
 
     @property
     def stable(self) -> bool | None:
@@ -205,7 +215,7 @@ def multipliers_of(scene: SceneData, period: float, at: Any, count: int | None, 
     made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned)
     if returned.kinks:
         warn(at_kinks(returned.kinks, "the multipliers"))
-    made._finer = finer(partial(multipliers_of, period=period, count=count, accuracy=accuracy, off=off), scene, at)
+    made._again = repeated(partial(multipliers_of, period=period, count=count, accuracy=accuracy, off=off), at)
     return made
 
 

@@ -1,7 +1,11 @@
-"""The displacements that constraints allow, and the equations on them: second order, dense, with bounds of their errors."""
+"""The displacements that constraints allow, and the equations on them: second order, dense, with bounds of their errors.
+
+Also here: how a simple root changes with numbers of the scene."""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -12,13 +16,18 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from mbdae.analysis.pencil import ROUNDED, Pencil, acting_states
-from mbdae.errors import OptionError
+from mbdae.errors import AccuracyWarning, DerivativeError, MbdaeError, OptionError
+from mbdae.study.statements import changed, stated_value
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 
 #: a constraint row counts as dependent on others where its part independent of them is at most this times that of the most
 #: independent row (rows of length 1)
 DEPENDENT = 1e-9
+
+#: nodes of differences of roots; their distance over the number, and by what they are taken closer where roots are near
+SIDES, DISTANCE, CLOSER = (1, -1, 2, -2, 3, -3), 4e-3, 16.0
+ALIKE = 1e-6  #: roots nearer to each other than this share of their size count as one
 
 
 def refuse_rolling(mechanics: Mechanics, analysis: str, instead: str) -> None:
@@ -197,3 +206,91 @@ def _eliminate(out: dict[str, list[Array]]) -> None:
     for rows in ("w", "s"):
         for i, block in enumerate(others):
             out[rows][i] = out[rows][i] - out[rows][5] @ np.linalg.solve(own, block)
+
+
+# -- derivatives of roots
+
+
+class TracedRoot:
+    """A simple root as a number of the scene changes: of scenes with other values of it the same analysis is made, at their own
+    equilibrium, and the root nearest to where those before lead is taken.
+
+    Left and right vectors would give its derivative by that of the matrices; these are known by differences of the scene alone,
+    along which the root itself is known to rounding."""
+
+    def __init__(self, owner: Any, root: complex, number: int) -> None:
+        self.owner, self.root, self.called = owner, root, f"mode {number + 1} with the root {root:.6g}"
+        if at_kink(owner):
+            raise DerivativeError(f"there are no derivatives of {self.called}: a law has a kink exactly at the state")
+        if owner._again is None:
+            raise DerivativeError(f"there are no derivatives of {self.called}: it is that of a state of a run, which changes "
+                                  "with the numbers too; make the analysis at s.equilibrium() or at the start of the scene")
+        self.gap, self.error = self._apart(owner, root)
+        if self.gap <= max(ALIKE * abs(root), 4 * self.error):
+            raise DerivativeError(f"{self.called} has no derivative: it is not simple, another root is {self.gap:.1e} away, and "
+                                  f"its own error is {self.error:.1e}; roots that coincide part in directions that depend on all "
+                                  "numbers: break the symmetry, or compare analyses of two values")
+
+    @staticmethod
+    def _apart(owner: Any, root: complex) -> tuple[float, float]:
+        """Distance to the nearest other root, and the error of the root itself."""
+        roots = np.asarray(owner.roots)
+        own = int(np.argmin(np.abs(roots - root)))
+        others = np.concatenate([np.delete(roots, own), roots[roots.imag > 0].conj()])
+        return float(np.min(np.abs(others - root), initial=np.inf)), float(owner.root_errors[own])
+
+    def by(self, name: str) -> Any:
+        """The derivative by a number, with its error."""
+        from mbdae.derivatives import Derivative
+        from mbdae.derivatives.chart import refused
+
+        stated, closer, problem = stated_value(self.owner.prepared.model.scene, name, 1.0), 1.0, ""
+        for nodes in (SIDES, SIDES, SIDES, (0, 1, 2, 3, 4, 5, 6), (0, -1, -2, -3, -4, -5, -6)):
+            distance = DISTANCE / closer * (abs(stated) or min(self.owner.prepared.length, 1.0))
+            try:
+                found = self._differenced(name, nodes, distance)
+            except _LostError as error:  # roots are near to each other
+                closer, problem = closer * CLOSER, str(error)
+                continue
+            except MbdaeError as error:  # the scene has no such analysis on this side
+                problem = str(error)
+                continue
+            return Derivative(complex(*found.found), float(np.hypot(*found.doubt)) + 2 * self.error / distance)
+        refused(name, f"{self.called} cannot be followed to other values of it ({problem})")
+
+    def _differenced(self, name: str, nodes: Sequence[int], distance: float) -> Any:
+        from mbdae.derivatives.chart import differenced
+
+        known = {0: self.root}
+
+        def at(node: int) -> Array:
+            if node not in known:
+                inner = node - int(np.sign(node))
+                ahead = known[inner] - known[inner - int(np.sign(node))] if inner else 0.0
+                known[node] = self._nearest(name, distance * node, known[inner] + ahead)
+            return np.array([known[node].real, known[node].imag])
+
+        return differenced(at, nodes, distance)
+
+    def _nearest(self, name: str, off: float, expected: complex) -> complex:
+        """The root of the scene whose number is larger by `off`, near the one expected."""
+        kept = self.owner._with_number.setdefault((name, off), None)
+        if kept is None:
+            scene, _ = changed(self.owner.prepared.model.scene, name, lambda stated: stated + off)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", AccuracyWarning)
+                kept = self.owner._with_number[name, off] = np.asarray(self.owner._again(scene).roots)
+        away = np.abs(kept - expected)
+        own = int(np.argmin(away))
+        if away[own] > self.gap / 4 or np.min(np.delete(away, own), initial=np.inf) < self.gap / 2:
+            raise _LostError("other roots are too near")
+        return complex(kept[own])
+
+
+def at_kink(owner: Any) -> bool:
+    """Whether a law has a kink exactly at the state, or at one of the motion, of an analysis."""
+    return bool(getattr(owner, "sides", ())) or not getattr(owner, "_smooth", True)
+
+
+class _LostError(Exception):
+    """A root cannot be told from others."""

@@ -127,6 +127,25 @@ class Mode(ListsAttributes):
         arm = attitude(node, start.q) @ body.drawn.rotation.T @ (place.point - origin)
         return ModeShape(move + np.cross(turn, self.owner.axes.T @ arm), turn)
 
+    def gradient(self, to: Any) -> Any:
+        """Derivatives of the `root` by numbers of the scene, by their names (one or a list): of a value, complex, in the unit of
+        the root over that of the number, and of an estimated error. The equilibrium moves with the numbers.
+
+        Raises DerivativeError where the root is not simple, cannot be followed, or is that of a state of a run."""
+        from mbdae.analysis.reduced import TracedRoot
+        from mbdae.derivatives import Derivatives, names_of, refuse_number
+
+        traced, found = TracedRoot(self.owner, self.root, self.owner.modes.index(self)), Derivatives()  # type: ignore[attr-defined]
+        for name in names_of(to):
+            refuse_number(name, self.owner.prepared.model.scene)
+            found[name] = traced.by(name)
+        return found
+
+    @property
+    def root(self) -> complex:
+        """What `gradient` differentiates: the eigenvalue, 1/s."""
+        return self.eigenvalue
+
     @property
     def participation(self) -> dict[str, float]:
         """Share of every body in the kinetic energy of the mode (of its displacements, where nothing moves has mass)."""
@@ -203,9 +222,13 @@ class OnMesh:
     """Base of analyses of a scene: whether it is planar; with beams their mesh, and the error that it causes."""
 
     prepared: Prepared
-    #: makes the same analysis on a finer mesh; None where the state analysed is one of a run, which exists on the mesh of the run
-    #: only
-    _finer: Callable[[], Any] | None = None
+    #: makes the same analysis of another scene; None where the state analysed is one of a run, which exists on its mesh only
+    _again: Callable[[SceneData], Any] | None = None
+
+    @cached_property
+    def _with_number(self) -> dict[tuple[str, float], Any]:
+        """Roots of the scene by (name of a number, what it is larger by)."""
+        return {}
 
     @property
     def _plane(self) -> str:
@@ -226,11 +249,11 @@ class OnMesh:
         exists on the run's mesh only."""
         if not self.prepared.model.lines:
             return None
-        if self._finer is None:
+        if self._again is None:
             raise OptionError("mesh_error: the state of a run has no counterpart on a finer mesh: linearise about "
                               "s.equilibrium() or the start, or repeat run and analysis with beams of one order "
                               "more")
-        here, there = self.roots, self._finer().roots
+        here, there = self.roots, self._again(with_finer_beams(self.prepared.model.scene)).roots
         # pairs of roots with the least sum of squared distances: with squares, real roots are paired in rising order
         mine, others = linear_sum_assignment(np.abs(here[:, None] - there) ** 2)
         error, size = np.full(len(here), np.nan), np.maximum(np.abs(there[others]), np.finfo(float).tiny)
@@ -243,6 +266,11 @@ class OnMesh:
         raise NotImplementedError
 
     @property
+    def root_errors(self) -> Any:
+        """Errors of the `roots`, in their unit."""
+        raise NotImplementedError
+
+    @property
     def _on_mesh(self) -> str:
         """The mesh and its error in words; "" without beams."""
         if not self.mesh:
@@ -251,18 +279,17 @@ class OnMesh:
                           for name, (elements, order) in self.mesh.items())
         if "mesh_error" in vars(self):
             return f"mesh of {beams}: relative error of at most {np.nanmax(vars(self)['mesh_error'], initial=0.0):.1e}"
-        return f"mesh of {beams}: its error is not covered{' (.mesh_error measures it)' if self._finer is not None else ''}"
+        return f"mesh of {beams}: its error is not covered{' (.mesh_error measures it)' if self._again is not None else ''}"
 
 
-def finer(again: Callable[..., Any], scene: SceneData, at: Any) -> Callable[[], Any] | None:
-    """A function that makes the analysis again(scene, at=...) with finer beams; None where the state `at` is one of a run, which
-    exists on the mesh of the run only."""
+def repeated(again: Callable[..., Any], at: Any) -> Callable[[SceneData], Any] | None:
+    """A function that makes the analysis again(scene, at=...) of another scene, at its own equilibrium where `at` is one; None
+    where the state `at` is one of a run, which exists for the scene and the mesh of the run only."""
     if at is not None and not isinstance(at, Equilibrium):
         return None
-    return partial(_with_finer_beams, again, scene, None if at is None else at.frame)
+    return partial(_repeated, again, None if at is None else at.frame)
 
 
-def _with_finer_beams(again: Callable[..., Any], scene: SceneData, frame: str | None) -> Any:
-    """The analysis on a finer mesh, at the equilibrium in `frame`, or at the start of the scene where frame is None."""
-    fine = with_finer_beams(scene)
-    return again(fine, at=None if frame is None else equilibrium(fine, frame, out_of_plane=False))
+def _repeated(again: Callable[..., Any], frame: str | None, scene: SceneData) -> Any:
+    """The analysis of a scene, at the equilibrium in `frame`, or at the start of the scene where frame is None."""
+    return again(scene, at=None if frame is None else equilibrium(scene, frame, out_of_plane=False))

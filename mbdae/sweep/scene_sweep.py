@@ -29,13 +29,14 @@ from mbdae.run.checkpoint import versions
 from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.study.kept import computed_again, told_when_interrupted
+from mbdae.study.statements import stated_value
 from mbdae.study.workers import THREADS, with_executor, with_processes
-from mbdae.sweep.scenes import Points, SceneJob, planned, solved
+from mbdae.sweep.scenes import SLOPES, Points, SceneJob, by, planned, solved
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
-from mbdae.values import option, sequence, text, whole
+from mbdae.values import option, sequence, shown, text, whole
 
-FORMAT = "mbdae sweep of a scene 5"
+FORMAT = "mbdae sweep of a scene 6"
 #: largest number of points per part: PART in native batches, ALONE where every point is a run of its own; a part that failed is
 #: divided into PIECES
 PART, ALONE, PIECES = 512, 8, 8
@@ -52,19 +53,27 @@ class Peaks(NamedTuple):
     error: Array
 
 
+class Slopes(NamedTuple):
+    """Derivatives of a quantity at the outputs on the grid, and their estimated largest errors on the grid."""
+
+    value: Array
+    error: Array
+
+
 class SceneSweep(ListsAttributes):
     """A sweep over numbers of a scene.
 
-    grid: its points; t (m,): output times, s; names: of the unknowns; of: of the quantities that were asked for; batched: whether
-    points run in native batches; why: reason where they do not. Results are stored in parts, on the disk where a folder was
-    given: `array` and `peaks` read them."""
+    grid: its points; t (m,): output times, s; names: of the unknowns; of: quantities that were asked for; to: numbers by which
+    they have `derivatives`; batched: whether points run in native batches; why: reason where they do not. Results are stored in
+    parts, on the disk where a folder was given: `array` and `peaks` read them."""
 
     def __init__(self, points: Points, job: SceneJob, folder: Path | None, statement: str = "") -> None:
         """folder: where parts are stored (None: in memory); statement: identity of the sweep, whose hash is stored in each
         part."""
         self._statement, self._key = statement, hashlib.sha256(statement.encode()).hexdigest()
         self.grid, self.t, self.batched, self.why = points, job.outputs, job.lines is not None, job.why
-        self.of, self._folder, self._parts = job.of, folder, dict[tuple[int, int], Any]()
+        self.of, self.to = job.of, job.to
+        self._folder, self._parts = folder, dict[tuple[int, int], Any]()
         self.names: tuple[str, ...] = ()
 
     def array(self, name: str) -> Array:
@@ -72,18 +81,30 @@ class SceneSweep(ListsAttributes):
         vectors with their components; nan where it is missing. Where every point failed the unknowns are not known, and every
         name gives nan."""
         if name in self.of:
-            parts = [(place, part["of"][name]) for place, part in self._all() if name in part["of"]]
-            inner = next((values.shape[2:] for _, values in parts if np.isfinite(values).any()), ())
-            read = np.full((len(self.grid), len(self.t), *inner), np.nan)
-            for (first, last), values in parts:
-                read[first:last] = values if values.shape[2:] == inner else np.nan
-            return read.reshape(*self.grid.shape, *read.shape[1:])
+            return self._read_of(name, len(self.t))
         column = self._column(name)
         out = np.full((len(self.grid), len(self.t)), np.nan)
         for (first, last), part in self._all():
             if part["y"].shape[2]:
                 out[first:last] = part["y"][:, :, column]
         return out.reshape(*self.grid.shape, len(self.t))
+
+    def _read_of(self, name: str, outputs: int) -> Array:
+        """What was read of every run, on the grid (..., outputs, ...)."""
+        parts = [(place, part["of"][name]) for place, part in self._all() if name in part["of"]]
+        inner = next((values.shape[2:] for _, values in parts if np.isfinite(values).any()), ())
+        read = np.full((len(self.grid), outputs, *inner), np.nan)
+        for (first, last), values in parts:
+            read[first:last] = values if values.shape[1:] == read.shape[1:] else np.nan
+        return read.reshape(*self.grid.shape, *read.shape[1:])
+
+    def derivatives(self, name: str, to: str) -> Slopes:
+        """Derivatives of a quantity that was asked for, in the shape of its `array`, by a number that was, with their errors, in
+        the shape of the grid; OptionError for others."""
+        if name not in self.of or to not in self.to:
+            raise OptionError(f"there are no derivatives of {shown(name)} by {shown(to)}: give mb.sweep(..., of=[...], "
+                              "derivatives=[...]), in which they are")
+        return Slopes(self._read_of(by(name, to), len(self.t)), self._read_of(by(name, to, SLOPES[1]), 1)[..., 0])
 
     def _column(self, name: str) -> int:
         name = option("name", name, text, "give the name of an unknown")
@@ -208,13 +229,20 @@ def _part(path: Path) -> Any:
 
 
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
-                t_end: Any, accuracy: Any, outputs: Any, of: Any) -> SceneSweep:
+                t_end: Any, accuracy: Any, outputs: Any, of: Any, derivatives: Any = None) -> SceneSweep:
     """`mb.sweep` of a scene; arguments as there, tell: its `progress`."""
     points, end = Points.of(grid), end_after(0.0, t_end)
     times = np.array([end]) if outputs is None else output_times(0.0, end, outputs)
     listed = [of] if isinstance(of, str) else () if of is None else of
     named = option("of", listed, sequence, "give sensors or expressions, as in of=['A.drive']", each=text)
-    job = SceneJob(scene, points.names, end, plausible(accuracy), times, of=tuple(dict.fromkeys(named)))
+    to = [derivatives] if isinstance(derivatives, str) else () if derivatives is None else derivatives
+    by_names = option("derivatives", to, sequence, "give names of numbers, as in derivatives=['crank.mass']", each=text)
+    if by_names and not named:
+        raise OptionError("derivatives: name the quantities too, as in of=['A.drive']")
+    job = SceneJob(scene, points.names, end, plausible(accuracy), times, of=tuple(dict.fromkeys(named)),
+                   to=tuple(dict.fromkeys(by_names)))
+    for name in job.to:
+        stated_value(scene, name, end)  # raises OptionError for an unknown name
     for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
         replace(job, names=(name,)).at([value])  # raises OptionError for an unknown name, before anything is computed
     job = planned(job, points.extent())
@@ -278,7 +306,7 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
     scene = job.scene
     stated = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
     said = {"format": FORMAT, "scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "accuracy": job.accuracy,
-            "t_end": job.t_end, "outputs": job.outputs.tolist(), "of": list(job.of),
+            "t_end": job.t_end, "outputs": job.outputs.tolist(), "of": list(job.of), "to": list(job.to),
             "grid": dict(zip(points.names, values, strict=True)),
             "listed": points.axes is None, "own": own_of(scene), "versions": versions()}
     place, statement = folder / STATEMENT, json.dumps(said)

@@ -44,6 +44,7 @@ BESIDE = 1.0009
 #: largest relative difference of the start values and of the rates y' between a batch and a scene prepared for one point alone;
 #: with a larger one the sweep makes no batch
 SAME = 1e-9
+SLOPES = ("", "error of ")  #: what is read of a derivative: its values, and their error
 GRID = "give a mapping of names such as 'crank.mass' to lists of numbers, or a list of such points"
 Line = tuple[float, float]  #: how a number of a law depends on the value of a name: number at value 0, and slope
 
@@ -113,9 +114,9 @@ def _axis(values: Any) -> Array:
 
 @dataclass(frozen=True)
 class SceneJob:
-    """A scene with the names that vary, and the end (s), accuracy and output times (m,) of its runs. lines: {name: {number of a
+    """A scene with names that vary, and the end (s), accuracy and output times (m,) of its runs. lines: {name: {number of a
     law: straight line on which it follows the name}}; None where every point runs as a scene of its own, for the reason `why`.
-    middle: values of the names for which the scene of a batch is prepared; of: quantities that are read of every run."""
+    middle: values of the names for which a batch is prepared; of: quantities that are read; to: their derivatives by these."""
 
     scene: SceneData
     names: tuple[str, ...]
@@ -127,12 +128,13 @@ class SceneJob:
     why: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
     of: tuple[str, ...] = ()
+    to: tuple[str, ...] = ()
 
     @cached_property
     def key(self) -> str:
         """A hash of the job, the same for equal jobs in every process."""
         options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines), self.of, \
-            stated_laws(self.scene)
+            self.to, stated_laws(self.scene)
         return hashlib.sha256(pickle.dumps((self.scene.name, self.scene.statements, *options))).hexdigest()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -296,7 +298,7 @@ def _each(job: SceneJob, values: Array) -> dict[str, Any]:
     errors, warned = list[str | None](), dict[str, str]()
     y: list[Any] = []
     estimate, peaks = np.full(len(values), np.nan), np.full((len(values), len(job.of), 3), np.nan)
-    read: dict[str, list[Any]] = {name: [] for name in job.of}
+    read: dict[str, list[Any]] = {name: [] for name in (*job.of, *(by(q, p, x) for q in job.of for p in job.to for x in SLOPES))}
     for i, point in enumerate(values):
         y.append(None)
         for found in read.values():
@@ -305,10 +307,13 @@ def _each(job: SceneJob, values: Array) -> dict[str, Any]:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)
                 r = job.at(point).simulate(job.t_end, job.accuracy, outputs=job.outputs,  # type: ignore[attr-defined]
-                                           of=list(job.of) or None, **job.options)
+                                           of=list(job.of) or None, derivatives=bool(job.to), **job.options)
                 for k, name in enumerate(job.of):
                     read[name][i], peak = r.value(name), r.peak(name)
                     peaks[i, k] = peak.value, peak.t, np.nan if peak.error is None else peak.error
+            slopes, told = _slopes(r, job) if job.to else ({}, [])
+            for name in slopes:
+                read[name][i] = slopes[name]
         except MbdaeError as error:
             errors.append(f"{type(error).__name__}: {error}")
             continue
@@ -319,9 +324,23 @@ def _each(job: SceneJob, values: Array) -> dict[str, Any]:
             continue
         errors.append(None)
         y[i], estimate[i] = r.solution(job.outputs)[:, :first], np.nan if r.accuracy.estimated is None else r.accuracy.estimated
-        warned |= {str(i): "; ".join(r.warnings)} if r.warnings else {}
+        warned |= {str(i): "; ".join([*r.warnings, *told])} if r.warnings or told else {}
     return {"names": list(names), "y": _filled(y, (len(job.outputs), len(names))), "estimate": estimate, "errors": errors,
             "warnings": warned, "of": {name: _filled(found, (len(job.outputs),)) for name, found in read.items()}, "peaks": peaks}
+
+
+def by(quantity: str, name: str, of: str = "") -> str:
+    """The key of the derivatives of a quantity by a number among what is read of runs; of: "error of " for their errors."""
+    return f"{of}d({quantity}) / d({name})"
+
+
+def _slopes(r: Any, job: SceneJob) -> tuple[dict[str, Array], list[str]]:
+    """Derivatives of what is asked for (m, ...), their errors (1,), and what was warned of them."""
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        found = r.sensitivity(*job.of, to=list(job.to))
+    values = {by(*key): np.asarray(one.value) for key, one in found.items()}
+    return values | {by(*key, SLOPES[1]): np.array([one.error]) for key, one in found.items()}, [str(w.message) for w in heard]
 
 
 def _filled(found: list[Any], shape: tuple[int, ...]) -> Array:

@@ -41,7 +41,8 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
-    **dict.fromkeys(("Result.gradient", "Result.sensitivity", "integral", "at_end", "largest", "number"), "tests/derivatives"),
+    **dict.fromkeys(("Result.gradient", "Result.sensitivity", "Mode.gradient", "integral", "at_end", "largest",
+                     "number"), "tests/derivatives"),
     **dict.fromkeys(("fit", "design", "mass", "function"), "tests/test_fits"),
     **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak",
                      "Result.mean", "Result.rms", "Result.error"),
@@ -299,7 +300,7 @@ CALLS: dict[str, Call] = {
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
-        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None}, "mbdae.sweep.with_processes"),
+        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None, "derivatives": None}, "mbdae.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),

@@ -51,6 +51,28 @@ def test_points_of_a_batch_are_those_of_their_own_scenes():
     assert found.point(3) == {"a.mass": 1.0, "b.mass": 0.7}
 
 
+def test_derivatives_are_columns_of_every_run(tmp_path):
+    """Of one point they are those of its run; errors and shapes are those of the grid; a point that fails has none."""
+    grid, asked = {"a.mass": [0.5, 1.7, -1.0]}, {"of": ["A.force", "B.angle"], "derivatives": ["b.mass", "a.mass"]}
+    found = here(arm(), grid, accuracy=1e-6, resume=tmp_path, **asked)
+    value, error = found.derivatives("A.force", "b.mass")
+    assert value.shape == (3, 2, 3)
+    assert error.shape == (3,)
+    r = changed(arm(), "a.mass", 1.7)[0].simulate(1.0, accuracy=1e-6, outputs=OUTPUTS, derivatives=True)
+    own = r.sensitivity("A.force", to="b.mass")["A.force", "b.mass"]
+    np.testing.assert_allclose(value[1], own.value, atol=own.error + error[1])
+    assert error[1] < 1e-5 * np.abs(value[1]).max()
+    assert np.isnan(value[2]).all()
+    assert np.isnan(error[2])
+    again = here(arm(), grid, accuracy=1e-6, resume=tmp_path, **asked)
+    np.testing.assert_array_equal(again.derivatives("B.angle", "a.mass").value, found.derivatives("B.angle", "a.mass").value)
+    with pytest.raises(mb.OptionError, match="there are no derivatives of"):
+        found.derivatives("B.angle", "g.mass")
+    for wrong in ({"derivatives": ["b.mass"]}, {"of": ["B.angle"], "derivatives": ["nobody.mass"]}):
+        with pytest.raises(mb.OptionError):
+            here(arm(), grid, **wrong)
+
+
 def test_quantities_are_read_of_every_run_with_their_peaks(tmp_path):
     grid = {"a.mass": [0.5, 1.7, -1.0]}
     found = here(arm(), grid, accuracy=1e-6, of=["A.force", "B.angle - A.angle"], resume=tmp_path)
