@@ -284,9 +284,8 @@ NOTES = {
     "programs": ("Programs", "Of each program the cheapest of its methods and settings counts. below: scenes brought below an "
                  "error; CPU over best: the median of these scenes."),
     "missed": ("Silently missed", f"Runs that ended as if they had done what they were asked for, with an error of more than "
-               f"{SILENT:g} times that. A step is no accuracy that is asked for; runs that were asked for more than the reference "
-               f"resolves are not counted. Single runs, of mbdae too, do not estimate the error of their motion; 'mbdae simulate' "
-               f"does."),
+               f"{SILENT:g} times that. A step is no accuracy that is asked for; runs asked for more than the reference resolves "
+               f"are not counted. Single runs, of mbdae too, do not estimate the error of their motion; 'mbdae simulate' does."),
     "stays": ("Errors that stay", "Smaller steps or tolerances do not help there."),
     "scenes": ("Scenes", "One line is a method of a program, from loose to tight settings; errors in the grey are below the "
                "uncertainty of the reference. Error: ")}
