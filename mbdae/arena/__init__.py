@@ -313,7 +313,7 @@ def arena(scenes: Any = None, engines: Any = None, accuracies: Sequence[float] =
               for i, (_, _, scene, t_end) in enumerate(named)}
     done = dict[int, dict[str, Any]]()
     title = f"Arena: {counted(len(named), 'scene')}" + (f", seed {seed}" if scenes is None else "")
-    asked = {"engines": programs, "accuracies": list(accuracies), "seed": seed,
+    asked = {"engines": programs, "accuracies": list(accuracies), "seed": seed if scenes is None else None,
              "count": len(named), "max_wall": max_wall, "scenes": [name for name, *_ in named]}
 
     def made() -> Arena:

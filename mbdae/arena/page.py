@@ -125,7 +125,7 @@ class Arena(Study):
 def citation(a: Arena, digest: str) -> str:
     """A CITATION.cff of the folder."""
     own = (f"{name} {value}" for name, value in a.environment.items() if name not in ("machine", "cpus"))
-    versions = ", ".join([*a.asked["engines"], *own])
+    versions = ", ".join(dict.fromkeys([*a.asked["engines"], *own]))
     return (f'cff-version: 1.2.0\nmessage: "If you use these data, cite them as below."\ntype: dataset\ntitle: "{a.scene}"\n'
             f'authors:\n  - name: "mbdae"\nversion: "{a.environment["mbdae"]}"\n'
             f'abstract: "{len(a.entries)} scenes by several multibody programs against confirmed references; {versions}."\n'
@@ -284,8 +284,8 @@ NOTES = {
     "programs": ("Programs", "Of each program the cheapest of its methods and settings counts. below: scenes brought below an "
                  "error; CPU over best: the median of these scenes."),
     "missed": ("Silently missed", f"Runs that ended as if they had done what they were asked for, with an error of more than "
-               f"{SILENT:g} times that. A step is no accuracy that is asked for. Single runs, of mbdae too, do not estimate the "
-               f"error of their motion; 'mbdae simulate' does."),
+               f"{SILENT:g} times that. A step is no accuracy that is asked for; runs asked for more than the reference resolves "
+               f"are not counted. Single runs, of mbdae too, do not estimate the error of their motion; 'mbdae simulate' does."),
     "stays": ("Errors that stay", "Smaller steps or tolerances do not help there."),
     "scenes": ("Scenes", "One line is a method of a program, from loose to tight settings; errors in the grey are below the "
                "uncertainty of the reference. Error: ")}

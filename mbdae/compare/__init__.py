@@ -151,7 +151,7 @@ def _execute(problem: Problem, queue: Sequence[Asked_], smallest: float, kept: C
     kept.tick = kept.tick or problem.tick
 
     def save() -> None:
-        kept.save(before[0] + problem.spent, before[1] + time.process_time() - begin)
+        kept.save(before[0] + problem.spent, before[1] + time.process_time() - begin + problem.elsewhere)
 
     for i in range(-1, len(queue)):
         if 0 <= i < len(kept.rows):

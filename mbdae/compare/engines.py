@@ -100,8 +100,9 @@ class Session:
     def run(self, method: str, setting: float, longest: float | None) -> tuple[Array | None, dict[str, Any]]:
         """Motion (nt, nodes, COLUMNS) of a run, None where it failed, and what its script says of it."""
         out = Path(self._folder.name) / "motion.npy"
+        begins = STARTS if self._process is None else 0.0
         found = self._ask({"do": "run", "method": method, "setting": setting, "out": str(out)},
-                          None if longest is None else longest + STARTS)
+                          None if longest is None else longest + begins)
         if "failure" in found:
             return None, found
         rows, nodes = self.named.engine.motion(self.case, np.load(out)), len(self.case.nodes)
@@ -227,7 +228,7 @@ class Engines:
         if rows is None:
             return Row(**facts, failure=found["failure"])
         middle, spread = quartiles(found["seconds"])
-        self.problem.spend(sum(found["seconds"]))
+        self.problem.spend(sum(found["seconds"]), elsewhere=True)
         facts |= {name: int(found[name]) for name in COUNTS if name in found}
         facts |= {"cpu_s": middle, "cpu_first_s": found["seconds"][0], "cpu_spread_s": spread + self.problem.tick
                   if len(found["seconds"]) > 1 else None}

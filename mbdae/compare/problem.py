@@ -55,6 +55,7 @@ class Problem:
     max_wall: float | None
     variants: dict[str, Equations | MbdaeError] = field(default_factory=dict)
     spent: float = 0.0  #: CPU time in solver calls, s, repeats included
+    elsewhere: float = 0.0  #: of it, in processes of other programs, s
     wanted: Wanted = field(default_factory=dict)  #: quantities that runs are asked for
 
     @property
@@ -161,9 +162,10 @@ class Problem:
         made = timed(solve, self.tick if repeat else None, self.spend)
         return replace(made, peak_bytes=peak_bytes() if told else None)
 
-    def spend(self, seconds: float) -> None:
-        """Count CPU time in solver calls, s."""
+    def spend(self, seconds: float, elsewhere: bool = False) -> None:
+        """Count CPU time in solver calls, s; elsewhere: in a process of another program."""
         self.spent += seconds
+        self.elsewhere += seconds if elsewhere else 0.0
 
     def loose(self, run: Run | None) -> str:
         """The joint models of a run in words where, unlike those of the scene as stated, some are not ideal or all are: what it

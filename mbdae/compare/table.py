@@ -7,6 +7,7 @@ import json
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -133,7 +134,7 @@ class Pairwise:
 
     def __str__(self) -> str:
         if self.largest is None:
-            return "Fewer than two runs finished: there is nothing to cross-check."
+            return "Fewer than two runs of mbdae finished: there is nothing to cross-check."
         d, a, b = self.largest
         return f"At the tightest accuracy no two runs differ by more than {d:.1e}, in the unit of the error ({b} and {a})."
 
@@ -205,7 +206,10 @@ class ComparisonData(Study):
         for row in self.runs:
             if row.engine:
                 ladders.setdefault(row.label, []).append(row)
-        return tuple(converged(label, rows, self.reference.difference or 0.0) for label, rows in ladders.items())
+        known = self.reference.difference or 0.0
+        others = {label: min((row.error for row in self.runs if row.engine == rows[0].engine and row.label != label and
+                              row.error is not None), default=inf) for label, rows in ladders.items()}
+        return tuple(converged(label, rows, known, others[label]) for label, rows in ladders.items())
 
     @property
     def caution(self) -> str | None:
@@ -254,7 +258,7 @@ class ComparisonData(Study):
             times = (seconds(row.cpu_s), seconds(row.cpu_spread_s), seconds(row.call_s))
             error = _with_estimate(row, next(iter(self.units)), row.error)
             first = (row.label, row.setting or _number(row.accuracy, ".0e"), error)
-            rows.append((*first, *errors, *times, str(row.steps), mark(row)))
+            rows.append((*first, *errors, *times, str(row.steps or "-"), mark(row)))
         return [head, *rows]
 
     @property

@@ -243,7 +243,7 @@ def engines_of(given: Any) -> list[Named]:
     remedy = 'give {"exudyn": "/path/to/python", ...}, or a list of names such as ["scipy"] for the running Python'
     if not isinstance(named, Mapping | list | tuple):
         raise OptionError(f"engines = {shown(given)}: {remedy}")
-    pairs = named.items() if isinstance(named, Mapping) else [(one, None) for one in named]
+    pairs = named.items() if isinstance(named, Mapping) else [(one, None) for i, one in enumerate(named) if one not in named[:i]]
     return [_named(f"engines = {shown(given)}", one, python, remedy) for one, python in pairs]
 
 
@@ -264,9 +264,9 @@ def _named(head: str, one: Any, python: Any, remedy: str) -> Named:
     try:
         done = subprocess.run([os.fspath(where), "-c", code], capture_output=True, text=True, timeout=STARTS, check=False,
                               env=environment(), stdin=subprocess.DEVNULL)
-        versions = json.loads(done.stdout.strip().splitlines()[-1]) if done.returncode == 0 else None
-        said = (done.stderr.strip().splitlines() or ["no message"])[-1]
-    except (OSError, ValueError, IndexError, subprocess.SubprocessError) as error:
+        said = (done.stderr.strip().splitlines() or ["it is no Python"])[-1]
+        versions = json.loads((done.stdout.strip().splitlines() or ["null"])[-1]) if done.returncode == 0 else None
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
         versions, said = None, str(error)
     if versions is None:
         stated = shown(f"{one.name}={os.fspath(where)}")
@@ -301,23 +301,25 @@ class Converged:
     why: str = ""
 
 
-def converged(label: str, ladder: Sequence[Any], uncertainty: float) -> Converged:
-    """What the rows of a ladder, loose to tight, come to."""
+def converged(label: str, ladder: Sequence[Any], uncertainty: float, others: float = np.inf) -> Converged:
+    """What the rows of a ladder, loose to tight, come to. others: the smallest error of other methods of the same program."""
     runs = [(row.rtol, row.error) for row in ladder if row.measured is not None and row.rtol]
     if not runs:
         reason = next((row.failure for row in ladder if row.failure), "no run was made")
         return Converged(label, None, None, None, f"{label}: {reason}")
     best, known = min(error for _, error in runs), [run for run in runs if run[1] > RESOLVED * uncertainty]
     slopes = [_slope(before, after) for before, after in pairwise(known)]
-    falling = [slope for slope in slopes if slope > FALLS]
     stays = bool(slopes) and known[-1] == runs[-1] and slopes[-1] <= FALLS and best * 2 > known[-1][1]
+    above = [run for run in known if not stays or run[1] > RESOLVED * best]  # where an error stays bends the order
+    falling = [slope for slope in map(_slope, above, above[1:]) if slope > FALLS]
     order = float(np.median(falling[-4:])) if falling and ladder[0].order is not None else None
     with_order = f" with order {order:.1f} ({ladder[0].order:g} in theory)" if order is not None else ""
     if not stays:
         return Converged(label, best, order, None, f"{label} converges{with_order} down to {best:.1e}")
     soft = ladder[0].soft
-    if best < ROUNDING and not soft:
-        return Converged(label, best, order, best, f"{label} converges{with_order} down to {best:.1e}, where its rounding begins")
+    if not soft and (best < ROUNDING or RESOLVED * others < best):
+        ends = "its rounding begins" if best < ROUNDING else f"it stays; other methods of the program reach {others:.1e}"
+        return Converged(label, best, order, best, f"{label} converges{with_order} down to {best:.1e}, where {ends}")
     why = soft or "though it should: it moves another scene"
     return Converged(label, best, order, best, f"{label} does not converge, {why}; its error stays at {best:.1e}", why)
 

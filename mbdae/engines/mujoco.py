@@ -19,7 +19,8 @@ from mbdae.system.prepare import prepare
 
 #: moment of inertia (share of the largest of a body) that a thin rod gets about its axis, since MuJoCo wants one
 THIN = 1e-9
-SOFT = "because its loops are soft constraints"
+#: what of MJCF is a soft constraint, which stays softer than the scene however short the steps are, by the text that states it
+SOFT = {"<equality>": "loops", "frictionloss=": "dry friction", "limited=\"true\"": "stops", "range=": "stops"}
 
 
 class MuJoCo(Engine):
@@ -33,11 +34,12 @@ class MuJoCo(Engine):
             path = Path(folder) / "scene.xml"
             told = written(case.scene).write_mjcf(path)
             text = path.read_text(encoding="utf-8")
-        start, soft = case.start()["motion"], SOFT if "<equality>" in text else ""
+        start, parts = case.start()["motion"], dict.fromkeys(what for sign, what in SOFT.items() if sign in text)
+        soft = f"because of its soft constraints ({', '.join(parts)})" if parts else ""
         names = [node.body.name for node in case.nodes if node.body is not None]
         drawn = [b.drawn.rotation.tolist() for b in (node.body for node in case.nodes) if b is not None]
         data = {"names": names, "drawn": drawn, "start": start.tolist(), "t": case.times[[0, -1]].tolist(),
-                "intervals": INTERVALS, "h": 1e-6 * case.prepared.time}
+                "intervals": INTERVALS, "h": 1e-6 * case.prepared.time, "soft": bool(soft)}
         steps = fixed_steps(case)
         orders = {"Euler": 1.0, "implicitfast": 1.0, "RK4": 4.0}
         methods = [Method(name, "step", steps, None if soft else order) for name, order in orders.items()]
@@ -133,10 +135,10 @@ class MuJoCoRuns:
         return q, np.linalg.lstsq(np.vstack(J), np.array(self.s["start"])[:, 7:13].ravel(), rcond=None)[0]
 
     def start(self) -> dict[str, Any]:
-        """Motion, masses and accelerations at the start; these not where loops are held together softly."""
+        """Motion, masses and accelerations at the start; these not where constraints are soft."""
         q, v = self.state()
         found = {"motion": self.motion(q, v), "mass": self.m.body_mass[self.ids]}
-        if not self.m.neq:
+        if not self.s["soft"]:
             self.d.qpos[:], self.d.qvel[:] = q, v
             self.mj.mj_forward(self.m, self.d)
             a, ends = self.d.qacc.copy(), []

@@ -89,6 +89,21 @@ def beam(order: int = 1) -> mb.Scene:
     return s
 
 
+@pytest.mark.parametrize("angle", [3 * mb.t, 3 * mb.t + mb.t**2, sympy.Piecewise((0, mb.t < 0), (mb.t, True))], ids=str)
+def test_prescribed_joints_of_trees_are_part_of_the_start_of_scipy(angle: Any) -> None:
+    s = mb.Scene("carousel", gravity=(0, -9.81, 0))
+    a, b = s.rigid_body("a", 2.0, 0.05, at=(0.05, 0)), s.rigid_body("b", 1.0, 0.02, at=(0.6, 0.1))
+    s.revolute("A", s.ground, a, at=(0, 0), angle=angle)
+    s.revolute("B", a, b, at=(0.5, 0))
+    assert not [row.failure for row in of_engine(compared(s, ["scipy"], 0.1)) if row.failure]
+
+
+def test_engines_are_asked_once_and_an_interpreter_is_a_python() -> None:
+    assert len(engines_of(["scipy", "scipy"])) == 1
+    with pytest.raises(mb.OptionError, match="does not run"):
+        engines_of({"scipy": "true"})
+
+
 class Refuses(Engine):
     name, package = "refuses", "numpy"
 
@@ -136,9 +151,9 @@ class Hangs(Engine):
 def test_a_ladder_ends_behind_a_run_that_does_not_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules["mbdae.compare.engines"], "STARTS", 3.0)
     first, *others = of_engine(compared(pendulum(), [Hangs], max_wall=0.5))
-    assert first.failure == "gave up after 3.5 s of wall time"
+    assert first.failure == "gave up after 0.5 s of wall time"
     assert others
-    assert all(row.skipped == "not run: a run before gave up after 3.5 s of wall time" for row in others)
+    assert all(row.skipped == "not run: a run before gave up after 0.5 s of wall time" for row in others)
 
 
 class Short(SciPy):
@@ -305,8 +320,18 @@ def test_mujoco_converges_on_trees_with_its_orders(scene: Any) -> None:
 @pytest.mark.slow
 def test_what_keeps_mujoco_off_a_loop_is_named_with_the_error_that_stays() -> None:
     found = {one.label.split(" ", 2)[2]: one for one in compared(loop(), {"mujoco": PYTHONS["mujoco"]}).converged}
-    assert "does not converge, because its loops are soft constraints; its error stays at" in found["RK4"].text
+    assert "does not converge, because of its soft constraints (loops); its error stays at" in found["RK4"].text
     assert found["RK4"].floor > 1e-4
+
+
+@needs("mujoco")
+def test_dry_friction_of_mujoco_is_softer_than_that_of_the_scene_which_is_said() -> None:
+    s = mb.Scene("rubbed", gravity=(0, -9.81, 0))
+    a = s.rigid_body("a", 2.0, 0.05, at=(0.3, 0))
+    s.revolute("A", s.ground, a, at=(0, 0), friction=mb.Coulomb(0.3, v_c=0.01), radius=0.05, normal_force=20.0, rate0=-1.0)
+    rows = of_engine(compared(s, {"mujoco": PYTHONS["mujoco"]}, 0.2))
+    assert not [row.failure for row in rows if row.failure]
+    assert {row.soft for row in rows} == {"because of its soft constraints (dry friction)"}
 
 
 @needs("mujoco")
@@ -400,6 +425,8 @@ def test_an_error_that_stays_is_named_with_its_reason() -> None:
     plain = [Made(row.rtol, row.error, 2.0) for row in ladder]
     assert "does not converge, though it should: it moves another scene" in converged("x", plain, 1e-9).text
     assert "where its rounding begins" in converged("x", [Made(row.rtol, row.error * 1e-6) for row in plain], 1e-12).text
+    assert "other methods of the program reach 1.0e-04" in converged("x", plain, 1e-9, others=1e-4).text
+    assert "it moves another scene" in converged("x", plain, 1e-9, others=0.9 * min(row.error for row in plain)).text
     one = converged("x", ladder, 1e-9)
     assert one.floor == 1e-2
     assert "does not converge, its loops are soft; its error stays at 1.0e-02" in one.text
