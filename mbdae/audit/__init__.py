@@ -171,7 +171,8 @@ def _blocks(row: Row) -> list[Block]:
     tex = printed.tex if _prints(printed.tex) else _latex(printed)
     out: list[Block] = [Equation(tex, row.equation, row.verdict + how + escaped(at))]
     if row.said:
-        out.append(Paragraph(told(escaped(f"for {row.where}" * bool(row.where)), row.tex or escaped(row.repair),
+        repair, label = row.tex or escaped(row.repair), "repair: " if row.where else "Repair: "
+        out.append(Paragraph(told(escaped(f"for {row.where}" * bool(row.where)), f"{label}{repair}" * bool(repair),
                                   escaped(row.remark)) + "."))
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:

@@ -266,7 +266,7 @@ class Items:
         if name in ("num", "ang", "SI", "qty", "si", "unit"):
             value, unit = "" if name in ("si", "unit") else self.raw(), "" if name in ("num", "ang") else self.raw()
             if not value or unit not in ANGLES:
-                raise UnreadError(f"`\\{name}` gives the value {value or 1} with the unit {unit}, which is not judged")
+                raise UnreadError(f"`\\{name}` gives the value {value or 1} with the unit `{unit}`, which is not judged")
             return Item("number", number(value, name == "ang" or ANGLES[unit]))
         raise UnreadError(f"the command `\\{name}` is not known")
 

@@ -209,8 +209,9 @@ def _program(title: str, made: MadeFunctions, x: Mapping[str, str], law: Any, va
 __all__ = ["Entry", "Export", "export"]
 
 #: format -> function that writes it, and suffix of its files
-FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (languages.source, ".c"), "casadi": (text.casadi_text, ".py"),
-           "latex": (text.latex_text, ".tex"), "jax": (for_jax.jax_text, ".py"), "fmi": (fmi.description, ".fmu")}
+FORMATS: dict[str, tuple[Callable[[Program], str], str]] = {
+    "sympy": (text.sympy_text, ".py"), "c": (languages.source, ".c"), "casadi": (text.casadi_text, ".py"),
+    "latex": (text.latex_text, ".tex"), "jax": (for_jax.jax_text, ".py"), "fmi": (fmi.description, ".fmu")}
 
 
 @dataclass(frozen=True, repr=False)

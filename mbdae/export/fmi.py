@@ -8,6 +8,7 @@ of co-simulation.
 from __future__ import annotations
 
 import io
+import json
 import platform
 import re
 import sys
@@ -60,6 +61,7 @@ def unit_program(scene: Any, form: Form | None) -> Program:
     unit = replace(program, pattern=None, functions=dict(kept))
     if made.numbering.m:
         _closing(unit, made)
+        unit.functions["constraint_matrix"] = program.functions["constraint_matrix"]
         slopes, count, part = program.functions["jacobian"], made.n**2, unit.operations.part()
         part.steps += slopes.steps
         unit.add("slopes", "-dy'/dy, column by column", STATE, slopes.outputs[:count], slopes.at[:count], part)
@@ -157,18 +159,19 @@ def _closing(unit: Program, made: Any) -> None:
 # -- the files of the unit
 
 
-def unit_source(unit: Program) -> str:
-    """The one C file of the unit; it needs the C library alone."""
-    name = identifier(unit.title)
+def unit_source(unit: Program, functions: str | None = None) -> str:
+    """The one C file of the unit; it needs the C library alone. functions: the text of its functions, where that is known."""
+    name, functions = identifier(unit.title), functions or source(unit)
     sizes = {"NY": len(unit.inputs["y"]), "NP": len(unit.inputs["p"]), "NU": len(unit.inputs.get("signals", ()))}
     for size, function in ("NS", "sensors"), ("NF", "joint_forces"):
         sizes[size] = len(unit.functions[function].outputs) if function in unit.functions else 0
     sizes["CLOSES"] = int("closing" in unit.functions)
     starts = {"Y": "y", "P": "p", "U": "signals"}
     least = ["0" if _least(e) == 0 else "-INFINITY" for e in unit.inputs["p"]]
+    sizes["NR"], sizes["NV"] = unit.functions["constraint_matrix"].shape if sizes["CLOSES"] else (0, 0)
     lines = [f"#define {n} {size}" for n, size in sizes.items()]
     lines += [f"#define START_{n} {f'{name}_{v}_values' if sizes[f'N{n}'] else 'NOMINAL'}" for n, v in starts.items()]
-    lines += [f'#define TOKEN "{_token(unit)}"', f"#define SPAN {c_number(unit.span)}",
+    lines += [f'#define TOKEN "{_token(functions)}"', f"#define SPAN {c_number(unit.span)}",
               f"static const double LEAST[] = {{{', '.join(least) or '0'}}};",
               f"static const double NOMINAL[] = {{{', '.join(c_number(v) for v in unit.nominal) or '0'}}};"]
     values = {"t": "x[0]", "y": "x + 1", "p": "x + 1 + NY", "signals": "x + 1 + NY + NP", "change": "change"}
@@ -176,13 +179,16 @@ def unit_source(unit: Program) -> str:
     def call(function: str) -> str:
         return f"{name}_{function}({', '.join(values[a] for a in unit.functions[function].arguments)}, out)"
 
-    lines += [f"static int {f}(const double *x, double *out) {{ return {call(f)}; }}" for f in ("closing", "slopes")
-              if f in unit.functions]
+    if sizes["CLOSES"]:
+        named = [e.name.split(" by ")[0] for e in unit.functions["constraint_matrix"].outputs[:: sizes["NV"]]]
+        lines.append(f"static const char *const ROWS[] = {{{', '.join(json.dumps(name) for name in named)}}};")
+        lines += [f"static int {f}(const double *x, double *out) {{ return {call(of)}; }}"
+                  for f, of in (("closing", "closing"), ("slopes", "slopes"), ("rows", "constraint_matrix"))]
     cases = [f"  if (which == {i}) return change ? {call(f'{f}_along')} : {call(f)};" for i, f in enumerate(FUNCTIONS)
              if f in unit.functions]
     around = Path(__file__).with_name("fmi3.inc").read_text(encoding="utf-8")
     head = "static int function(int which, const double *x, const double *change, double *out) {"
-    return "\n".join([source(unit), *lines, around, head, *cases, "  return 0;", "}", ""])
+    return "\n".join([functions, *lines, around, head, *cases, "  return 0;", "}", ""])
 
 
 def _least(parameter: Entry) -> float:
@@ -191,9 +197,9 @@ def _least(parameter: Entry) -> float:
     return 0.0 if inertia and not re.search(r"\.J(xy|xz|yz)\b", parameter.name) else -np.inf
 
 
-def _token(unit: Program) -> str:
+def _token(functions: str) -> str:
     """Of two units the same where their equations are."""
-    return f"{{{uuid.uuid5(uuid.NAMESPACE_URL, source(unit))}}}"
+    return f"{{{uuid.uuid5(uuid.NAMESPACE_URL, functions)}}}"
 
 
 def _variables(unit: Program) -> Iterator[dict[str, Any]]:
@@ -225,11 +231,12 @@ def _variables(unit: Program) -> Iterator[dict[str, Any]]:
                                           "initial": "calculated", "unit": e.unit, "description": e.note}
 
 
-def description(unit: Program) -> str:
-    """modelDescription.xml."""
+def description(unit: Program, functions: str | None = None) -> str:
+    """modelDescription.xml. functions: as `unit_source` takes them."""
     name, title = identifier(unit.title), unit.title.split(",")[0]
-    root = ET.Element("fmiModelDescription", fmiVersion="3.0", modelName=title, instantiationToken=_token(unit),
-                      generationTool="mbdae", description=f"{unit.title}; SI units, angles in rad")
+    root = ET.Element("fmiModelDescription", fmiVersion="3.0", modelName=title,
+                      instantiationToken=_token(functions or source(unit)), generationTool="mbdae",
+                      description=f"{unit.title}; SI units, angles in rad")
     able = {"modelIdentifier": name, "canGetAndSetFMUState": "true", "canSerializeFMUState": "true",
             "providesDirectionalDerivatives": "true"}
     ET.SubElement(root, "ModelExchange", able)
@@ -280,10 +287,11 @@ def base_units(text: str) -> dict[str, int] | None:
 
 def unit_file(unit: Program) -> bytes:
     """The whole unit as a zip archive; OptionError where no C compiler works."""
-    name, text = identifier(unit.title), unit_source(unit)
+    name, functions = identifier(unit.title), source(unit)
+    text = unit_source(unit, functions)
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
     system = {"win32": "windows"}.get(sys.platform, sys.platform)
-    files = {"modelDescription.xml": description(unit).encode(), f"sources/{name}.c": text.encode(),
+    files = {"modelDescription.xml": description(unit, functions).encode(), f"sources/{name}.c": text.encode(),
              "sources/buildDescription.xml": BUILT.format(name).encode(),
              f"binaries/{machine}-{system}/{name}{build.SUFFIX}": compiled(name, text)}
     found = io.BytesIO()

@@ -324,7 +324,7 @@ def test_powers_of_vectors() -> None:
     (r"F = \num{1.0e0} m g", "RIGHT", ""), (r"F = \num{2 000} m g/\num{2e3}", "RIGHT", ""),
     (r"F = \num{1,5} m g", "MISPRINT", ""),
     (r"F\sin\ang{30} = \num{.5}m g", "RIGHT", ""), (r"F\sin\qty{90}{\degree} = m g", "RIGHT", ""),
-    (r"F\sin\SI{90}{\radian} = m g", "MISPRINT", ""), (r"F = \SI{3}{kg} g", "CANNOT JUDGE", "the value 3 with the unit kg"),
+    (r"F\sin\SI{90}{\radian} = m g", "MISPRINT", ""), (r"F = \SI{3}{kg} g", "CANNOT JUDGE", "the value 3 with the unit `kg`"),
     (r"g = \qty{9.81}{\metre\per\second\squared}", "CANNOT JUDGE", "9.81"), (r"F = \num{1e999} m g", "CANNOT JUDGE", "1e999"),
     (r"F = \num{3 \pm 1} m g", "CANNOT JUDGE", "is not read")])
 def test_numbers_of_siunitx(tex: str, verdict: str, words: str) -> None:
