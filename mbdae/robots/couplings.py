@@ -1,5 +1,5 @@
 """Coordinates of a tree; couplings of two of them: one is folded in, a multiple of the other; two trees whose coordinates have
-other names and another order."""
+other names and another order; what joints have beside their motion, in words."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from mbdae.errors import SceneError
-from mbdae.laws.on_coordinates import Gear, Rack, WeightedSum
+from mbdae.laws.forces import JointDamper, JointFriction, JointLoad, JointSpring
+from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Robot
 from mbdae.scene.shapes import joint_axes
 
@@ -157,3 +158,19 @@ def differences(one: Any, other: Any, there: Callable[[str, str], tuple[str, str
             q[:, c.q : c.q + 4] /= np.linalg.norm(q[:, c.q : c.q + 4], axis=1)[:, None]
     tau, again = one._interpreted(q, v, a), other._interpreted(q @ to_q.T, v @ to_v.T, a @ to_v.T) @ to_v
     return np.max(np.abs(tau - again), axis=1), np.max(np.abs(tau), axis=1)
+
+
+def unusual(c: Any) -> list[str]:
+    """What a joint has that MJCF does not say of any joint, in words."""
+    apart = any(getattr(c.laws[0], key) is not None for key in ("at_l", "axis_l", "axis_x_l"))
+    has = {"a prescribed motion": c.prescribed, "clearance": c.loose, "a third body": c.others,
+           "friction by its reaction (normal_force= states another)": c.rubs,
+           "a frame on l stated apart from that on k (draw the bodies in the joint)": apart}
+    return [what for what, true in has.items() if true]
+
+
+def acting(c: Any) -> list[str]:
+    """What acts on the coordinates of a joint, in words."""
+    words = {JointSpring: "a spring", JointDamper: "a damper", JointLoad: "a load", JointStop: "limits",
+             JointFriction: "friction"}
+    return [*(words.get(type(force), type(force).__name__) for force in c.laws[1:]), *["a rotor"] * any(c.rotor.values())]

@@ -16,7 +16,7 @@ from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
 from mbdae.robots.bounds import add, all_digits, geom_of, quiet
-from mbdae.robots.couplings import FLOATS, couples, differences
+from mbdae.robots.couplings import FLOATS, acting, couples, differences, unusual
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.motion import Step, symbolic_steps
@@ -63,6 +63,7 @@ class _Writer:
 
     def __init__(self, mujoco: Any, scene: Any) -> None:
         self.mujoco, self.s, self.spec, self.wrong, self.told = mujoco, scene, mujoco.MjSpec(), list[str](), list[str]()
+        self.taken = {item.name for item in (*scene.bodies, *scene.connections, *scene.frames.values())}
         self.made: dict[str, Any] = {"ground": self.spec.worldbody}
         self.poses: dict[str, Pose] = {"ground": Pose()}
         self.joints: dict[tuple[str, str], Any] = {}  #: by joint and coordinate
@@ -142,6 +143,15 @@ class _Writer:
         self.mujoco.mju_mat2Quat(found, np.ascontiguousarray(R, dtype=float).ravel())
         return found
 
+    def _new(self, name: str, what: str) -> str:
+        """A name that nothing in the scene or the file has."""
+        found = name
+        while found in self.taken:
+            found = f"{found} {what}"
+        self.taken.add(found)
+        self.told += [f"{what} '{name}' is '{found}' in the file, since something else is called '{name}'"] * (found != name)
+        return found
+
     def _inside(self, body: str, pose: Pose) -> Pose:
         """A pose as drawn, in axes of the frame that a body has in the file."""
         of = self.poses[body]
@@ -164,7 +174,8 @@ class _Writer:
         for shape in b.shapes or ():
             self._shape(b, made, shape)
         if not chain:
-            self.round["ground", b.name] = ([], made.add_freejoint(name=FLOATS.format(b.name)), drawn.p, drawn.R)
+            free = made.add_freejoint(name=self._new(FLOATS.format(b.name), "joint"))
+            self.round["ground", b.name] = ([], free, drawn.p, drawn.R)
         for n, (carrier, joint) in enumerate(chain):
             outer = b if n + 1 == len(chain) else chain[n + 1][0]
             self._joint(joint, made, drawn, 1.0 if joint.k is carrier and joint.l is outer else -1.0)
@@ -181,21 +192,15 @@ class _Writer:
 
     def _joint(self, c: Any, made: Any, drawn: Pose, sense: float) -> None:
         law, kinds = c.laws[0], self.mujoco.mjtJoint
-        if any(getattr(law, key) is not None for key in ("at_l", "axis_l", "axis_x_l")):
-            self.wrong.append(f"joint '{c.name}': its frame on l is stated apart from that on k, where MJCF has one: draw the "
-                              f"bodies in the joint")
+        if isinstance(law, Weld) and len(c.laws) == 1 and not unusual(c):
             return
-        steps = self._steps(law)
-        if isinstance(law, Weld) and len(c.laws) == 1:
-            return
-        if not steps or c.prescribed or c.others or c.loose or c.rubs:
-            why = ("a prescribed motion" if c.prescribed else "friction by its reaction (normal_force= states another)" if c.rubs
-                   else f"{type(law).__name__} with this model")
-            self.wrong.append(f"joint '{c.name}': {why} is not said by MJCF: hinges, slides, chains of them, balls, free joints")
+        if unusual(c) or not (steps := self._steps(law)):
+            self.wrong.append(f"joint '{c.name}': {', '.join(unusual(c)) or type(law).__name__} is not said by MJCF: hinges, "
+                              f"slides, chains of them, balls")
             return
         at, slides = drawn.R.T @ (np.asarray(law.at, dtype=float) - drawn.p), list[Any]()
         for of, step in list(steps.items())[:: int(sense)]:
-            name = c.name if len(steps) == 1 else f"{c.name} {of}"
+            name = c.name if len(steps) == 1 else self._new(f"{c.name} {of}", "joint")
             if step.turns and any(j.type == kinds.mjJNT_BALL for j in made.joints):
                 self.wrong.append(f"joint '{c.name}': MJCF has no hinge that a ball carries without a body between them; give "
                                   f"'{(c.k if sense > 0 else c.l).name}' mass and inertia")
@@ -276,24 +281,32 @@ class _Writer:
         law, kinds = c.laws[0], self.mujoco.mjtEq
         if c.kind == "bushing" and self._damped(c):
             return
-        if isinstance(law, Gear | Rack | WeightedSum) and len(couples(law)[0]) == 2:
-            ((one, f), (other, g)), value = couples(law)[0], self._number(couples(law)[1], c, "value")
-            if {one, other} <= self.joints.keys() and f:
+        why = "take it out of the scene that is written"
+        if isinstance(law, Gear | Rack | WeightedSum):
+            terms, value = couples(law)
+            if len(terms) <= 2 and all(of in self.joints for of, _ in terms) and terms[0][1]:
+                (one, f), *others = terms
                 made = self.spec.add_equality(name=c.name, type=kinds.mjEQ_JOINT, name1=self.names[one][0],
-                                              name2=self.names[other][0], objtype=self.mujoco.mjtObj.mjOBJ_JOINT)
-                made.data[:5] = value / f, -g / f, 0, 0, 0
+                                              objtype=self.mujoco.mjtObj.mjOBJ_JOINT)
+                made.data[:5] = self._number(value, c, "value") / f, 0, 0, 0, 0
+                for other, g in others:
+                    made.name2, made.data[1] = self.names[other][0], -g / f
                 self.told.append(f"'{c.name}' couples exactly in the scene, softly in MuJoCo")
                 return
-        if type(law) in (Weld, Spherical, Revolute) and len(c.laws) == 1 and all(b.name in self.made for b in (c.k, c.l)):
-            at = c.l.drawn.position if law.at is None else np.array(law.at, dtype=float)
-            self._closed(c, c.name, at, type(law) is Weld)
-            if type(law) is Revolute:  # two balls on its axis
-                self._closed(c, f"{c.name} axis", at + joint_axes(law, c.k)[:, 2], False)
-            self.told.append(f"'{c.name}' closes a loop: exact in the scene, soft in MuJoCo")
-            return
-        self.wrong.append(f"{c.kind} '{c.name}': MJCF does not say it; " + (
-            "it closes a loop, which MJCF does by points and welds alone: close it by s.revolute, s.spherical or s.weld, with "
-            "model=mb.Recursive() at the joints that carry bodies" if c.is_joint else "take it out of the scene that is written"))
+            why = "MJCF couples one or two coordinates that turn or slide, the first with a factor other than 0"
+        elif c.is_joint:
+            found = type(law) in (Weld, Spherical, Revolute)
+            if found and not (beside := [*acting(c), *unusual(c)]):
+                at = c.l.drawn.position if law.at is None else np.array(law.at, dtype=float)
+                self._closed(c, c.name, at, type(law) is Weld)
+                if type(law) is Revolute:  # two balls on its axis
+                    self._closed(c, self._new(f"{c.name} axis", "loop"), at + joint_axes(law, c.k)[:, 2], False)
+                self.told.append(f"'{c.name}' closes a loop: exact in the scene, soft in MuJoCo")
+                return
+            why = "it closes a loop, which MJCF does by points and welds alone" + (
+                f", without {', '.join(beside)}: state that elsewhere, or let another hinge, ball or weld close it" if found else
+                ": let s.revolute, s.spherical or s.weld close it") + ", with model=mb.Recursive() at joints that carry bodies"
+        self.wrong.append(f"{c.kind} '{c.name}': MJCF does not say it; {why}")
 
     def _closed(self, c: Any, name: str, at: Any, weld: bool) -> None:
         kinds, (k, l) = self.mujoco.mjtEq, ("world" if b is self.s.ground else b.name for b in (c.k, c.l))

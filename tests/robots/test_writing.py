@@ -218,3 +218,42 @@ def test_a_hinge_behind_a_ball_needs_a_body_between_them(tmp_path: Path) -> None
     s.revolute("hinge", empty, a, at=(0.1, 0, 0), axis=(0, 1, 0), model=mb.Recursive())
     with pytest.raises(mb.SceneError, match=r"'hinge'.* 'empty' mass and inertia"):
         s.write_mjcf(tmp_path / "out.xml")
+
+
+def test_names_that_are_taken_are_made_new_and_told(tmp_path: Path) -> None:
+    """A joint, a body, a frame and a joint of a loop have the names that coordinates and parts of other joints would get."""
+    s, a, b = two()
+    s.universal("u", s.ground, a, at=(0, 0, 0), axis=(1, 0, 0))
+    s.revolute("u angle_k", a, b, at=(0.3, 0, 0), axis=(0, 1, 0))
+    c = s.rigid_body("u angle_l", 1.0, FULL, at=(1, 1, 1))
+    s.cylindrical("d", b, c, at=(0.5, 1, 0), axis=(1, 0, 0))
+    s.frame("d angle", c)
+    _, _, told = in_mujoco(s, tmp_path)
+    assert sum("something else is called" in text for text in told) == 3
+    assert mb.read_mjcf(tmp_path / "out.xml").tree().nv == s.tree().nv
+    assert run_beside(s, tmp_path) < 1e-6
+
+
+def test_a_coupling_of_one_coordinate_is_written(tmp_path: Path) -> None:
+    s = hinge_and_slide(rate0=1.0)
+    s.couple("held", of={"P": -2.0}, value=0.3)
+    model, data, _ = in_mujoco(s, tmp_path)
+    assert (model.neq, data.qpos[1]) == (1, pytest.approx(-0.15))
+    assert beside(s.simulate(1e-3, outputs=[0.0, 1e-3]), model, data, 0) < 1e-9
+    assert np.max(np.abs(data.efc_pos)) < 1e-9
+    again = mb.read_mjcf(tmp_path / "out.xml", key="start").simulate(0.1)
+    assert again["P"].displacement == pytest.approx(-0.15, abs=1e-6)
+
+
+@pytest.mark.parametrize(("more", "said"), [
+    ({"spring": 2.0, "damper": 0.1}, "a spring, a damper"), ({"prescribed": {"angle": 0.1 * mb.t}}, "a prescribed motion"),
+    ({"rotor": 0.3}, "a rotor"), ({"limits": (-1, 1), "stop": mb.Stop(1e3)}, "limits")])
+def test_a_hinge_with_more_does_not_close_a_loop_and_why_is_said(tmp_path: Path, more: dict[str, Any], said: str) -> None:
+    s = mb.Scene("bars", gravity=SPACE)
+    points = [(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)]
+    bars = [s.rigid_body(f"b{i}", 1.0, FULL, at=tuple((np.array(p) + q) / 2)) for i, (p, q) in enumerate(pairwise(points))]
+    for name, k, l, at in zip("ABC", (s.ground, *bars), bars, points, strict=False):
+        s.revolute(name, k, l, at=at, axis=(0, 1, 0), model=mb.Recursive())
+    s.joint(mb.Revolute, "D", s.ground, bars[2], at=points[3], axis=(0, 1, 0), **more)
+    with pytest.raises(mb.SceneError, match=rf"'D'.* without {said}"):
+        s.write_mjcf(tmp_path / "out.xml")
