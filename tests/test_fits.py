@@ -89,7 +89,8 @@ def test_a_line_through_few_data_is_that_of_closed_forms(seed):
     """x = F t^2 / 2 is linear in F: value and error of least squares, and Student's interval of three degrees of freedom, which is
     1.6 times as wide as the normal one."""
     s, t = mb.Scene("push"), np.array([0.4, 0.6, 0.8, 1.0])
-    s.prismatic("P", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), force=mb.number("F", 2.1))
+    s.prismatic("P", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0),
+                force=mb.number("F", 2.1))
     y, x = t**2 + 1e-2 * np.random.default_rng(seed).normal(size=4), t**2 / 2
     f = mb.fit(s, {"P.displacement": (t, y)}, to=["F"])
     value = x @ y / (x @ x)
