@@ -86,8 +86,8 @@ def test_errors_are_those_of_repeated_measurements(data, fitted):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_line_through_few_data_is_that_of_closed_forms(seed):
-    """x = F t^2 / 2 is linear in F: value and error of least squares, and Student's interval of three degrees of freedom, which is
-    1.6 times as wide as the normal one."""
+    """x = F t^2 / 2 is linear in F: value and error of least squares, and Student's interval of three degrees of freedom,
+    which is 1.6 times as wide as the normal one."""
     s, t = mb.Scene("push"), np.array([0.4, 0.6, 0.8, 1.0])
     s.prismatic("P", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0),
                 force=mb.number("F", 2.1))
