@@ -84,6 +84,22 @@ def test_errors_are_those_of_repeated_measurements(data, fitted):
     assert 0.5 < np.std(found) / alone < 1.7  # of 12 values: 99.9 % of the chi distribution
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_line_through_few_data_is_that_of_closed_forms(seed):
+    """x = F t^2 / 2 is linear in F: value and error of least squares, and Student's interval of three degrees of freedom,
+    which is 1.6 times as wide as the normal one."""
+    s, t = mb.Scene("push"), np.array([0.4, 0.6, 0.8, 1.0])
+    s.prismatic("P", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0),
+                force=mb.number("F", 2.1))
+    y, x = t**2 + 1e-2 * np.random.default_rng(seed).normal(size=4), t**2 / 2
+    f = mb.fit(s, {"P.displacement": (t, y)}, to=["F"])
+    value = x @ y / (x @ x)
+    error = np.sqrt(np.sum((y - value * x) ** 2) / 3 / (x @ x))
+    assert f.values["F"] == pytest.approx(value, abs=1e-6 * error)
+    assert f.errors["F"] == pytest.approx(error, rel=1e-6)
+    assert f.interval(0.95)["F"] == pytest.approx((value - 3.182446 * error, value + 3.182446 * error), rel=1e-6)
+
+
 def test_what_the_data_do_not_tell_is_named():
     """Two torques on one joint, of which a motion shows the sum alone."""
     t = np.linspace(0.1, 1.0, 30)
