@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, SceneError
+from mbdae.scene.record import encode
+from mbdae.scene.replay import Known, replay
+from mbdae.system.model.model import build
 from mbdae.system.model.trees import Tree
 
 Array = NDArray[np.float64]
@@ -83,3 +86,35 @@ def refuse_singular(tree: Any, x: Array, wrong: Any) -> None:
     if text := singular(tree, x[row][: tree.nq], where):
         raise SceneError([text])
     raise OptionError(f"accelerations are beyond the range of numbers{where}: give smaller v or tau")
+
+
+#: moment of inertia, over the largest of a body, that a thin rod gets about its axis, since MuJoCo wants one
+THIN = 1e-9
+
+
+def solid(scene: Any) -> tuple[Any, list[str]]:
+    """A scene in space whose bodies have the moments of inertia about all axes that MuJoCo asks for, and what was given, in
+    words: in the plane those about its normal alone count."""
+    planar = scene.space != "spatial" and bool(scene.bodies) and build(scene).planar
+    given: dict[str, Any] = {}
+    for b in (b for b in scene.bodies if b.inertia is not None and np.any(b.inertia)):
+        moments, axes = np.linalg.eigh(b.inertia)
+        if moments[0] >= THIN * moments[-1] and moments[2] <= moments[0] + moments[1]:
+            continue
+        least = np.maximum(moments, THIN * moments[-1])
+        given[b.name] = np.eye(3) * b.inertia[2, 2] if planar else axes @ np.diag(least) @ axes.T
+    if not (planar or given):
+        return scene, []
+    statements = []
+    for method, args, kwargs in scene.statements:
+        if method in ("link", "rigid_body") and args and args[0] in given:
+            b = scene[args[0]]
+            kept = {name: value for name, value in kwargs.items() if name in ("shape", "color", "gravity")}
+            placed = {"at": encode(b.drawn.position), "rotation": encode(b.drawn.rotation), "as_given": True,
+                      "velocity": encode(b.drawn.velocity), "angular_velocity": encode(b.drawn.angular_velocity)}
+            method, args, kwargs = "rigid_body", [b.name, b.mass, encode(given[b.name])], kept | placed
+        statements.append([method, args, kwargs])
+    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": "spatial", "statements": statements}
+    how = "that about the normal of the plane about all axes" if planar else f"{THIN:g} of their largest moment about thin axes"
+    told = [f"inertia that MuJoCo asks for: {', '.join(map(repr, given))} have {how}"] if given else []
+    return replay(data, type(scene), Known(dict(scene.own))), told

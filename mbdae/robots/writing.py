@@ -17,6 +17,7 @@ from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import Pose, library
 from mbdae.robots.bounds import add, all_digits, geom_of, quiet
 from mbdae.robots.couplings import FLOATS, acting, couples, differences, unusual
+from mbdae.robots.pivots import solid
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.motion import Step, symbolic_steps
@@ -30,13 +31,15 @@ def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
     mujoco, to = library("mujoco", "writing MJCF"), path_of(path)
     if scene.problems:
         raise SceneError(list(scene.problems))
+    stated, (scene, given) = scene, solid(scene)
     (writer := _Writer(mujoco, scene)).write()
+    writer.told += given
     if writer.wrong:
         raise SceneError(writer.wrong)
     try:
         with quiet():
             model = writer.spec.compile()
-        writer.starts(model)
+        writer.starts(model, stated)
         with quiet(), all_digits(mujoco):
             writer.spec.compile()
             text = writer.spec.to_xml()
@@ -46,7 +49,9 @@ def write(scene: Any, path: Any, read: Callable[[Any], Any]) -> tuple[str, ...]:
         new = Path(new)
         new.write_text(text, encoding="utf-8")
         try:
-            again = read(new).tree()
+            back = read(new)
+            back.space = scene.space
+            again = back.tree()
         except OptionError as error:
             raise SceneError([f"what MJCF says of scene '{scene.name}' cannot be read back: "
                               f"{str(error).removeprefix(new.name)}; nothing was written"]) from error
@@ -314,10 +319,9 @@ class _Writer:
                                       objtype=self.mujoco.mjtObj.mjOBJ_BODY)
         made.data[:11] = *self._inside((c.l if weld else c.k).name, Pose(p=at)).p, *np.zeros(7), float(weld)
 
-    def starts(self, model: Any) -> None:
+    def starts(self, model: Any, s: Any) -> None:
         """The start of a run as a key frame, where it is not the drawing at rest: what joints and bodies state, and what
         couplings and loops make of it."""
-        s = self.s
         if not (self.spec.equalities or any(b.given_velocity for b in s.bodies) or any(c.hold or c.hold_rate for c in s.joints)):
             return
         r, q, v = s.simulate(1e-9, outputs=[0.0, 1e-9]), np.array(model.qpos0), np.zeros(model.nv)

@@ -257,3 +257,36 @@ def test_a_hinge_with_more_does_not_close_a_loop_and_why_is_said(tmp_path: Path,
     s.joint(mb.Revolute, "D", s.ground, bars[2], at=points[3], axis=(0, 1, 0), **more)
     with pytest.raises(mb.SceneError, match=rf"'D'.* without {said}"):
         s.write_mjcf(tmp_path / "out.xml")
+
+
+def four_bar() -> mb.Scene:
+    s = mb.Scene("four-bar", gravity=(0, -9.81, 0))
+    points = [(0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)]
+    links = [s.link(f"link{i}", points[i], points[i + 1], mass=0.5) for i in range(3)]
+    for i, (name, k, l) in enumerate(zip("ABCD", (s.ground, *links), (*links, s.ground), strict=True)):
+        s.revolute(name, k, l, at=points[i], **({"rate0": 1.0} if name == "A" else {}))
+    return s
+
+
+def planar_pair() -> mb.Scene:
+    """A rod on a hinge and a body that floats in the plane, both with one moment of inertia."""
+    s = mb.Scene("pair", gravity=(0, -9.81, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), rate0=1.0)
+    s.rigid_body("free", 1.0, 0.02, at=(2, 0, 0), velocity=(1, 2, 0), angular_velocity=(0, 0, 3))
+    return s
+
+
+def test_planar_scenes_of_rods_move_in_mujoco_as_in_the_scene(tmp_path: Path) -> None:
+    assert run_beside(planar_pair(), tmp_path) < 1e-6
+    assert any("inertia that MuJoCo asks for" in text for text in planar_pair().write_mjcf(tmp_path / "out.xml"))
+    s = four_bar()
+    model, data, _ = in_mujoco(s, tmp_path)
+    assert beside(s.simulate(1e-3, outputs=[0.0, 1e-3]), model, data, 0) < 1e-9
+
+
+def test_thin_rods_in_space_are_written(tmp_path: Path) -> None:
+    s = mb.Scene("rods", gravity=SPACE)
+    rod = s.link("rod", (0, 0, 0), (0.5, 0, 0.2), mass=1.0)
+    s.universal("U", s.ground, rod, at=(0, 0, 0), axis=(0, 1, 0))
+    s.revolute("H", rod, s.rigid_body("b", 1.0, FULL, at=(0.7, 0, 0)), at=(0.5, 0, 0.2), axis=(0, 1, 0))
+    assert run_beside(s, tmp_path) < 1e-6
