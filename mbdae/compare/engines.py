@@ -228,7 +228,8 @@ class Engines:
         if rows is None:
             return Row(**facts, failure=found["failure"])
         middle, spread = quartiles(found["seconds"])
-        self.problem.spend(sum(found["seconds"]), elsewhere=True)
+        self.problem.spend(sum(found["seconds"]))
+        self.problem.elsewhere += sum(found["seconds"])
         facts |= {name: int(found[name]) for name in COUNTS if name in found}
         facts |= {"cpu_s": middle, "cpu_first_s": found["seconds"][0], "cpu_spread_s": spread + self.problem.tick
                   if len(found["seconds"]) > 1 else None}

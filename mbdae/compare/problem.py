@@ -162,10 +162,9 @@ class Problem:
         made = timed(solve, self.tick if repeat else None, self.spend)
         return replace(made, peak_bytes=peak_bytes() if told else None)
 
-    def spend(self, seconds: float, elsewhere: bool = False) -> None:
-        """Count CPU time in solver calls, s; elsewhere: in a process of another program."""
+    def spend(self, seconds: float) -> None:
+        """Count CPU time in solver calls, s."""
         self.spent += seconds
-        self.elsewhere += seconds if elsewhere else 0.0
 
     def loose(self, run: Run | None) -> str:
         """The joint models of a run in words where, unlike those of the scene as stated, some are not ideal or all are: what it

@@ -7,13 +7,12 @@ import json
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from math import inf
 from typing import Any
 
 import numpy as np
 
 from mbdae.compare.measures import Reference, decision, reaches, seconds
-from mbdae.engines import Converged, converged
+from mbdae.engines import Converged, ladders
 from mbdae.study import Study, grid
 from mbdae.system.base import Array
 from mbdae.values import flag, number, option
@@ -202,14 +201,7 @@ class ComparisonData(Study):
     @property
     def converged(self) -> tuple[Converged, ...]:
         """What the ladder of every method of other programs comes to."""
-        ladders = dict[str, list[Row]]()
-        for row in self.runs:
-            if row.engine:
-                ladders.setdefault(row.label, []).append(row)
-        known = self.reference.difference or 0.0
-        others = {label: min((row.error for row in self.runs if row.engine == rows[0].engine and row.label != label and
-                              row.error is not None), default=inf) for label, rows in ladders.items()}
-        return tuple(converged(label, rows, known, others[label]) for label, rows in ladders.items())
+        return ladders([row for row in self.runs if row.engine], self.reference.difference or 0.0)
 
     @property
     def caution(self) -> str | None:

@@ -301,6 +301,15 @@ class Converged:
     why: str = ""
 
 
+def ladders(rows: Sequence[Any], uncertainty: float) -> tuple[Converged, ...]:
+    """What the ladder of every method of other programs comes to. uncertainty: of the errors of their rows."""
+    found = dict[str, list[Any]]()
+    for row in rows:
+        found.setdefault(row.label, []).append(row)
+    return tuple(converged(label, ladder, uncertainty, min((row.error for row in rows if row.engine == ladder[0].engine and
+                 row.label != label and row.error is not None), default=np.inf)) for label, ladder in found.items())
+
+
 def converged(label: str, ladder: Sequence[Any], uncertainty: float, others: float = np.inf) -> Converged:
     """What the rows of a ladder, loose to tight, come to. others: the smallest error of other methods of the same program."""
     runs = [(row.rtol, row.error) for row in ladder if row.measured is not None and row.rtol]
