@@ -1,6 +1,8 @@
 """Laws that switch or are local in space, against DOP853 in a time that runs slowly where they act, and energy balances."""
 
+import warnings
 from math import inf
+from typing import Any
 
 import numpy as np
 import pytest
@@ -409,3 +411,44 @@ def test_laws_take_functions_without_derivatives():
 def test_a_law_that_reads_the_time_says_how_to_give_it():
     with pytest.raises(mb.SceneError, match=r"contains mb\.t: state a parameter"):
         on_a_rail(Clocked, 0.0).simulate(1.0)
+
+
+def box(e: float, t_end: float) -> tuple[mb.DAE, np.ndarray, np.ndarray]:
+    """y'' = y + e between 1 and 1.01 s from rest, both edges stated; times and exact y."""
+    t = np.linspace(0, t_end, 301)
+
+    def rhs(t: float, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        return np.array([y[1], y[0] + (e if 1 < t < 1.01 else 0.0)])
+
+    edges = mb.Switches(lambda t, y: np.column_stack([t - 1, t - 1.01]), ("kink", "kink"), np.ones(2), ("on", "off"))
+    after = [np.cosh(np.maximum(t - at, 0)) - 1 for at in (1, 1.01)]
+    return mb.DAE(lambda t, y, yp, out: yp - rhs(t, y), [0, 0], [0, 0], rhs=rhs, switches=edges), t, e * (after[0] - after[1])
+
+
+@pytest.mark.parametrize(("e", "accuracy"), [(1.2e-7, 1e-3), (1.4927930907216756e-7, 1e-4), (1.5e-7, 1e-5)])
+@pytest.mark.parametrize("solver", [None, mb.RadauIIA(5)], ids=["default", "Radau"])
+def test_kinks_far_below_the_tolerance_are_met_exactly_where_their_effect_grows(e: float, accuracy: float, solver: Any) -> None:
+    dae, t, exact = box(e, 2 + np.log(1 / e))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        r = dae.simulate(t[-1], accuracy=accuracy, solver=solver, outputs=t)
+    assert np.max(np.abs(r["y[0]"] - exact)) / np.max(np.abs(exact)) <= 3 * accuracy or r.warnings
+
+
+@pytest.mark.parametrize(("e", "accuracy"), [(1e-9, 1e-4), (1e-8, 1e-3), (3.84e-12, 1e-3)])
+def test_a_law_that_switches_at_states_far_below_the_tolerance(e: float, accuracy: float) -> None:
+    """y' = y up to y = 100 e, then 3 y."""
+    switched, t_end = np.log(100), np.log(100) + np.log(0.01 / e) / 3
+    t = np.linspace(0, t_end, 301)
+    exact = e * np.exp(np.where(t < switched, t, switched + 3 * (t - switched)))
+
+    def rhs(t: float, y: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        return (1.0 if y[0] < 100 * e else 3.0) * np.asarray(y)
+
+    for solver in (None, mb.RadauIIA(3), mb.RadauIIA(5)):
+        kink = mb.Switches(lambda t, y: y[:, :1] - 100 * e, ("kink",), np.ones(1), ("law",))
+        dae = mb.DAE(lambda t, y, yp, out: yp - rhs(t, y), [e], [e], rhs=rhs, switches=kink)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            r = dae.simulate(t_end, accuracy=accuracy, solver=solver, outputs=t)
+        assert np.max(np.abs(r["y[0]"] - exact)) / exact[-1] <= 3 * accuracy or r.warnings
