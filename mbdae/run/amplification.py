@@ -48,6 +48,8 @@ MOST = 50_000  #: largest number of pieces of a run along which disturbances are
 #: than before and less than the finest, until the largest rise (natural logarithm) changes by less than SURE, or by less than
 #: CLEAR of its distance from the value on which a decision depends
 TOGETHER, FEWER, SURE, CLEAR = (32, 16, 8, 4, 2, 1), 1.5, 0.5, 0.3
+#: the same for equations that do not tell when they vary: longer pieces pass over what the steps of the run follow
+UNKNOWN = (4, 2, 1)
 DIGITS = 3  #: decimals with which a growth (natural logarithm) is told: it is sure to SURE
 BLOCK = 2**13  #: number of pieces whose states are computed together, times the number of unknowns
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
@@ -63,8 +65,8 @@ PLACES = 50  #: number of times at which the largest coordinate is sought
 class Disturbances:
     """Small disturbances of a run of a system, as they grow along its steps."""
 
-    def __init__(self, system: System, run: Solution, longest: float = math.inf) -> None:
-        """longest: of the pieces of the run along which they are carried, s."""
+    def __init__(self, system: System, run: Solution, longest: Array | float = math.inf) -> None:
+        """longest: of the pieces of the run along which they are carried, s, in every step (k,), or one for all."""
         self._system, self._run, self._longest = system, run, longest
         kinds = np.array(system.kinds)
         self._kind = np.select([kinds == "v", np.isin(kinds, ("lambda", "mu", "z"))], [FAST, OTHER], SLOW)
@@ -84,7 +86,7 @@ class Disturbances:
         if self._run.stats.contacts or len(self._run.t) < 2:
             return None
         finest, found, fewest = self._pieces(1), None, 0.0
-        for together in TOGETHER:
+        for together in TOGETHER if self._system.timeline is not None else UNKNOWN:
             ends = self._pieces(together) if together > 1 else finest
             if together > 1 and not fewest <= len(ends) <= len(finest) / FEWER:
                 continue

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import log
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,8 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import LEAST, SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
-from mbdae.run.growth_roots import HARMLESS, MOST, GrowthFound, Looks, Spectra, positions, roots_at
-from mbdae.system.base import System
+from mbdae.run.growth_roots import HARMLESS, MOST, GrowthFound, Looks, Spectra, evenly, positions, rates_at, roots_at, suspects
+from mbdae.system.base import Array, System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
 FOLLOWED = 0.4
@@ -63,6 +63,10 @@ FAINT = 1e-3  #: size of a vibration, over the scales of the positions, from whi
 #: numbers of states of a run at which roots are sought, by the largest number of unknowns for each; LAST with still more. Where
 #: growth was found and the run repeated, CLOSELY times as many
 LOOKS, LAST, CLOSELY = ((6, 10), (4, 30)), 2, 3
+#: numbers of times, spread over a run and not over its steps, at which roots are sought of equations that do not tell when they
+#: vary, by the largest number of unknowns for each; none with more. Between neighbours that differ by more than STEADY, and of
+#: which one grows unseen, the time in the middle is looked at too, HALVINGS times one after the other
+SPREAD, HALVINGS = ((200, 10), (100, 30), (50, SMALL)), 4
 
 
 class Growth(NamedTuple):
@@ -102,16 +106,19 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     if len(run.t) < 2 or not t1 > t0 or (system.n > MOST and _explicit(run)):
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
-    wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
-    steps = np.array(sorted(set(run.t[1:-1].searchsorted(wanted, side="right").tolist())))
+    steps = np.unique(run.t[1:-1].searchsorted(t0 + (t1 - t0) * (np.arange(count) + 0.5) / count, side="right"))
     times = run.t[steps]
     looks = Looks(systems_at(run, times, system), times, run.y[steps], run.yp[steps], run.t[steps + 1] - times, t1 - t0)
-    ends = [t0, *((times[1:] + times[:-1]) / 2).tolist(), t1]
     spectra = roots_at(looks)
-    found, late = spectra.found(VISIBLE), [0.0] * len(times)
+    found = spectra.found(VISIBLE)
+    if len(passed := _passed_over(system, run, spectra, found)):
+        looks = Looks.of(system, run, np.union1d(looks.t, passed))
+        spectra = roots_at(looks)
+        found = spectra.found(VISIBLE)
+    ends, late = [t0, *((looks.t[1:] + looks.t[:-1]) / 2).tolist(), t1], [0.0] * len(found)
     if _any_unseen(found):
-        found = _persistent(system, run, looks, found, ends)
-        if _any_unseen(found) and not _carried(system, run, found):
+        found = _persistent(system, run, looks, found, ends, (t1 - t0) / count)
+        if _any_unseen(found) and not _carried(system, run, found, ends):
             found = [_seen(one) for one in found]
     if _any_unseen(found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
@@ -124,20 +131,73 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     return _while_unseen(parts) if _any_unseen(found) else parts
 
 
+def _passed_over(system: System, run: Solution, known: Spectra, found: list[GrowthFound]) -> Array:
+    """Times (s) at which disturbances grow without being seen, or beside such, that the looks `known` do not show: steps pass
+    over a window of growth as long as nothing moves in it. Equations that know their inputs bound their steps there; own
+    equations (`mb.DAE`) are functions of which nothing is known. found: what is found at the looks; where nothing grows there,
+    roots at many times are sought only if those at a few suspect times tell of growth."""
+    count = next((looks for looks, unknowns in SPREAD if system.n <= unknowns), 0)
+    if system.timeline is not None or not count:
+        return np.zeros(0)
+    some = np.zeros(0)
+
+    def before(t: Array) -> Array:
+        return np.asarray(np.interp(t, known.looks.t, known.rates))
+
+    if not _any_unseen(found):
+        some = suspects(system, run)
+        if not len(some) or not np.any(_passed(*rates_at(system, run, some, VISIBLE), before(some))):
+            return np.zeros(0)
+    times = np.union1d(evenly(system, run, count), some)
+    rate, unseen = rates_at(system, run, times, VISIBLE)
+    if not np.any(_passed(rate, unseen, before(times))):
+        return np.zeros(0)
+    for _ in range(HALVINGS):
+        apart = np.maximum(rate[1:], rate[:-1]) > STEADY * np.minimum(rate[1:], rate[:-1])
+        apart &= (unseen[1:] > 0) | (unseen[:-1] > 0)
+        middle = (times[1:] + times[:-1])[apart] / 2
+        more = rates_at(system, run, middle, VISIBLE) if len(middle) else (middle, middle)
+        order = np.argsort(np.concatenate([times, middle]), kind="stable")
+        times, rate, unseen = (np.concatenate(pair)[order] for pair in ((times, middle), (rate, more[0]), (unseen, more[1])))
+    beside = unseen > 0
+    beside[1:] |= unseen[:-1] > 0
+    beside[:-1] |= unseen[1:] > 0
+    return times[beside]
+
+
+def _passed(rate: Array, unseen: Array, before: Array) -> Any:
+    """At which times (k,) something grows unseen, at a rate that those `before` (k,) do not tell of."""
+    return (unseen > 0) & (rate > STEADY * before)
+
+
 def _any_unseen(found: list[GrowthFound]) -> bool:
     return any(one.unseen for one in found)
 
 
-def _persistent(system: System, run: Solution, looks: Looks, found: list[GrowthFound], edges: list[float]) -> list[GrowthFound]:
+def _persistent(system: System, run: Solution, looks: Looks, found: list[GrowthFound], edges: list[float],
+                least: float) -> list[GrowthFound]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
-    an impact, unless disturbances carried along the run grow in that part."""
+    an impact, unless disturbances carried along the run grow in that part, or in a time `least` (s) about it where it is shorter.
+    """
     passing = [i for i, one in enumerate(found) if one.unseen > 0 and not _steady(run, looks, i, edges[i : i + 2], (one.rate,))]
     known = passing and system.n <= SMALL
-    course = Disturbances(system, run, CARRIES / max(one.unseen for one in found)).course() if known else None
+    course = Disturbances(system, run, _pieces(run, found, edges)).course() if known else None
     if course is None:
         return [_seen(one) if i in passing else one for i, one in enumerate(found)]
-    grown = np.diff(np.interp(edges, *course))
+    a, b = np.array(edges[:-1]), np.array(edges[1:])
+    wider = np.maximum(least - (b - a), 0.0) / 2
+    grown = np.interp(b + wider, *course) - np.interp(a - wider, *course)
     return [_seen(one) if i in passing and grown[i] < GROWS else one for i, one in enumerate(found)]
+
+
+def _pieces(run: Solution, found: list[GrowthFound], edges: list[float]) -> Array:
+    """For every step (k,) of a run the length (s) of pieces in which disturbances that grow as found between `edges` (s) can be
+    carried."""
+    fastest = np.zeros(len(run.t) - 1)
+    for one, a, b in zip(found, edges[:-1], edges[1:], strict=True):
+        here = slice(max(int(run.t.searchsorted(a, side="right")) - 1, 0), int(run.t.searchsorted(b)))
+        fastest[here] = np.maximum(fastest[here], max(one.rate, one.unseen))
+    return CARRIES / np.maximum(fastest, 1e-300)
 
 
 def _seen(one: GrowthFound) -> GrowthFound:
@@ -145,13 +205,13 @@ def _seen(one: GrowthFound) -> GrowthFound:
     return one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
 
 
-def _carried(system: System, run: Solution, found: list[GrowthFound]) -> bool:
+def _carried(system: System, run: Solution, found: list[GrowthFound], edges: list[float]) -> bool:
     """Whether disturbances grow, and not as a power of the time alone, where they are carried along the run in pieces short
     beside the roots, or that is not known. Frozen roots tell of growth where a body turns faster and faster, and nothing grows
     but the turn."""
     if system.n > SMALL:
         return True
-    course = Disturbances(system, run, CARRIES / max(one.unseen for one in found)).course(enough=LEAST)
+    course = Disturbances(system, run, _pieces(run, found, edges)).course(enough=LEAST)
     if course is None:
         return True
     t, size = course

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import median
+from mbdae.errors import WallClockError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.native import address, declared
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.sparse import SingularMatrixError
-from mbdae.run.amplification import SMALL, entries_of, in_pattern, kept, matrix_of
+from mbdae.run.amplification import SMALL, entries_of, in_pattern, kept, matrix_of, spread
 from mbdae.system.base import Array, System
 
 #: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
@@ -50,6 +51,12 @@ class Looks(NamedTuple):
     yp: Array
     h: Array
     span: float
+
+    @classmethod
+    def of(cls, system: System, run: Solution, t: Array) -> Looks:
+        """Looks at times t (k,), s, of a run, in increasing order."""
+        step = np.clip(run.t.searchsorted(t, side="right") - 1, 0, len(run.t) - 2)
+        return cls(systems_at(run, t, system), t, run(t), run.derivative(t), np.diff(run.t)[step], float(run.t[-1] - run.t[0]))
 
 
 class GrowthFound(NamedTuple):
@@ -224,6 +231,60 @@ def roots_at(looks: Looks) -> Spectra:
         t, y, yp, h = (part[these] for part in (looks.t, looks.y, looks.yp, looks.h))
         found.append((these, Spectrum(Looks([system] * len(these), t, y, yp, h, looks.span))))
     return Spectra(looks, found)
+
+
+#: numbers of times spread over a run, and not over its steps, at which the residual of unknowns displaced by DISPLACED of their
+#: scales is evaluated. Suspect are at most SUSPECTS of them: those at which the residual of an equation is beyond its USUAL
+#: quantiles by more than STANDS_OUT times their distance and what a disturbance that grows by HARMLESS over the run adds; the
+#: largest of every equation in each of some parts of the run counts, whose middles are STRETCHES of its length
+PROBES, DISPLACED, SUSPECTS, USUAL, STANDS_OUT = 128, 1e-3, 6, (0.1, 0.9), 2.0
+STRETCHES = (np.arange(8) + 0.5) / 8
+
+
+def evenly(system: System, run: Solution, count: int) -> Array:
+    """Times (s) spread over a run, and as many in steps, where switches shorten these."""
+    times: Array = run.t[0] + (run.t[-1] - run.t[0]) * (np.arange(count) + 0.5) / count
+    if system.switches is None:
+        return times
+    steps = np.unique(np.linspace(0, len(run.t) - 2, count).astype(int))
+    return np.asarray(np.union1d(times, (run.t[steps] + run.t[steps + 1]) / 2))
+
+
+def suspects(system: System, run: Solution) -> Array:
+    """Times (s) at which the residual of slightly displaced unknowns stands out of what it is elsewhere in a run, a few for all
+    equations together: where the linearised equations are others for a short time, it does. One evaluation tells at a time, and
+    not as many as there are unknowns."""
+    t = evenly(system, run, PROBES)
+    y, yp = run(t), run.derivative(t)
+    shift = DISPLACED * system.scale * (1 + spread((1, system.n))[0] / 2)
+    found, moving = np.empty((len(t), system.n)), np.empty((len(STRETCHES), system.n))
+    some = (STRETCHES * len(t)).astype(int)
+    try:
+        system.residual_stages(t, y + shift, yp, found)
+        system.residual_stages(t[some], y[some] + shift, yp[some] + shift / (run.t[-1] - run.t[0]), moving)
+    except WallClockError:
+        raise
+    except Exception:  # a function that does not take displaced unknowns: all times are suspect
+        return t
+    low, high = np.quantile(found, USUAL, axis=0)
+    usual = high - low + HARMLESS * np.max(np.abs(moving - found[some]), axis=0)
+    out = np.maximum(found - high, low - found) / np.where(usual > 0, usual, np.inf)
+    tops = [(float(top), float(t[part[i]])) for part in np.array_split(np.arange(len(t)), len(STRETCHES))
+            for i, top in zip(np.argmax(out[part], axis=0).tolist(), np.max(out[part], axis=0).tolist(), strict=True)]
+    return np.unique([time for top, time in sorted(tops)[-SUSPECTS:] if top > STANDS_OUT])
+
+
+def rates_at(system: System, run: Solution, t: Array, seen: float) -> tuple[Array, Array]:
+    """At times t (k,), s, of a run the largest real parts (k,) of roots, and the largest magnitudes (k,) of those whose
+    disturbances grow and are smaller than `seen`, over the scales of the positions, 1/s; 0 where functions fail between the
+    steps."""
+    try:
+        spectra = roots_at(Looks.of(system, run, t))
+    except WallClockError:
+        raise
+    except Exception:  # of the user, at a state that the run only interpolates
+        return np.zeros(len(t)), np.zeros(len(t))
+    return spectra.rates, np.array([one.unseen for one in spectra.found(seen)])
 
 
 #: HELD: decay within a step (rate times step, median over some steps of the run) from which on stability and not the error test

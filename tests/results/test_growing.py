@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from math import log, sqrt
 from typing import Any
 
@@ -235,3 +236,74 @@ def test_growth_of_beams_and_large_chains_is_seen() -> None:
         found = growing.growing(system, r.solution)
         assert system.n > amplification.SMALL
         assert (growing.total(found) > 0.1) == grows
+
+
+def window(off: float, width: float, middle: float, shape: str, clock: bool = False) -> mb.DAE:
+    """y' = g(t) y with growth from `off` to 1 in a window alone; clock: g is a function of an unknown that moves as the time
+    does, so that the equations themselves do not depend on the time."""
+    height = np.log(1 / off) / width
+
+    def rate(t: float) -> float:
+        u = (t - middle) / width
+        if shape == "bell":
+            return float(height / np.sqrt(np.pi) * np.exp(-min(u**2, 100.0)))
+        return float(height / 2 * (1 + np.cos(np.pi * u))) if abs(u) < 1 else 0.0
+
+    def rates(t: float, y: Any, out: Any) -> None:
+        out[:] = rate(y[1] if clock else t) * y[0], 1.0
+
+    def residual(t: float, y: Any, yp: Any, out: Any) -> None:
+        rates(t, y, out)
+        out[:] = yp - out
+
+    return mb.DAE(residual, [off, 0.0], [rate(0.0) * off, 1.0], rhs=rates)
+
+
+SOLVERS = (None, mb.RadauIIA(3), mb.RadauIIA(5), mb.IDA(), mb.CVODE(), mb.CVODE(method="BDF"))
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda x: str(x)[:12])
+@pytest.mark.parametrize("seed", [1, 2, pytest.param(3, marks=pytest.mark.slow), pytest.param(4, marks=pytest.mark.slow)])
+def test_growth_in_a_window_is_not_passed_over(solver: Any, seed: int) -> None:
+    """Steps pass over a window in which something far below the tolerance grows: IDA, CVODE and Radau IIA left it at its start,
+    without a word."""
+    draw = np.random.default_rng([seed, SOLVERS.index(solver)])
+    width, off = 10 ** draw.uniform(np.log10(0.02), 0), 10 ** draw.uniform(-11.7, -7)
+    middle, accuracy = draw.uniform(3 * width, 10 - 3 * width), 10 ** draw.uniform(-4, -2)
+    dae = window(off, width, middle, "bell" if draw.random() < 0.5 else "arch", bool(draw.random() < 0.5))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        r = dae.simulate(10.0, accuracy=accuracy, solver=solver)
+    assert abs(r["y[0]"][-1] - 1) < (3 * accuracy if not r.warnings else 0.1)
+    assert r.accuracy.amplification == pytest.approx(np.log(1 / off), abs=1)
+
+
+def test_constant_steps_that_pass_over_growth_in_a_window_are_told() -> None:
+    r = window(1e-9, 0.1, 6.0, "bell").simulate(10.0, solver=mb.RadauIIA(2, step=0.05))
+    assert "steps do not follow" in " ".join(r.warnings)
+
+
+def test_switches_show_windows_that_are_shorter_than_the_times_looked_at() -> None:
+    """Growth for 1/2500 of the run: the steps that declared switches shorten are looked at too."""
+    off, width, middle = 1e-10, 0.002, 6.0123
+    dae = window(off, width, middle, "bell")
+    dae.switches = mb.Switches(lambda t, y: np.column_stack([-(((t - middle) / width) ** 2)]), ("decaying",), np.ones(1), ("g",))
+    for solver in (mb.IDA(), mb.RadauIIA(3)):
+        assert dae.simulate(10.0, accuracy=1e-2, solver=solver)["y[0]"][-1] == pytest.approx(1, abs=0.03)
+
+
+def test_equations_that_do_not_grow_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No roots are sought inside the steps, and the equations are evaluated at few times more: none in scenes, whose inputs bound
+    the steps."""
+    def unknown(*_: Any) -> Any:
+        raise AssertionError("roots are sought")
+
+    monkeypatch.setattr(growing, "rates_at", unknown)
+    probed: list[int] = []
+    suspects = growing.suspects
+    monkeypatch.setattr(growing, "suspects", lambda system, run: (probed.append(system.n), suspects(system, run))[1])
+    rod(0.5).simulate(1.0, accuracy=1e-4)
+    assert not probed
+    dae = mb.DAE(lambda t, y, yp, out: yp + y, [1.0], [-1.0])
+    assert not dae.simulate(5.0, accuracy=1e-4).warnings
+    assert probed == [1]
