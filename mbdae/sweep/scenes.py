@@ -339,8 +339,9 @@ def _slopes(r: Any, job: SceneJob) -> tuple[dict[str, Array], list[str]]:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         found = r.sensitivity(*job.of, to=list(job.to))
-    values = {by(*key): np.asarray(one.value) for key, one in found.items()}
-    return values | {by(*key, SLOPES[1]): np.array([one.error]) for key, one in found.items()}, [str(w.message) for w in heard]
+    values = {by(quantity, name): np.asarray(one.value) for (quantity, name), one in found.items()}
+    errors = {by(quantity, name, SLOPES[1]): np.array([one.error]) for (quantity, name), one in found.items()}
+    return values | errors, [str(w.message) for w in heard]
 
 
 def _filled(found: list[Any], shape: tuple[int, ...]) -> Array:
