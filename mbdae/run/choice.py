@@ -50,6 +50,7 @@ TIGHT = 3e-6
 #: evaluations without them cost more
 STIFF, SMOOTH = 100.0, 0.3
 SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if every motion is prescribed
+NOT_STIFF = "an ordinary differential equation that is not stiff"
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}' may let bodies stick, as friction, unless the class {} says sticks = False"
 LARGEST = 8  #: number of largest eigenvalues that are computed of more than EIGENVALUES unknowns without multipliers
@@ -140,9 +141,8 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Fo
         return form, RadauIIA(3), hard
     rates = prepared.kept.setdefault(Rates, Rates(prepared))
     if not form.spec().blocks:
-        if rates.decay > STIFF or rates.oscillation > STIFF:
-            return form, RadauIIA(3), f"stiff: {rates}"
-        return form, DOP853(), "an ordinary differential equation that is not stiff"
+        stiff = rates.decay > STIFF or rates.oscillation > STIFF
+        return form, RadauIIA(3) if stiff else DOP853(), f"stiff: {rates}" if stiff else NOT_STIFF
     if given is None or given.within(DOP853.highest_index):
         eliminated = given or Index1()
         if not prepared.rank.degrees_of_freedom and (given or unknowns(prepared, GGL(), 2) > SMALL):
@@ -158,14 +158,14 @@ def _hard(prepared: Prepared) -> str:
         return "elastic bodies: BDF adds energy to their fast modes, or takes very many steps to follow them"
     if prepared.contacts:
         return "contacts: its steps end where they begin, and BDF gains or loses more energy in them"
-    if prepared.mechanics.reactive:
-        return FRICTION
+    if prepared.rank.singular_here:
+        return "it starts in a singular position, where accelerations alone do not tell the motion"
     for group in prepared.model.groups:
         for instance in group.instances:
             if instance.law.may_stick(group.derived.states):
                 unsaid = instance.law.sticks is None and not any(part.may_stick() for part in instance.law.parts)
                 return UNSAID.format(instance.item, type(instance.law).__name__) if unsaid else FRICTION
-    return ""
+    return FRICTION if prepared.mechanics.reactive else ""
 
 
 def _largest_eigenvalues(system: System) -> np.ndarray:
