@@ -25,7 +25,20 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.amplification import LEAST, SMALL, Disturbances, rise
 from mbdae.run.checkpoint import kept_value
-from mbdae.run.growth_roots import HARMLESS, MOST, GrowthFound, Looks, Spectra, evenly, positions, rates_at, roots_at, suspects
+from mbdae.run.growth_roots import (
+    BETWEEN,
+    HARMLESS,
+    MOST,
+    GrowthFound,
+    Looks,
+    Spectra,
+    evenly,
+    positions,
+    rates_at,
+    roots_at,
+    suspects,
+    varies,
+)
 from mbdae.system.base import Array, System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
@@ -44,8 +57,7 @@ KEEPS, SPARE = 0.8, 0.5
 CARRIES, POWER = 3.0, 2.5
 SHARE = 1e-3  #: a position takes part in a disturbance where it is disturbed by more than this fraction of the one disturbed most
 LOST = 80.0  #: growth (natural logarithm) after which a disturbance of any size is seen
-#: fractions of the time between two looks at which roots are compared with those at the looks, and largest ratio of two of them
-BETWEEN, STEADY = (0.17, 0.37, 0.59, 0.71, 0.88), 2.0
+STEADY = 2.0  #: largest ratio of two roots at looks, or between them, that are taken for the same
 #: growth (natural logarithm) of carried disturbances in a part of a run from which on roots that are others elsewhere in it count
 GROWS = 0.5
 #: the steps of a part in which a disturbance is behind are at least FOLLOWED over CLOSEST times the magnitude of its root: where
@@ -56,7 +68,6 @@ CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fra
 #: second number is for BDF, which follow an unseen disturbance at a low order (measured with IDA, 2.4 times)
 AT_LEAST = (1.0, 2.0)
 SURE = 2.0  #: safety on the fall of differences from one pair of such runs to the next, as a measure of that of the error
-CHANGED = 1e-6  #: equations vary with the time where their linearisation at one state changes by more than this part of it
 #: growth (natural logarithm of the factor) by equations that vary in time from which on steps have to follow it
 VARYING = 2.0
 FAINT = 1e-3  #: size of a vibration, over the scales of the positions, from which on the error test sees it
@@ -122,7 +133,7 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
             found = [_seen(one) for one in found]
     if _any_unseen(found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
-    elif varying and system.n <= SMALL and _varies(system, run):
+    elif varying and system.n <= SMALL and varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * step > FOLLOWED else 0.0)
               for step, one, asked in zip(looks.h.tolist(), found, late, strict=True)]
@@ -272,17 +283,6 @@ def _steady(run: Solution, looks: Looks, i: int, between: Sequence[float], rates
     others = Looks([looks.systems[i]] * count, times, run(times), run.derivative(times), np.full(count, looks.h[i]), looks.span)
     found = [*rates, *roots_at(others).rates.tolist()]
     return bool(max(found) < STEADY * min(found))
-
-
-def _varies(system: System, run: Solution) -> bool:
-    """Whether the equations vary with the time within a run, so that disturbances may grow that no frozen equation shows. Of a
-    System that does not know its inputs, linearisations at one state and several times are compared."""
-    t0, t1 = float(run.t[0]), float(run.t[-1])
-    if system.timeline is not None:
-        return system.timeline(t0, t1) is not None
-    times = t0 + (t1 - t0) * np.array([0.0, *BETWEEN])
-    there = np.hstack(system.linear_stages(times, *(np.tile(part[0], (len(times), 1)) for part in (run.y, run.yp)))[1:])
-    return bool(np.max(np.ptp(there, axis=0)) > CHANGED * np.max(np.abs(there)))
 
 
 def _by_varying(system: System, run: Solution, spectra: Spectra,

@@ -239,6 +239,9 @@ def roots_at(looks: Looks) -> Spectra:
 #: largest of every equation in each of some parts of the run counts, whose middles are STRETCHES of its length
 PROBES, DISPLACED, SUSPECTS, USUAL, STANDS_OUT = 128, 1e-3, 6, (0.1, 0.9), 2.0
 STRETCHES = (np.arange(8) + 0.5) / 8
+#: fractions of the time of a run, or between two looks, at which equations are compared with those at its begin or at the looks
+BETWEEN = (0.17, 0.37, 0.59, 0.71, 0.88)
+CHANGED = 1e-6  #: equations vary with the time where what displaced unknowns change in them differs by this part
 
 
 def evenly(system: System, run: Solution, count: int) -> Array:
@@ -250,21 +253,27 @@ def evenly(system: System, run: Solution, count: int) -> Array:
     return np.asarray(np.union1d(times, (run.t[steps] + run.t[steps + 1]) / 2))
 
 
+def displaced(system: System, t: Array, y: Array, yp: Array, span: float = np.inf, size: float = DISPLACED) -> Array | None:
+    """The residual (k, n) at times t (k,), s, of unknowns y (k, n) displaced by `size` of their scales, each by another share,
+    and of yp (k, n) displaced by as much in the time `span` (s); None where a function of the user does not take them."""
+    shift, out = size * system.scale * (1 + spread((1, system.n))[0] / 2), np.empty(y.shape)
+    try:
+        system.residual_stages(t, y + shift, yp + shift / span, out)
+    except WallClockError:
+        raise
+    except Exception:
+        return None
+    return out
+
+
 def suspects(system: System, run: Solution) -> Array:
     """Times (s) at which the residual of slightly displaced unknowns stands out of what it is elsewhere in a run, a few for all
     equations together: where the linearised equations are others for a short time, it does. One evaluation tells at a time, and
     not as many as there are unknowns."""
-    t = evenly(system, run, PROBES)
-    y, yp = run(t), run.derivative(t)
-    shift = DISPLACED * system.scale * (1 + spread((1, system.n))[0] / 2)
-    found, moving = np.empty((len(t), system.n)), np.empty((len(STRETCHES), system.n))
-    some = (STRETCHES * len(t)).astype(int)
-    try:
-        system.residual_stages(t, y + shift, yp, found)
-        system.residual_stages(t[some], y[some] + shift, yp[some] + shift / (run.t[-1] - run.t[0]), moving)
-    except WallClockError:
-        raise
-    except Exception:  # a function that does not take displaced unknowns: all times are suspect
+    t, span = evenly(system, run, PROBES), float(run.t[-1] - run.t[0])
+    y, yp, some = run(t), run.derivative(t), (STRETCHES * len(t)).astype(int)
+    found, moving = displaced(system, t, y, yp), displaced(system, t[some], y[some], yp[some], span)
+    if found is None or moving is None:
         return t
     low, high = np.quantile(found, USUAL, axis=0)
     usual = high - low + HARMLESS * np.max(np.abs(moving - found[some]), axis=0)
@@ -272,6 +281,21 @@ def suspects(system: System, run: Solution) -> Array:
     tops = [(float(top), float(t[part[i]])) for part in np.array_split(np.arange(len(t)), len(STRETCHES))
             for i, top in zip(np.argmax(out[part], axis=0).tolist(), np.max(out[part], axis=0).tolist(), strict=True)]
     return np.unique([time for top, time in sorted(tops)[-SUSPECTS:] if top > STANDS_OUT])
+
+
+def varies(system: System, run: Solution) -> bool:
+    """Whether the equations vary with the time within a run, so that disturbances may grow that no frozen equation shows. Of a
+    System that does not know its inputs, what displaced unknowns change is compared at one state and several times."""
+    t0, t1 = float(run.t[0]), float(run.t[-1])
+    if system.timeline is not None:
+        return system.timeline(t0, t1) is not None
+    t = t0 + (t1 - t0) * np.array([0.0, *BETWEEN])
+    y, yp = (np.tile(part[0], (len(t), 1)) for part in (run.y, run.yp))
+    moved, there = displaced(system, t, y, yp, t1 - t0), displaced(system, t, y, yp, size=0.0)
+    if moved is None or there is None:
+        return True
+    changes = moved - there
+    return bool(np.max(np.ptp(changes, axis=0)) > CHANGED * np.max(np.abs(changes)))
 
 
 def rates_at(system: System, run: Solution, t: Array, seen: float) -> tuple[Array, Array]:
