@@ -1,20 +1,23 @@
 """Derivatives of formulas by the rules of calculus, where every quantity is a number or a function of time: exact however they
 nest.
 
-What an equation defines, and whether it restricts a motion instead of holding for all.
+What the letters of a formula are, what an equation defines, and whether it restricts a motion instead of holding for all.
 
 Derivatives of other quantities (axes of bodies, rows of laws, ...) are taken by complex steps and differences, see `evaluate`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mbdae.audit.notation import Node, is_zero, made, negated, number, symbol
 
 TIME = "time"  #: wording of the time itself
+Key = tuple[str, ...]
+ARGUMENTS = ("s", "x", "y", "z", "r", "\\xi", "\\eta", "\\zeta")  #: letters by which primes derive
 ZERO, ONE, TWO = number(0), number(1), number(2)
 MOVING = ("function of time", "vector function of time")
 FIXED = ("number", "positive number", "angle", "vector", "matrix", "symmetric matrix")
@@ -176,6 +179,31 @@ def _times(*factors: Node) -> Node:
     return made("product", *kept) if kept else ONE
 
 
+# -- letters of TeX, of which a formula is read
+
+
+@dataclass
+class Letters:
+    """What the letters of a formula are: {keys of the pieces of the letter: name}, and what is known of formulas of them."""
+
+    names: Mapping[Key, str]
+    shape: Callable[[Node], tuple[int, ...] | None] = lambda node: ()  #: size of a value; None where it has none
+    angle: Callable[[Node], bool | None] = lambda node: None  #: whether a value has no unit; None where nothing says
+    radian: Callable[[Node], bool] = lambda node: False  #: whether it is a letter in rad
+    contains: Callable[[str], frozenset[str]] = lambda name: frozenset()  #: names in the definition of a letter
+    moving: frozenset[str] = frozenset()  #: names of functions of time
+    time: frozenset[str] = frozenset()  #: names of the time
+    functions: frozenset[str] = frozenset()  #: names that are printed with their arguments, as in g(v)
+    written: dict[str, str] = field(default_factory=dict)  #: {formula in the notation: how the text prints it}
+
+    def argument(self, node: Node) -> Node | None:
+        """The letter by which a prime, or an order in brackets, derives a formula: of those that usually are such arguments the
+        one that its definition contains; None where none or several do."""
+        reached = frozenset[str]().union(*map(self.contains, node.free)) - {node.value}
+        found = {name for letter in ARGUMENTS if (name := self.names.get((letter,))) in reached}
+        return symbol(found.pop()) if len(found) == 1 else None
+
+
 # -- what an equation defines or restricts
 
 
@@ -250,15 +278,15 @@ def _worked_out(statement: Any, changes: list[Node], scope: Any) -> bool:
 _WHOLE = ("call", "power", "symbol", "transposed", "cross")  #: sides that are one quantity, if something else defines it
 
 
-def free_numbers(equation: Any) -> str:
-    """A symbol declared as a mere number that one side of an equation prints and no other contains; empty where there is none."""
-    scope = equation.scope
-    if any(scope.symbols[n].letter == "0" for n in equation.used):  # the table says what the equation stands for
-        return ""
-    for statement in equation.statements:
-        sides = [_given_numbers(scope.reached(s.free), scope) for s in statement.sides]
-        for i, side in enumerate(statement.sides):
-            lonely = _given_numbers(side.free, scope) - set().union(*(o for j, o in enumerate(sides) if j != i))
-            if lonely and len(sides) > 1 and not any(is_zero(s) for s in statement.sides):
-                return min(lonely)
-    return ""
+def may_define(statement: Any, scope: Any) -> list[tuple[str, list[Any]]]:
+    """Symbols declared as mere numbers that a statement may define, as f in w = 2 pi f: some sides contain them, by nothing else
+    that the side prints, and others do not. With each, the statements that have to hold then: of those, and of the others."""
+    out = dict[str, list[Any]]()
+    if any(map(is_zero, statement.sides)) or any(m.letter == "0" for n, m in scope.symbols.items() if n in statement.symbols()):
+        return []
+    for side in statement.sides:
+        for name in _given_numbers(side.free, scope):
+            parts = [tuple(s for s in statement.sides if (name in scope.reached(s.free)) == own) for own in (True, False)]
+            if all(parts) and name not in scope.reached(side.free - {name}):
+                out[name] = [replace(statement, sides=part) for part in parts]
+    return sorted(out.items(), key=lambda found: (len(found[1][0].sides), found[0]))

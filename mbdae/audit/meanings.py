@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.audit.calculus import MOVING, TIME
+from mbdae.audit.calculus import MOVING, TIME, Key, Letters
 from mbdae.audit.edits import PLAIN, powers
 from mbdae.audit.evaluate import NO_VALUE, attempt
 from mbdae.audit.laws import Own
@@ -29,7 +29,7 @@ from mbdae.audit.notation import AuditError, Node, Relation, is_zero, made, nega
 from mbdae.audit.phrases import OWN, Definition, Env, Scope, understand
 from mbdae.audit.reading import Printed, TextFile
 from mbdae.audit.rules_motion import Assumption
-from mbdae.audit.tex import Case, Formula, Key, Letters, keys_of, other_form, said_of
+from mbdae.audit.tex import Case, Formula, keys_of, other_form, said_of
 from mbdae.audit.tex_items import FUNCTIONS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical
 from mbdae.documents.blocks import tokens
 from mbdae.documents.displays import Display
@@ -248,9 +248,10 @@ class Paper(TextFile):
         def radian(node: Node) -> bool:
             return any("rad" in map(str, scope.symbols[n].units) for n in node.free if n in scope.symbols)
 
-        moving = frozenset(n for n, meaning in scope.symbols.items() if meaning.phrase.wording in (*MOVING, TIME))
-        return Letters(names, shape, angle, radian, lambda name: frozenset(scope.reached({name})), moving, frozenset(functions),
-                       self.written)
+        moving, time = (frozenset(n for n, meaning in scope.symbols.items() if meaning.phrase.wording in words)
+                        for words in ((*MOVING, TIME), (TIME,)))
+        return Letters(names, shape, angle, radian, lambda name: frozenset(scope.reached({name})), moving, time,
+                       frozenset(functions), self.written)
 
 
 def _split(formulas: str) -> list[str]:

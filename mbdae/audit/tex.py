@@ -11,19 +11,22 @@ its rate, a tilde or hat the matrix of its cross product, unless the accented le
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from mbdae.audit import carried
+from mbdae.audit.calculus import Key, Letters
 from mbdae.audit.notation import Comparison, Node, Relation, is_zero, made, negated, number, symbol
 from mbdae.audit.tex_factors import Factors
 from mbdae.audit.tex_items import DOTS, FUNCTIONS, MARKS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical, indexed, related
 from mbdae.documents.blocks import tokens
 
-Key = tuple[str, ...]
 CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
 IDENTITY = {"I", "\\mathbf{I}", "\\mathbf{1}", "\\mathbf{E}", "\\mathbb{I}", "\\mathbb{1}"}
+ROMAN = {"iii": 3, "iv": 4, "v": 5, "vi": 6}
+#: superscripts that are the order of a derivative
+ORDER = re.compile(r"\((?:(\d+)|(?:\\mathrm\{)?([ivIV]+|[a-z])\}?)\)|\\mathrm\{(III|IV|VI|iii|iv|vi)\}|(III|IV|VI|iii|iv|vi)")
 SIZES = (3, 2, 4, 5, 6)  #: of an identity, in the order in which they are tried
 
 
@@ -33,20 +36,6 @@ class Case:
 
     statements: tuple[Relation, ...]
     conditions: tuple[Comparison, ...] = ()
-
-
-@dataclass
-class Letters:
-    """What the letters of a formula are: {keys of the pieces of the letter: name}, and what is known of formulas of them."""
-
-    names: Mapping[Key, str]
-    shape: Callable[[Node], tuple[int, ...] | None] = lambda node: ()  #: size of a value; None where it has none
-    angle: Callable[[Node], bool | None] = lambda node: None  #: whether a value has no unit; None where nothing says
-    radian: Callable[[Node], bool] = lambda node: False  #: whether it is a letter in rad
-    contains: Callable[[str], frozenset[str]] = lambda name: frozenset()  #: names in the definition of a letter
-    moving: frozenset[str] = frozenset()  #: names of functions of time
-    functions: frozenset[str] = frozenset()  #: names that are printed with their arguments, as in g(v)
-    written: dict[str, str] = field(default_factory=dict)  #: {formula in the notation: how the text prints it}
 
 
 @lru_cache(maxsize=4096)
@@ -254,12 +243,7 @@ class Formula:
         if name is not None:
             return symbol(name)
         if item.primes and (inner := self._peeled(before, replace(item, primes=0), sup)) is not None:
-            if ("s",) not in self.letters.names:
-                raise UnreadError(f"the prime of ${item.key()}$ is a derivative by s, which has no line in the table: print the "
-                                  "derivative as a fraction")
-            for _ in range(item.primes):
-                inner = Node("call", "slope", (inner,))
-            return self.kept(inner, key)
+            return self.kept(self.derived(inner, item.primes, f"the prime of ${item.key()}$"), key)
         if not before and not sup and item.key("").partition("_")[0] in IDENTITY and _size(item.sub):
             self.identity = item
             return symbol("I")
@@ -283,6 +267,16 @@ class Formula:
         self.letters.written.setdefault(str(node), " ".join(key))
         return node
 
+    def derived(self, node: Node, order: int, what: str) -> Node:
+        """A derivative by the letter that the definition contains, else along the line."""
+        by = self.letters.argument(node)
+        if by is None and ("s",) not in self.letters.names:
+            raise UnreadError(f"{what} is a derivative, and no definition in the table says by which letter: print it "
+                              "as a fraction")
+        for _ in range(order):
+            node = Node("call", "slope", (node,)) if by is None else Node("call", "diff", (node, by))
+        return node
+
     def raised(self, node: Node, sup: Sequence[Item]) -> Node:
         """A formula with a superscript: transposed, inverse or a power."""
         text = canonical(sup)
@@ -290,6 +284,12 @@ class Formula:
             return node
         if text.removeprefix("-") in TRANSPOSED:
             return made("transposed", made("power", node, negated(number(1))) if text.startswith("-") else node)
+        if node.free and (order := ORDER.fullmatch(text)):  # w^{(4)}, w^{IV}
+            n = int(order[1]) if order[1] else ROMAN.get((order[2] or order[3] or order[4]).lower(), 0)
+            if n < 3:
+                raise UnreadError(f"the superscript `{text}` may be an index or the order of a derivative: give the letter "
+                                  "with it a line in the table of meanings, or print the derivative as a fraction")
+            return self.derived(node, n, f"the superscript `{text}`")
         if text in ("*", "\\ast", "\\star", "\\dagger", "+", "-", "\\circ", "\\prime"):
             raise UnreadError(f"the superscript `{text}` has no meaning: give the letter with it a line in the table of meanings")
         if text.isdigit() and int(text) % 2 == 0 and self.letters.shape(node) in ((3, 1), (2, 1)):  # v^2 is v . v

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
+from mbdae.audit.calculus import chain
 from mbdae.audit.notation import Node, made, number, symbol
 from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, Item, UnreadError, canonical, related
 
@@ -26,6 +27,9 @@ class Reader(Protocol):
 
     def letter(self, before: tuple[str, ...], item: Item) -> Node | None:
         """A letter of the table."""
+
+    def derived(self, node: Node, order: int, what: str) -> Node:
+        """A derivative that primes print."""
 
     def raised(self, node: Node, sup: Sequence[Item]) -> Node:
         """A formula with a superscript."""
@@ -84,7 +88,9 @@ class Factors:
         self.at += 1
         if item.kind == "letter":
             return self.letter(item)
-        return self.formula.raised(self.plain(item), item.sup)
+        found = self.plain(item)
+        found = self.formula.derived(found, item.primes, "the prime of a bracket") if item.primes else found
+        return self.formula.raised(found, item.sup)
 
     def plain(self, item: Item) -> Node:
         """The factor of an item that is no letter, without its superscript."""
@@ -177,6 +183,9 @@ class Factors:
         if self.at >= len(self.items) or (item := self.items[self.at]).kind != "fence" or item.text != "(" or item.sup:
             return
         inside = item.parts[0]
+        if found.value == "diff" and len(inside) == 1 and self.formula.letter((), inside[0]) == found.parts[1]:  # w''(x)
+            self.at += 1
+            return
         listed = all(i.kind in ("letter", "comma") for i in inside) and inside
         name = next((n.value for n in found.walk() if n.kind == "symbol"), "")
         stated = {key[-1] for key, value in self.letters.names.items() if value == name and key[-1].startswith("(")}
@@ -272,12 +281,19 @@ class Factors:
         for _, by in pairs:
             order = canonical(by.sup)
             for _ in range(int(order) if order.isdigit() else 1):
-                node = self.by(node, by if not order.isdigit() else replace(by, sup=()))
+                node = self.by(node, by if not order.isdigit() else replace(by, sup=()), above[0].text == "\\partial")
         return node
 
-    def by(self, node: Node, item: Item) -> Node:
-        """The derivative of a formula by a letter."""
+    def by(self, node: Node, item: Item, partial: bool) -> Node:
+        """The derivative of a formula by a letter; by the time the whole one, unless it is partial."""
         found = self.formula.letter((), item)
+        if found is not None and found.kind == "symbol" and found.value in self.letters.time:
+            reached = frozenset[str]().union(*map(self.letters.contains, node.free))
+            if not partial or ((own := chain(node)) and own[0] in self.letters.moving):
+                return Node("call", "rate", (node,))
+            if found.value not in reached and reached & self.letters.moving:
+                raise UnreadError(f"`\\partial` by ${item.key()}$ of what does not contain it in the table may be that of a "
+                                  "field, or 0: print `d` for the whole derivative")
         if found is None and item.key() in ("t", "s"):
             return Node("call", "rate" if item.key() == "t" else "slope", (node,))
         if found is None:

@@ -181,7 +181,7 @@ class Items:
                 item = replace(item, parts=((*first, last.with_script(sign, script)),))
                 continue
             if sign == "^" and script and all(i.text == "\\prime" for i in script):
-                item = replace(item, primes=item.primes + len(script))
+                item = replace(item, primes=item.primes + sum(1 + i.primes for i in script))
             elif item.kind == "group" and not item.parts[0]:
                 raise UnreadError("an index stands at no letter")
             else:

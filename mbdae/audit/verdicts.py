@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbdae.audit.calculus import defined_by, free_numbers, law_of_motion
-from mbdae.audit.compare import SAME, Compared, ComparedStates, compared, identical
+from mbdae.audit.calculus import defined_by, law_of_motion, may_define
+from mbdae.audit.compare import SAME, Compared, ComparedStates, compared, difference, identical
 from mbdae.audit.edits import faults, of_definitions, of_laws
-from mbdae.audit.evaluate import NO_VALUE, reason
+from mbdae.audit.evaluate import NO_VALUE, attempt, reason
 from mbdae.audit.motion import RandomMotion
+from mbdae.audit.notation import Relation
 from mbdae.audit.phrases import Definition, Meaning
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import domain, in_part, left_out, remarks
@@ -252,6 +253,10 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     if not doubt and _joined(equation, states):
         said = "holds where a revolute joint connects the bodies, which the text does not say"
         return Row(equation, INCOMPLETE, residual, "states: revolute", said)
+    wrong = [s for s in equation.statements if not compared(s, states).same]
+    free = [_definable(s, states) for s in wrong]
+    if not (units or doubt) and all(free):
+        return _cannot(equation, f"the text gives {free[0]} as a number and does not say which: the formula may define it")
     found = repair(equation, states) if search else None
     part = "" if doubt or units else in_part(equation, states)
     if part:
@@ -260,10 +265,19 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
     if found is not None:
         why = told(*dict.fromkeys((units, doubt)))
         return _repaired(Row(equation, MISPRINT, residual, str(found), why, tex=found.tex), found, states)
-    free = free_numbers(equation) if search else ""
-    if doubt or free:
-        return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")
-    return Row(equation, MISPRINT, residual, remark=units)
+    return _cannot(equation, doubt) if doubt else Row(equation, MISPRINT, residual, remark=units)
+
+
+def _definable(statement: Relation, states: ComparedStates) -> str:
+    """A number that a statement defines if it is right; empty where there is none, or where it is wrong whatever that is, unless
+    it is 0, which needs no letter."""
+    for name, parts in may_define(statement, states.equation.scope):
+        zero = [[attempt(s, replace(env, zero=name, store={})) for s in statement.sides] for env in states.free]
+        if all(v is not None and difference(row[0], v) < SAME for row in zero for v in row):
+            continue
+        if all(len(part.sides) < 2 or compared(part, states).same or _definable(part, states) for part in parts):
+            return name
+    return ""
 
 
 def _without_parameters(equation: Printed, states: ComparedStates) -> tuple[str, int] | None:

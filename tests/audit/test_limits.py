@@ -64,7 +64,8 @@ def test_states_are_those_of_a_motion(kind: str) -> None:
 
 @pytest.mark.parametrize(("formula", "expected", "told"), [
     ("1: abs(b1k'*b1l) <= 1", "CANNOT JUDGE", "too few reach it"),
-    ("1: u = n*b1k", "CANNOT JUDGE", "the text gives n as a number"),
+    ("d [m]: number\n1: u = d*b1k", "CANNOT JUDGE", "the text gives d as a number"),
+    ("1: u = n*b1k", "MISPRINT", "u has the unit m, n*b1k the unit 1"),
     ("n2 [1]: number\n1: n = n2", "CANNOT JUDGE", "nothing but this formula says what n is"),
     ("1: phi = log(0*n)", "CANNOT JUDGE", "a side is real for 0*n > 0 alone"),
     ("1: ~u*~wk*wl + ~wk*~wl*u + ~wl*~u*wk = 0", "RIGHT", ""),

@@ -9,8 +9,9 @@ import pytest
 from runner import module_of
 
 import mbdae as mb
+from mbdae.audit.calculus import Letters
 from mbdae.audit.notation import Node
-from mbdae.audit.tex import Formula, Letters
+from mbdae.audit.tex import Formula
 from mbdae.audit.tex_items import Items, UnreadError
 from mbdae.cli import main
 from mbdae.documents.blocks import tokens
@@ -216,14 +217,14 @@ def test_planted_errors_of_a_paper_are_not_cleared() -> None:
 
 
 def test_what_a_letter_is_at_a_place_is_not_guessed():
-    """M' by x, M at the end and words before a formula were judged, some right ones as misprints."""
+    """M at the end and words before a formula were judged, some right ones as misprints."""
     table = ("x [m]: positive number\nl [m] $L$: positive number\nP [N]: positive number\n"
              "let M [N m] $M(x)$ = P*(l - x)\n")
-    right = (r"M(x) = P(L - x)", r"\frac{dM}{dx} = -P")
-    unread = (r"M' = 0", r"M'(x) = -P", r"M(L) = 0", r"M(0) = PL", r"\text{not }P = M")
+    right = (r"M(x) = P(L - x)", r"\frac{dM}{dx} = -P", r"M' = -P", r"M'(x) = -P")
+    unread = (r"M(L) = 0", r"M(0) = PL", r"\text{not }P = M")
     paper = "\n".join(rf"\begin{{equation}}{tex}\end{{equation}}" for tex in (*right, *unread)) + "\n"
     found = mb.audit(paper, meanings=table)
-    assert [found[str(n)].verdict for n in range(1, 8)] == ["RIGHT"] * 2 + ["CANNOT JUDGE"] * 5
+    assert [found[str(n)].verdict for n in range(1, 8)] == ["RIGHT"] * 4 + ["CANNOT JUDGE"] * 3
 
 
 def verdicts(paper: str, table: str) -> list[str]:
@@ -333,3 +334,61 @@ def test_numbers_of_siunitx(tex: str, verdict: str, words: str) -> None:
     row = mb.audit(f"\n\\[ {tex} \\]\n", meanings=table).equations[0]
     assert row.verdict == verdict, row.said
     assert words in str(row.said) + str(row)
+
+
+# -- derivatives
+
+
+MASS = "x [m]: function of time\nm [kg]: positive number\nlet E [J] = 1/2*m*rate(x)^2\n"
+BEAM = ("x [m]: number\nL [m]: positive number\nq [N/m] $q_0$: number\nE [Pa]: positive number\nI [m^4] $I$: positive number\n"
+        "let w [m] = q*x^2*(6*L^2 - 4*L*x + x^2)/(24*E*I)\n")
+
+
+def verdict(tex: str, table: str) -> str:
+    """The verdict on one display."""
+    return mb.audit(f"\n\\begin{{equation}}{tex}\\end{{equation}}\n", meanings=table)["1"].verdict
+
+
+@pytest.mark.parametrize("time", ["", "t [s]: number\n", "tau [s] $t$: time\n"])
+@pytest.mark.parametrize(("tex", "said"), [
+    (r"\frac{dE}{dt} = m\dot x\ddot x", "RIGHT"), (r"\frac{\mathrm{d}E}{\mathrm{d}t} = m\dot x\ddot x", "RIGHT"),
+    (r"\frac{d^2x}{dt^2} = \ddot x", "RIGHT"), (r"\frac{\partial x}{\partial t} = \dot x", "RIGHT"),
+    (r"\frac{d}{dt}\left(m x^2\right) = 2 m x\dot x", "RIGHT"), (r"\frac{dE}{dt} = 2m\dot x\ddot x", "MISPRINT")])
+def test_a_derivative_by_the_time_is_the_whole_one(tex: str, said: str, time: str) -> None:
+    """Whether or not the table has a line for the time."""
+    assert verdict(tex, MASS + time) == said
+
+
+def test_a_partial_derivative_by_the_time_is_that_of_what_contains_it() -> None:
+    table = MASS + "t [s]: number\nlet V [kg m s] = m*x*t\n"
+    assert verdict(r"\frac{\partial V}{\partial t} = m x", table) == "RIGHT"
+    assert verdict(r"\frac{dV}{dt} = m x + m t\dot x", table) == "RIGHT"
+    assert verdict(r"\frac{dV}{dt} = m x", table) == "CANNOT JUDGE"
+    assert verdict(r"\frac{\partial E}{\partial t} = 0", table) == "CANNOT JUDGE"
+
+
+@pytest.mark.parametrize(("tex", "said"), [
+    ("E I w^{(4)} = q_0", "RIGHT"), ("E I w^{(iv)} = q_0", "RIGHT"), (r"E I w^{\mathrm{IV}} = q_0", "RIGHT"),
+    (r"E I w^{\prime\prime\prime\prime} = q_0", "RIGHT"), (r"\left(E I w''\right)'' = q_0", "RIGHT"),
+    ("E I w'''' = q_0", "RIGHT"), ("E I w''(x) = q_0 (L - x)^2/2", "RIGHT"), ("E I w^{(3)} = q_0 (x - L)", "RIGHT"),
+    ("E I w^{IV}(x) = q_0", "RIGHT"), ("w^4 = w\\,w^3", "RIGHT"),
+    ("E I w^{(4)} = 2q_0", "MISPRINT"), ("E I w^{(3)} = q_0", "MISPRINT"), ("E I w''' = q_0 (L - x)", "MISPRINT"),
+    (r"\left(E I w''\right)'' = 2 q_0", "MISPRINT"), ("E I w^{(n)} = 0", "CANNOT JUDGE"), ("w^{(2)} = w", "CANNOT JUDGE")])
+def test_primes_and_orders_in_brackets_are_derivatives(tex: str, said: str) -> None:
+    """By the letter that the definition contains."""
+    assert verdict(tex, BEAM) == said
+
+
+SWING = ("g [m/s^2]: positive number\nl [m]: positive number\nh [m]: positive number\nlet omega0 [rad/s] = sqrt(g/l)\n"
+         "f [1/s]: number\nlet T1 [s] = 1/f\n")
+
+
+@pytest.mark.parametrize("more", ["", "let T0 [s] = 2*pi*sqrt(l/g)\nv [m/s]: number\nn [1/s]: number\n"])
+@pytest.mark.parametrize(("tex", "said"), [
+    (r"\omega_0 = \sqrt{\frac{g}{l}} = 2\pi f", "CANNOT JUDGE"), (r"\omega_0 = 2\pi f", "CANNOT JUDGE"),
+    (r"2\pi f = \omega_0", "CANNOT JUDGE"), (r"\omega_0 = \frac{2\pi}{T_1} = 2\pi f", "CANNOT JUDGE"),
+    (r"\omega_0 = \sqrt{\frac{2g}{l}} = 2\pi f", "MISPRINT"), (r"\omega_0 = \frac{\pi}{T_1} = 2\pi f", "MISPRINT"),
+    (r"\omega_0 = 2\pi f l", "MISPRINT"), (r"\omega_0 = \sqrt{\frac{g}{l}} + f", "MISPRINT")])
+def test_an_equation_that_may_define_a_letter_is_not_blamed(tex: str, said: str, more: str) -> None:
+    """However many letters the table has; what is wrong whatever the letter is stays blamed."""
+    assert verdict(tex, SWING + more) == said
