@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
@@ -117,13 +118,13 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     if len(run.t) < 2 or not t1 > t0 or (system.n > MOST and _explicit(run)):
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
-    steps = np.unique(run.t[1:-1].searchsorted(t0 + (t1 - t0) * (np.arange(count) + 0.5) / count, side="right"))
+    steps = distinct(run.t[1:-1].searchsorted(t0 + (t1 - t0) * (np.arange(count) + 0.5) / count, side="right"))
     times = run.t[steps]
     looks = Looks(systems_at(run, times, system), times, run.y[steps], run.yp[steps], run.t[steps + 1] - times, t1 - t0)
     spectra = roots_at(looks)
     found = spectra.found(VISIBLE)
     if len(passed := _passed_over(system, run, spectra, found)):
-        looks = Looks.of(system, run, np.union1d(looks.t, passed))
+        looks = Looks.of(system, run, distinct(np.append(looks.t, passed)))
         spectra = roots_at(looks)
         found = spectra.found(VISIBLE)
     ends, late = [t0, *((looks.t[1:] + looks.t[:-1]) / 2).tolist(), t1], [0.0] * len(found)

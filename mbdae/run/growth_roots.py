@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import median
+from mbdae.deferred import distinct, median
 from mbdae.errors import WallClockError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
@@ -249,7 +249,7 @@ def evenly(system: System, run: Solution, count: int) -> Array:
     times: Array = run.t[0] + (run.t[-1] - run.t[0]) * (np.arange(count) + 0.5) / count
     if system.switches is None:
         return times
-    steps = np.unique(np.linspace(0, len(run.t) - 2, count).astype(int))
+    steps = distinct(np.linspace(0, len(run.t) - 2, count).astype(int))
     return np.asarray(np.union1d(times, (run.t[steps] + run.t[steps + 1]) / 2))
 
 
@@ -280,7 +280,7 @@ def suspects(system: System, run: Solution) -> Array:
     out = np.maximum(found - high, low - found) / np.where(usual > 0, usual, np.inf)
     tops = [(float(top), float(t[part[i]])) for part in np.array_split(np.arange(len(t)), len(STRETCHES))
             for i, top in zip(np.argmax(out[part], axis=0).tolist(), np.max(out[part], axis=0).tolist(), strict=True)]
-    return np.unique([time for top, time in sorted(tops)[-SUSPECTS:] if top > STANDS_OUT])
+    return distinct([time for top, time in sorted(tops)[-SUSPECTS:] if top > STANDS_OUT])
 
 
 def varies(system: System, run: Solution) -> bool:

@@ -644,9 +644,9 @@ def test_a_loop_that_starts_flat_ends_at_once_and_says_so(tmp_path: Path) -> Non
     box = '<geom type="box" size="0.1 0.05 0.02" pos="0.02 0.01 0.03"/>'
     (tmp_path / "flat.xml").write_text(
         f'<mujoco><worldbody><body name="a" pos="0 0 1"><joint name="j1" axis="0 1 0"/>{box}<body name="b" pos="0.2 0 0.3">'
-        f'<joint name="j2" axis="0 1 0"/>{box}<body name="c" pos="0.2 0 0"><joint name="j3" axis="0 1 0"/>{box}</body></body></body>'
-        '</worldbody><equality><connect body1="c" body2="a" anchor="0.1 0 0"/><connect body1="a" body2="c" anchor="0.5 0.3 0.3"/>'
-        '</equality></mujoco>', encoding="utf-8")
+        f'<joint name="j2" axis="0 1 0"/>{box}<body name="c" pos="0.2 0 0"><joint name="j3" axis="0 1 0"/>{box}</body></body>'
+        '</body></worldbody><equality><connect body1="c" body2="a" anchor="0.1 0 0"/>'
+        '<connect body1="a" body2="c" anchor="0.5 0.3 0.3"/></equality></mujoco>', encoding="utf-8")
     s = mb.read_mjcf(tmp_path / "flat.xml")
     assert "starts in a singular position" in str(s.check())
     with pytest.raises(mb.SolverError, match="singular position"):
