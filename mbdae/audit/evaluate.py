@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit.calculus import unfolded
+from mbdae.audit.calculus import chain, unfolded
 from mbdae.audit.notation import Node
 from mbdae.errors import MbdaeError
 from mbdae.symbolic.rebuild import complex_atan2
@@ -217,13 +217,30 @@ def _power(node: Node, at: Source) -> Value:
     if np.real(base) < 0 and (np.real(exponent) % 1 or np.imag(exponent)) and at.scale is None:
         raise OutsideError(f"{node.parts[0]} > 0")
     if np.real(exponent) < 0:
-        at.watched(node.parts[0], base)
+        _watched(node.parts[0], at)
     return np.asarray(base, dtype=complex)[()] ** exponent
+
+
+def _watched(below: Node, at: Source) -> None:
+    """Note the sign of a divisor, of a magnitude or an even power that of what is in it."""
+    while (below.kind == "call" and below.value == "abs") or (below.kind == "power" and below.parts[1].value in (2, 4)):
+        below = below.parts[0]
+    value = evaluate(below, at)
+    at.watched(below, value)
+    if below.kind == "call" and below.value == "norm" and _is_rate(below.parts[0], at):
+        at.watched(below, -value)
+
+
+def _is_rate(node: Node, at: Source) -> bool:
+    """Whether a formula is the rate of a function of time, which may be zero."""
+    place = chain(node)
+    formula = getattr(at.scope.symbols.get(place[0]), "node", None) if place else None
+    return place is not None and (place[1] > 0 or (formula is not None and _is_rate(formula, at)))
 
 
 def _inverse(node: Node, at: Source) -> Value:
     below = _number(evaluate(node.parts[0], at))
-    at.watched(node.parts[0], below)
+    _watched(node.parts[0], at)
     return 1 / below if isinstance(below, se.Basic) else np.complex128(1) / below
 
 

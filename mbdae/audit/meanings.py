@@ -33,6 +33,7 @@ from mbdae.audit.tex import Case, Formula, keys_of, other_form, said_of
 from mbdae.audit.tex_items import FUNCTIONS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical
 from mbdae.documents.blocks import tokens
 from mbdae.documents.displays import Display
+from mbdae.documents.macros import switched
 
 RESERVED = {*FUNCTIONS.values(), "I", "pi", "rate", "diff", "delta", "integral", "sum", "slope", "sqrt", "norm"}
 _FROM = re.compile(r"from\s+(\S+)\s*:\s*(.*)$", re.S)
@@ -132,6 +133,7 @@ class Paper(TextFile):
                 self._spoilt(at, joined, said_of(error))
 
     def _symbol(self, at: int, name: str, units: str, letter: str | None, meaning: str, defined: bool = False) -> None:
+        letter = letter and switched(letter)
         keys = () if letter == "0" else (name, keys_of(letter or "", name))
         for line, other in (self.stated[key] for key in keys if key in self.stated):
             raise AuditError(f"line {line} declares {other}, the same name or letter: anew it is declared after `from EQUATION:`")
@@ -269,8 +271,7 @@ def _split(formulas: str) -> list[str]:
 
 def begun(shown: Sequence[Display], source: str, paper: str) -> str:
     """A table of meanings with every letter found, its meaning and unit guessed by what the text says of it and by the letter."""
-    found: dict[str, bool] = {}
-    alone: set[str] = set()
+    found, alone = dict[str, bool](), set[str]()
     for display in shown:
         try:
             items = [i for piece, _ in Formula.statements(Items(tokens(display.latex)).all()) for i in piece]

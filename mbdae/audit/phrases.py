@@ -237,7 +237,7 @@ class Env:
                 value = shifted(value, entry, amount * (self.motion.clock - since) ** (rise - order) / factorial(rise - order))
         if self.scale is not None:
             value = value * scaled(meaning.units, value, self.scale) / self.size_of("time") ** order
-        return value * 0 if meaning.text == getattr(self.scope.symbols.get(self.zero or ""), "text", "") else value
+        return value
 
     def moved(self, how: str, amount: complex = 1j * STEP) -> Env:
         """This state after a step: "virtual", "time", "line" or "linear" (see `Motion.moved`)."""

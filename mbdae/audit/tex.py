@@ -24,6 +24,8 @@ from mbdae.documents.blocks import tokens
 
 CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
 IDENTITY = {"I", "\\mathbf{I}", "\\mathbf{1}", "\\mathbf{E}", "\\mathbb{I}", "\\mathbb{1}"}
+SIZE = re.compile(r"|[nmN]|[2-6]|(\w)\\times ?\1")  #: an index that may be the size of a matrix: none, n, 3, or 3 x 3
+STARS = ("\\cdot", "\\star", "\\dagger")  #: superscripts of letters after which an exponent may follow
 ROMAN = {"iii": 3, "iv": 4, "v": 5, "vi": 6}
 #: superscripts that are the order of a derivative
 ORDER = re.compile(r"\((?:(\d+)|(?:\\mathrm\{)?([ivIV]+|[a-z])\}?)\)|\\mathrm\{(III|IV|VI|iii|iv|vi)\}|(III|IV|VI|iii|iv|vi)")
@@ -158,7 +160,7 @@ class Formula:
 
     def _branches(self, left: list[list[Item]], item: Item, also: tuple[Comparison, ...]) -> list[Case]:
         sides, out, before = [self.sum(p) for p in left], list[Case](), list[Comparison]()
-        for row in item.parts:
+        for row in ([[i for i in cell if (i.kind, i.text) != ("letter", ".")] for cell in cells] for cells in item.parts):
             value = [i for i in row[0] if i.kind not in ("comma", "text", "gap")]
             told = [i for cell in row[1:] for i in cell] or [i for i in row[0] if i.kind == "text"]
             parts, signs = related([i for i in told if i.kind not in ("text", "comma", "gap")])
@@ -227,6 +229,9 @@ class Formula:
         for mark in sorted(TRANSPOSED, key=len, reverse=True):
             if high.endswith(mark) and high != mark and not high.endswith("\\" + mark):
                 options.append((high.removesuffix(mark).rstrip(","), lambda node: made("transposed", node)))
+        power = item.sup[-1 - any(i.text in STARS for i in item.sup[-3:-2]) * (item.sup[-2:][0].text == "-") :] if high else ()
+        if power and power[-1].kind == "number" and len(power) < len(item.sup) and item.sup[-len(power) - 1].text not in "+-/":
+            options.append((canonical(item.sup[: -len(power)]), lambda node: self.raised(node, power)))  # {E^*}^2
         options.append(("", lambda node: self.raised(node, item.sup)))
         for sup, wrap in options:
             node = self._peeled(before, item, sup)
@@ -244,7 +249,7 @@ class Formula:
             return symbol(name)
         if item.primes and (inner := self._peeled(before, replace(item, primes=0), sup)) is not None:
             return self.kept(self.derived(inner, item.primes, f"the prime of ${item.key()}$"), key)
-        if not before and not sup and item.key("").partition("_")[0] in IDENTITY and _size(item.sub):
+        if not before and not sup and item.key("").partition("_")[0] in IDENTITY and SIZE.fullmatch(canonical(item.sub)):
             self.identity = item
             return symbol("I")
         if not before and not sup and item.key("") in ("\\pi", "\\mathbf{0}"):
@@ -296,11 +301,6 @@ class Formula:
             square = made("product", made("transposed", node), node)
             return square if text == "2" else made("power", square, number(int(text) / 2))
         return made("power", node, self.sum(sup))
-
-
-def _size(sub: Sequence[Item]) -> bool:
-    """Whether an index may be the size of a matrix: none, n, 3, or 3 x 3."""
-    return re.fullmatch(r"|[nmN]|[2-6]|(\w)\\times ?\1", canonical(sub)) is not None
 
 
 def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bool]]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from mbdae.documents.blocks import tokens
-from mbdae.documents.macros import MacroError, macros_of, replaced, typeset, with_displays
+from mbdae.documents.macros import MacroError, macros_of, replaced, switched, typeset, with_displays
 
 _ROWS = ("align", "alignat", "flalign", "xalignat", "xxalignat", "gather", "eqnarray", "IEEEeqnarray")
 _CASES = ("numcases", "subnumcases")
@@ -111,7 +111,7 @@ def displays(text: str, markdown: bool = False) -> list[Display]:
                     clean = left_out.sub("", clean)
                 line = text.count("\n", 0, piece.at + at + len(latex) - len(latex.lstrip())) + 1
                 try:
-                    whole, why = replaced(clean, macros).strip(), ""
+                    whole, why = switched(replaced(clean, macros)).strip(), ""
                 except (MacroError, RecursionError) as error:
                     whole, why = clean.strip(), str(error)
                 rows.append(Display(whole, line, number, _label(latex), title, why))

@@ -15,6 +15,12 @@ _DEFINED = re.compile(r"\\(?:(?:re|provide)?newcommand|DeclareRobustCommand)\*?\
                       r"\\DeclareMathOperator(?P<stars>\*?)\s*\{?\\(?P<word>[A-Za-z]+)\}?\s*(?=\{)|"
                       r"\\(?:re)?newenvironment\*?\s*\{(?P<around>\w+)(?P<like>\*?)\}\s*(?:\[(?P<given>\d)\])?\s*(?:\[(?P<default>[^\]]*)\])?\s*(?=\{)|"
                       r"\\let\s*\\(?P<same>[A-Za-z]+)\s*=?\s*\\(?P<as>[A-Za-z]+)")
+#: derivatives of the packages physics, commath and derivative, with the sign of the differentials
+DERIVATIVES = {r"\dv": "d", r"\od": "d", r"\odv": "d", r"\pdv": r"\partial", r"\pd": r"\partial"}
+#: commands that change the font up to the end of a group, as commands with an argument
+SWITCHES = {r"\rm": "mathrm", r"\bf": "mathbf", r"\it": "mathit", r"\sf": "mathsf", r"\cal": "mathcal", r"\mit": "mathnormal",
+            r"\sl": "mathit", r"\tt": "mathrm"}
+ENDS = {"}", "&", "\\\\", r"\right", r"\end"}  #: what ends a group
 DEEPEST = 40  #: macros within macros that are replaced
 
 
@@ -171,11 +177,19 @@ def replaced(latex: str, macros: Mapping[str, Macro], depth: int = 0) -> str:
     while i < len(parts):
         token = parts[i]
         i += 1
+        if token in DERIVATIVES and token[1:] not in macros:
+            i += parts[i : i + 1] == ["*"]
+            end = i + parts[i:].index("]") if parts[i : i + 1] == ["["] and "]" in parts[i:] else i - 1
+            order, i, given = "".join(parts[i + 1 : end]).rpartition("=")[2], end + 1, list[str]()
+            while len(given) < 3 and "".join(parts[i:]).lstrip()[:1] == "{":
+                given.append(replaced(argument(), macros, depth + 1))
+            out.append(_derivative(DERIVATIVES[token], order, given))
+            continue
         if token[1:] not in macros or not token.startswith("\\"):
             out.append(token)
             continue
         count, first, body = macros[token[1:]]
-        given = []
+        given = list[str]()
         if first is not None and count:
             if parts[i : i + 1] == ["["]:
                 end = i + parts[i:].index("]")
@@ -187,4 +201,31 @@ def replaced(latex: str, macros: Mapping[str, Macro], depth: int = 0) -> str:
             body = body.replace(f"#{n}", value)
         gap = " " if re.search(r"\\[A-Za-z]+$", body) else ""
         out.append(replaced(body, macros, depth + 1) + gap)
+    return "".join(out)
+
+
+def _derivative(sign: str, order: str, given: list[str]) -> str:
+    """A derivative as a fraction. given: what stands in its braces, the letters by which it derives last."""
+    by = given[1:] or given
+    by = [letter for one in by for letter in one.split(",")]
+    power = f"^{{{order or len(by)}}}" if order or len(by) > 1 else ""
+    below = "".join(f"{sign} {letter}" + (power if len(by) == 1 else "") for letter in by)
+    return rf"\frac{{{sign}{power} {given[0] if given[1:] else ''}}}{{{below}}}"
+
+
+def switched(latex: str) -> str:
+    """TeX in which fonts that hold up to the end of a group, as in `k_{\\rm s}`, are commands with an argument."""
+    parts, out, i = tokens(latex), list[str](), 0
+    while i < len(parts):
+        font, i = SWITCHES.get(parts[i]), i + 1
+        if font is None:
+            out.append(parts[i - 1])
+            continue
+        end, depth = i, 0
+        while end < len(parts) and not (depth == 0 and (parts[end] in SWITCHES or parts[end] in ENDS)):
+            depth += {"{": 1, "\\left": 1, "\\begin": 1, "}": -1, "\\right": -1, "\\end": -1}.get(parts[end], 0)
+            end += 1
+        inside = "".join(parts[i:end]).strip()
+        out.append(f"\\{font}{{{inside}}}" if inside else "")
+        i = end
     return "".join(out)

@@ -392,3 +392,37 @@ SWING = ("g [m/s^2]: positive number\nl [m]: positive number\nh [m]: positive nu
 def test_an_equation_that_may_define_a_letter_is_not_blamed(tex: str, said: str, more: str) -> None:
     """However many letters the table has; what is wrong whatever the letter is stays blamed."""
     assert verdict(tex, SWING + more) == said
+
+
+OLDER = ("E1 [Pa] $E^*$: positive number\nk [N/m] $k_{\\rm s}$: positive number\nx [m]: function of time\nt [s]: number\n"
+          "mu [1]: positive number\nN [N]: positive number\nlet v [m/s] = rate(x)\nlet R [N] = -mu*N*sign(v)\nlet F [N] = k*x\n"
+          "let V [J] = 1/2*k*x^2\nlet W [Pa^2] $W_{\\rm r}$ = E1^2\nr [m] $\\bf r$: vector function of time\n"
+          "let c [m/s] $\\mathbf c$ = rate(r)\n")
+
+
+@pytest.mark.parametrize(("tex", "said"), [
+    (r"F = k_{\rm s} x", "RIGHT"), (r"F = k_s x", "RIGHT"),
+    (r"W_{\rm r} = {E^*}^2", "RIGHT"), (r"W_{\mathrm{r}} = E^{*2}", "RIGHT"),
+    (r"\frac{{\rm d}{\bf r}}{{\rm d}t} = {\bf c}", "RIGHT"), (r"\left(\bf r\right)^2 = \mathbf r^2", "RIGHT"),
+    (r"F = \dv{V}{x}", "RIGHT"), (r"F = \pdv{V}{x}", "RIGHT"), (r"F = \od{V}{x}", "RIGHT"), (r"\dv[2]{x}{t} = \ddot x", "RIGHT"),
+    (r"\dv{t} V = k_s x\dot x", "RIGHT"), (r"k_s = \pdv{V}{x}{x}", "RIGHT"), (r"k_s = \pdv[2]{V}{x}", "RIGHT"),
+    (r"F = 2\dv{V}{x}", "MISPRINT"), (r"W_{\rm r} = {E^*}^3", "MISPRINT"), (r"\dv{V}{t} = 2k_s x\dot x", "MISPRINT"),
+    (r"F = -k_{\rm s} x", "MISPRINT"), (r"\frac{{\rm d}{\bf r}}{{\rm d}t} = -{\bf c}", "MISPRINT")])
+def test_fonts_up_to_the_end_of_a_group_stars_and_macros_of_derivatives(tex: str, said: str) -> None:
+    assert verdict(tex, OLDER) == said
+
+
+def test_full_stops_end_rows_of_cases() -> None:
+    for first, last in ((",", "."), (";", ","), ("", ".")):
+        rows = rf"R = \begin{{cases}} -\mu N, & v > 0{first} \\ \mu N, & v < 0{last} \end{{cases}}"
+        found = mb.audit(f"\n\\begin{{equation}}{rows}\\end{{equation}}\n", meanings=OLDER)
+        assert [found[n].verdict for n in ("1.1", "1.2")] == ["RIGHT", "RIGHT"]
+
+
+@pytest.mark.parametrize(("tex", "where"), [
+    (r"R = -\mu N\frac{v}{|v|}", "v != 0"), (r"R = -\mu N\frac{\dot x}{|\dot x|}", "rate(x) != 0"),
+    (r"R = -\mu N\frac{v |v|}{v^2}", "v != 0"), (r"F = \frac{k_s x^2}{x}", "x != 0")])
+def test_a_divisor_that_vanishes_is_named_itself(tex: str, where: str) -> None:
+    """The rate of a position may be zero elsewhere than the position."""
+    row = mb.audit(f"\n\\begin{{equation}}{tex}\\end{{equation}}\n", meanings=OLDER)["1"]
+    assert (row.verdict, row.where) == ("RIGHT", where)
