@@ -126,9 +126,9 @@ class Unit:
         unknown = [v.valueReference for v in self.description.modelVariables if v.initial == "calculated"]
         made.enterContinuousTimeMode()
         at, start = [v.valueReference for v in known], np.array([float(v.start) for v in known])
-        moved = 1e-2 * rng.normal(size=len(known)) * np.maximum(abs(start), 1e-3)
-        start += np.where(start == 0, 1e-5 + abs(moved), moved)  # a mass of 0 cannot become less
-        seeds = rng.normal(size=len(known)) * np.maximum(abs(start), 1e-3)
+        sizes = np.where(start == 0, 1e-3, abs(start))  # masses stay positive
+        start += 1e-2 * np.where(start == 0, 1.0, rng.normal(size=len(known))) * sizes
+        seeds = rng.normal(size=len(known)) * sizes
         h, found = 1e-5, []
         for side in (h, -h):
             made.setFloat64(at, list(start + side * seeds))
