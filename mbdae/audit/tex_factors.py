@@ -138,7 +138,7 @@ class Factors:
             found = self.matrix(inside[0])
             square = len(found.parts) == len(found.parts[0].parts)
             return Node("call", "det", (found,)) if item.text in BARS and square else found
-        if any(i.kind == "comma" for i in inside) and item.text not in BARS:
+        if any(i.kind == "comma" for i in inside) and item.text not in (*BARS, "\\langle"):
             cells = [list[Item]()]
             for piece in inside:
                 cells.append([]) if piece.kind == "comma" else cells[-1].append(piece)
@@ -172,11 +172,10 @@ class Factors:
         plain = item.text if not item.accents else ""
         if plain in ("\\delta", "\\int", "\\sum") or plain[1:] in FUNCTIONS:
             return {"\\delta": self.variation, "\\int": self.integral, "\\sum": self.summed}.get(plain, self.called)(item)
-        if plain in ("\\max", "\\min"):
-            raise UnreadError(f"`{plain}` is not known: print its cases")
         if item.key("") == "e" and item.sup:
             return Node("call", "exp", (self.formula.sum(item.sup),))
-        raise UnreadError(f"the letter ${item.key()}$ has no line in the table of meanings")
+        raise UnreadError(f"`{plain}` is not known: print its cases" if plain in ("\\max", "\\min") else
+                          f"the letter ${item.key()}$ has no line in the table of meanings")
 
     def arguments(self, found: Node) -> None:
         """Skip the arguments printed after a letter, as in x(t), w(x, t)."""
@@ -190,19 +189,21 @@ class Factors:
         name = next((n.value for n in found.walk() if n.kind == "symbol"), "")
         stated = {key[-1] for key, value in self.letters.names.items() if value == name and key[-1].startswith("(")}
         if stated and f"({canonical(inside)})" not in stated:
-            raise UnreadError(f"a letter that the table prints with {' or '.join(sorted(stated))} stands with "
-                              f"`({canonical(inside)})`: what it is there needs a line of its own")
-        of = self.formula.letter((), inside[0]) if listed and len(inside) == 1 else None
-        if of is not None and not stated and of.kind == "symbol" and of.value != name and of.value in self.letters.contains(name):
-            if of.value not in self.letters.moving:
-                raise UnreadError(f"`{name}({canonical(inside)})` may be a product or a value at a place: give the letter of the "
-                                  f"table its argument, as ${canonical(self.items[self.at - 1 : self.at + 1])}$")
-            self.at += 1
-        elif of is not None and not stated and of.kind == "symbol" and len(self.letters.contains(name)) > 1 and (
-                of.value not in self.letters.contains(name)):
-            raise UnreadError(f"`{name}({canonical(inside)})` may be a product or a value at a place: the definition of {name} "
-                              f"does not contain {of.value}")
-        elif listed and (any(i.kind == "comma" for i in inside) or canonical(inside) == "t" or name in self.letters.functions):
+            raise UnreadError(f"`({canonical(inside)})` at a letter stated with {' or '.join(sorted(stated))} needs its own line")
+        of = self.formula.letter((), inside[0]) if listed and len(inside) == 1 and not stated else None
+        inner = of.value if of is not None and of.kind == "symbol" else None
+        own, doubt = self.letters.contains(name), ""
+        argument = inner != name and inner in own
+        if argument and inner not in self.letters.moving:
+            doubt = f"give the letter of the table its argument, as ${canonical(self.items[self.at - 1 : self.at + 1])}$"
+        elif len(own) > 1 and inner not in (None, *own):
+            doubt = f"the definition of {name} does not contain {inner}"
+        elif not (stated or listed or any(i.text in ("+", "-") for i in inside)) and (
+                len(own) > 1 or name in self.letters.moving or all(i.kind == "number" for i in inside)):  # w(L/2), x(0)
+            doubt = f"${canonical(self.items[self.at - 1 : self.at + 1])}$ needs a line of its own in the table"
+        if doubt:
+            raise UnreadError(f"`{name}({canonical(inside)})` may be a product or a value at a place: {doubt}")
+        if argument or (listed and ("," in canonical(inside) or canonical(inside) == "t" or name in self.letters.functions)):
             self.at += 1
 
     def variation(self, item: Item) -> Node:

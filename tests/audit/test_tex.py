@@ -426,3 +426,13 @@ def test_a_divisor_that_vanishes_is_named_itself(tex: str, where: str) -> None:
     """The rate of a position may be zero elsewhere than the position."""
     row = mb.audit(f"\n\\begin{{equation}}{tex}\\end{{equation}}\n", meanings=OLDER)["1"]
     assert (row.verdict, row.where) == ("RIGHT", where)
+
+
+@pytest.mark.parametrize(("formula", "table"), [
+    ("w(0) = 0", "a [m]: positive number\ny [m]: number\nlet w [m] = a+y\n"),
+    ("w(0) = a", "a [m]: positive number\ny [m]: number\nlet w [m] = a+y\n"),
+    (r"w(L/2) = b", "L [m]: positive number\nb [m]: number\nx [m]: number\nlet w [m] = x*(L-x)/L\n"),
+    (r"w(\frac L2) = b", "L [m]: positive number\nb [m]: number\nx [m]: number\nlet w [m] = x*(L-x)/L\n"),
+    (r"x(0) = 0", "x [m]: number\n"), (r"\dot x(0) = 0", "x [m]: function of time\n")])
+def test_a_value_at_a_place_is_no_product(formula: str, table: str) -> None:
+    assert "CANNOT JUDGE" in mb.audit(f"\n\\begin{{equation}}{formula}\\end{{equation}}\n", meanings=table).table()
