@@ -7,18 +7,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mbdae.engines import INTERVALS, Case, Engine, Method, Statement, fixed_steps, script
-from mbdae.errors import MbdaeError, SceneError
-from mbdae.scene.record import encode
-from mbdae.scene.replay import Known, replay
-from mbdae.scene.scene import SceneData
-from mbdae.system.base import Array
-from mbdae.system.prepare import prepare
 
-#: moment of inertia (share of the largest of a body) that a thin rod gets about its axis, since MuJoCo wants one
-THIN = 1e-9
 #: what of MJCF is a soft constraint, which stays softer than the scene however short the steps are, by the text that states it
 SOFT = {"<equality>": "loops", "frictionloss=": "dry friction", "limited=\"true\"": "stops", "range=": "stops"}
 
@@ -32,7 +22,7 @@ class MuJoCo(Engine):
     def state(self, case: Case) -> Statement:
         with tempfile.TemporaryDirectory(prefix="mbdae-") as folder:
             path = Path(folder) / "scene.xml"
-            told = written(case.scene).write_mjcf(path)
+            told = recursive(case.scene).write_mjcf(path)
             text = path.read_text(encoding="utf-8")
         start, parts = case.start()["motion"], dict.fromkeys(what for sign, what in SOFT.items() if sign in text)
         soft = f"because of its soft constraints ({', '.join(parts)})" if parts else ""
@@ -50,37 +40,9 @@ class MuJoCo(Engine):
         return Statement(text, files, tuple(methods), soft, told)
 
 
-def written(scene: SceneData) -> Any:
-    """The scene as MJCF can say it: in space, its joints as a tree where they form one, rods with a little thickness, and without
-    the velocities of bodies, which the script gives to the joints."""
-    bodies = {b.name: b for b in scene.bodies}
-    planar = scene.space == "planar" or _flat(scene)
-    statements = []
-    for method, args, kwargs in scene.statements:
-        b = bodies.get(args[0]) if method in ("link", "rigid_body") and args else None
-        if b is not None and b.inertia is not None:
-            kept = {name: value for name, value in kwargs.items() if name in ("shape", "color", "gravity")}
-            placed = {"at": encode(b.drawn.position), "rotation": encode(b.drawn.rotation), "as_given": True}
-            method, args, kwargs = "rigid_body", [b.name, b.mass, encode(_solid(b.inertia, planar))], kept | placed
-        statements.append([method, args, kwargs])
-    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": "spatial", "statements": statements}
-    try:
-        made = replay(data, type(scene), Known(dict(scene.own)))
-        return made.recursive() if any(c.has_models for c in made.joints) else made
-    except MbdaeError as error:
-        raise SceneError([str(error)]) from error
-
-
-def _flat(scene: SceneData) -> bool:
-    return all(node.kind.flat for node in prepare(scene).model.nodes)
-
-
-def _solid(inertia: Array, planar: bool) -> Array:
-    """An inertia that MuJoCo takes and that moves alike: in the plane the moment about its normal alone matters."""
-    if planar:
-        return np.asarray(np.eye(3) * inertia[2, 2])
-    moments, axes = np.linalg.eigh(inertia)
-    return np.asarray(axes @ np.diag(np.maximum(moments, THIN * moments[-1])) @ axes.T)
+def recursive(scene: Any) -> Any:
+    """The scene with its joints as a tree, where they form one."""
+    return scene.recursive() if any(c.has_models for c in scene.joints) else scene
 
 
 class MuJoCoRuns:
