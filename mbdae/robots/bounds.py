@@ -269,6 +269,7 @@ def add(j: Any, word: str, value: float) -> None:
     else:
         setattr(j, word, found + value)
 
+
 def verify(reader: Any) -> None:
     """Compare what a reader of MJCF has read of masses, armature, springs and dampers with the momenta and forces that MuJoCo has
     at random velocities: what it does not know of, such as what a later version brings, is refused and not left out. Actuators
@@ -312,7 +313,6 @@ def verify(reader: Any) -> None:
     mujoco.mj_kinematics(m, d)
     if wrong:
         raise SceneError(list(dict.fromkeys(wrong)))
-
 
 
 def open_at(mujoco: Any, m: Any, q: Any, v: Any) -> dict[int, float]:

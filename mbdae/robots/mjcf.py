@@ -59,7 +59,6 @@ def read(make: Any, path: Any, keep: bool, limits: bool, stop: Any, key: Any) ->
 TENDON = {"stiffness": "SPRING", "damping": "DAMPER", "limited": "LIMIT", "frictionloss": "FRICTIONLOSS", "armature": ""}
 
 
-
 class _Reader:
     """A compiled model into a `Robot`."""
 

@@ -14,7 +14,7 @@ from mbdae.laws.forces import JointDamper, JointFriction, JointLoad, JointSpring
 from mbdae.laws.friction import Coulomb
 from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
-from mbdae.robots import Pose, library
+from mbdae.robots import GROUND, Pose, library
 from mbdae.robots.bounds import add, all_digits, geom_of, quiet
 from mbdae.robots.couplings import FLOATS, acting, couples, differences, unusual
 from mbdae.robots.pivots import solid
@@ -69,8 +69,8 @@ class _Writer:
     def __init__(self, mujoco: Any, scene: Any) -> None:
         self.mujoco, self.s, self.spec, self.wrong, self.told = mujoco, scene, mujoco.MjSpec(), list[str](), list[str]()
         self.taken = {item.name for item in (*scene.bodies, *scene.connections, *scene.frames.values())}
-        self.made: dict[str, Any] = {"ground": self.spec.worldbody}
-        self.poses: dict[str, Pose] = {"ground": Pose()}
+        self.made: dict[str, Any] = {GROUND: self.spec.worldbody}
+        self.poses: dict[str, Pose] = {GROUND: Pose()}
         self.joints: dict[tuple[str, str], Any] = {}  #: by joint and coordinate
         self.names: dict[tuple[str, str], tuple[str, str]] = {}  #: the same in the scene that is read back
         #: joints that turn freely by bodies k and l: the slides before, the ball, the point of a floating body or joint, axes
@@ -108,8 +108,6 @@ class _Writer:
 
     def _refuse(self) -> None:
         s, say = self.s, self.wrong.append
-        if not s.space:
-            say(f"scene '{s.name}' is planar, and MJCF speaks of space: state it in space")
         for b in s.bodies:
             if b.name == "world":
                 say("body 'world': MuJoCo calls the ground so; give it another name")
@@ -164,7 +162,7 @@ class _Writer:
 
     def _body(self, b: Any, chain: list[Any]) -> None:
         """A body, and the joints from the body that carries it, outwards."""
-        parent = chain[0][0].name if chain else "ground"
+        parent = chain[0][0].name if chain else GROUND
         frame = self.s.frames.get(b.name)
         own = frame is not None and frame.body is b
         drawn = self.poses[b.name] = Pose(frame.axes, frame.point) if own else Pose(b.drawn.rotation, b.drawn.position)

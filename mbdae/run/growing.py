@@ -160,7 +160,7 @@ def _passed_over(system: System, run: Solution, known: Spectra, found: list[Grow
         some = suspects(system, run)
         if not len(some) or not np.any(_passed(*rates_at(system, run, some, VISIBLE), before(some))):
             return np.zeros(0)
-    times = np.union1d(evenly(system, run, count), some)
+    times = distinct(np.append(evenly(system, run, count), some))
     rate, unseen = rates_at(system, run, times, VISIBLE)
     if not np.any(_passed(rate, unseen, before(times))):
         return np.zeros(0)

@@ -250,7 +250,7 @@ def evenly(system: System, run: Solution, count: int) -> Array:
     if system.switches is None:
         return times
     steps = distinct(np.linspace(0, len(run.t) - 2, count).astype(int))
-    return np.asarray(np.union1d(times, (run.t[steps] + run.t[steps + 1]) / 2))
+    return distinct(np.append(times, (run.t[steps] + run.t[steps + 1]) / 2))
 
 
 def displaced(system: System, t: Array, y: Array, yp: Array, span: float = np.inf, size: float = DISPLACED) -> Array | None:
