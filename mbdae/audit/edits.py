@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.audit import carried, notation
-from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import SizeError, attempt, evaluate, size
 from mbdae.audit.fits import places
-from mbdae.audit.laws import Own, derived, part_class
-from mbdae.audit.motion import RandomMotion
 from mbdae.audit.notation import BINDING, Node, Relation, bare, made, negated, symbol
 from mbdae.audit.phrases import Definition, Env, Scope
-from mbdae.errors import MbdaeError
-from mbdae.reports.units import BASIC, law_faults, powers_of, scales, shown, unit
+from mbdae.reports.units import BASIC, powers_of, scales, shown
 
 Edited = tuple["Edit", Node]
 _EXCHANGED = {a: b for one, other in (("sin", "cos"), ("sinh", "cosh"), ("asin", "acos"), ("asinh", "acosh"))
@@ -301,49 +295,3 @@ def _culprit(node: Node, envs: Sequence[Env]) -> str:
         if np.nanmax(np.abs(p - known[0][1]), initial=0.0) > 1e-6:
             return f"in a sum {bare(known[0][0])} has the unit {shown(known[0][1])}, {bare(term)} the unit {shown(p)}"
     return ""
-
-
-# -- laws given by the user
-
-#: functions of normal laws and friction laws, with the units of their arguments and of what they return
-_FUNCTIONS = {"elastic_force": (("m",), "N"), "damping_force": (("m", "m/s"), "N"), "energy": (("m",), "J"),
-              "coefficient": (("m/s",), "1")}
-
-
-def of_laws(names: Iterable[str], own: Own) -> list[str]:
-    """Which of the named laws, among those given by the user (`own`), have units that do not fit, in words; laws with an unknown
-    unit are left out."""
-    out = []
-    for name in sorted(set(names) & set(dict(own))):
-        try:
-            found = _of_part(part_class(name, own)) if part_class(name, own) else law_faults(derived(name, own))
-        except (MbdaeError, SizeError, ArithmeticError):
-            continue
-        out += [f"the law {name} that judges this has wrong units: {found[0]}"] if found else []
-    return out
-
-
-def _of_part(cls: Any) -> list[str]:
-    """The functions of a normal law or friction law that return a wrong unit, in words."""
-    if getattr(cls, "states", ()):
-        return []
-    for function, (units, wanted) in _FUNCTIONS.items() if cls else ():
-        if function in vars(cls):
-            before, *after = (np.array([[_returned(cls, function, units, seed, scale)] for seed in range(3)])
-                              for scale in (PLAIN, *scales()))
-            p = powers_of(before, after)
-            if p is None:
-                return [f"its {function} has terms with different units"]
-            if np.nanmax(np.abs(p[:, 0] - unit(wanted).powers), initial=0.0) > 1e-6:
-                return [f"its {function} has the unit {shown(p)}, not {wanted}"]
-    return []
-
-
-def _returned(cls: Any, function: str, units: Sequence[str], seed: int, scale: Mapping[str, float]) -> float:
-    """What a function of a law returns for random parameters and arguments (by seed), where m, kg and s have the sizes
-    `scale`."""
-    made, motion = object.__new__(cls), RandomMotion(seed)
-    vars(made).update(dict.fromkeys(cls.options))
-    vars(made).update({p: motion.positive(p) * unit(spec.unit).size(scale) for p, spec in cls.params.items()})
-    arguments = [motion.positive(u) * unit(u).size(scale) for u in units]
-    return float(np.real(expression_value(se.sympify(getattr(made, function)(*arguments)), {})))

@@ -4,7 +4,7 @@ forces by virtual work, potentials, contact geometry."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,14 +12,16 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit.carried import expression_value
-from mbdae.audit.evaluate import Value
+from mbdae.audit.evaluate import SizeError, Value
 from mbdae.audit.motion import RandomMotion
+from mbdae.errors import MbdaeError
 from mbdae.laws import exported
 from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import Coulomb
 from mbdae.laws.joints import Revolute
 from mbdae.laws.journal import JournalContact
 from mbdae.laws.surfaces import SurfaceContact
+from mbdae.reports.units import BASIC, law_faults, powers_of, scales, shown, unit
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.law import Element, Law
@@ -219,3 +221,49 @@ def outward(contact: LawState) -> Value:
     v = contact.d.variation
     move, _ = v.gradient(contact.d.frames[1], _sensor(contact, "gap"))
     return -contact.vector(map(v.resolve, move))
+
+
+# -- laws given by the user
+
+#: functions of normal laws and friction laws, with the units of their arguments and of what they return
+_FUNCTIONS = {"elastic_force": (("m",), "N"), "damping_force": (("m", "m/s"), "N"), "energy": (("m",), "J"),
+              "coefficient": (("m/s",), "1")}
+
+
+def of_laws(names: Iterable[str], own: Own) -> list[str]:
+    """Which of the named laws, among those given by the user (`own`), have units that do not fit, in words; laws with an unknown
+    unit are left out."""
+    out = []
+    for name in sorted(set(names) & set(dict(own))):
+        try:
+            found = _of_part(part_class(name, own)) if part_class(name, own) else law_faults(derived(name, own))
+        except (MbdaeError, SizeError, ArithmeticError):
+            continue
+        out += [f"the law {name} that judges this has wrong units: {found[0]}"] if found else []
+    return out
+
+
+def _of_part(cls: Any) -> list[str]:
+    """The functions of a normal law or friction law that return a wrong unit, in words."""
+    if getattr(cls, "states", ()):
+        return []
+    for function, (units, wanted) in _FUNCTIONS.items() if cls else ():
+        if function in vars(cls):
+            before, *after = (np.array([[_returned(cls, function, units, seed, scale)] for seed in range(3)])
+                              for scale in (dict.fromkeys(BASIC, 1.0), *scales()))
+            p = powers_of(before, after)
+            if p is None:
+                return [f"its {function} has terms with different units"]
+            if np.nanmax(np.abs(p[:, 0] - unit(wanted).powers), initial=0.0) > 1e-6:
+                return [f"its {function} has the unit {shown(p)}, not {wanted}"]
+    return []
+
+
+def _returned(cls: Any, function: str, units: Sequence[str], seed: int, scale: Mapping[str, float]) -> float:
+    """What a function of a law returns for random parameters and arguments (by seed), where m, kg and s have the sizes
+    `scale`."""
+    made, motion = object.__new__(cls), RandomMotion(seed)
+    vars(made).update(dict.fromkeys(cls.options))
+    vars(made).update({p: motion.positive(p) * unit(spec.unit).size(scale) for p, spec in cls.params.items()})
+    arguments = [motion.positive(u) * unit(u).size(scale) for u in units]
+    return float(np.real(expression_value(se.sympify(getattr(made, function)(*arguments)), {})))

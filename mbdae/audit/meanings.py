@@ -15,11 +15,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from mbdae.audit import carried
 from mbdae.audit.calculus import MOVING, TIME, Key, Letters
 from mbdae.audit.edits import PLAIN, powers
 from mbdae.audit.evaluate import NO_VALUE, attempt
@@ -28,8 +30,8 @@ from mbdae.audit.motion import RandomMotion
 from mbdae.audit.notation import AuditError, Node, Relation, is_zero, made, negated, symbol
 from mbdae.audit.phrases import OWN, Definition, Env, Scope, understand
 from mbdae.audit.reading import Printed, TextFile
-from mbdae.audit.rules_motion import Assumption
-from mbdae.audit.tex import Case, Formula, keys_of, other_form, said_of
+from mbdae.audit.rules_motion import Assumption, guessed
+from mbdae.audit.tex import Case, Formula, said_of
 from mbdae.audit.tex_items import FUNCTIONS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical
 from mbdae.documents.blocks import tokens
 from mbdae.documents.displays import Display
@@ -40,40 +42,28 @@ _FROM = re.compile(r"from\s+(\S+)\s*:\s*(.*)$", re.S)
 _OF_EQUATION = re.compile(r"equation\s+(\S+?)\s*(?:\[([^\]]*)\])?\s*:\s+(.+)$", re.S)
 _TOLD = re.compile(r"\$([^$]{1,40})\$,?\s+(?:is|are|denotes?|represents?|means|be|being)\s+((?:[^,.;:$\\\n]|\n(?!\n)){3,60})")
 _DEFINED = re.compile(r"(\w+)\s*\[([^\]]*)\]\s*(?:\$([^$]*)\$)?\s*:\s*defined (?:by|in) (\S+)$")
-#: units and meanings by what the text says of a letter, then by the letter: only guesses, which the user confirms
-_SAID = [line.split(" | ") for line in r"""inertia | kg m^2 | positive number
-mass\b | kg | positive number
-angular (velocity|speed) | rad/s | number
-angle|rotation | rad | function of time
-torque|moment | N m | number
-length|radius|radii|distance|thickness|height|width | m | positive number
-velocity|speed | m/s | number
-torsion.*stiffness | N m/rad | positive number
-stiffness | N/m | positive number
-damp | N s/m | positive number
-force|load|reaction | N | number
-energy|work|lagrangian | J | number
-gravit | m/s^2 | positive number
-young|modulus|pressure|stress | Pa | positive number
-density | kg/m^3 | positive number
-coefficient|ratio|exponent | 1 | positive number
-penetration|deflection|displacement|coordinate|position | m | function of time
-unit vector|axis | 1 | vector
-time | s | positive number""".splitlines()]
-_LETTERS = [line.split(" | ") for line in r"""m(_|$) | kg | positive number
-g$ | m/s^2 | positive number
-[lrRabh](_|$)|\\ell | m | positive number
-\\(theta|phi|varphi|psi|alpha|beta)(_|$) | rad | function of time
-\\omega|\\Omega | rad/s | number
-[IJ](_|$) | kg m^2 | positive number
-k(_|$) | N/m | positive number
-c(_|$) | N s/m | positive number
-[FNRQ](_|$) | N | number
-[TVUELW](_|$) | J | number
-\\tau|M(_|$) | N m | number
-[xyzuqws](_|$) | m | function of time
-v(_|$) | m/s | number
-t$ | s | time""".splitlines()]
+
+
+
+@lru_cache(maxsize=4096)
+def keys_of(letter: str, name: str) -> tuple[Key, str]:
+    """The keys of the pieces of a letter given as TeX, and its arguments where it is given with them, as g(v); "": the letter
+    that the name looks like. UnreadError where what is given is no letter."""
+    items = Items(tokens(letter or carried.name(name))).all()
+    called = len(items) > 1 and items[-1].kind == "fence" and not items[-1].sup
+    pieces = items[:-1] if called else items
+    if not 0 < len(pieces) < 4 or any(
+            i.kind != "letter" or i.key()[1:] in FUNCTIONS or i.text in ")]" for i in pieces):
+        if not letter:  # a name that the paper does not print
+            return (name,), ""
+        raise UnreadError(f"`${letter}$` is no letter with its index and accents: of an expression the letters alone have lines")
+    return tuple(i.key() for i in pieces), canonical(items[-1:]) if called else ""
+
+
+def other_form(key: Key) -> Key:
+    """The letter with its Greek letters in their other form."""
+    swap = {f"\\{v}{g}": f"\\{'' if v else 'var'}{g}" for g in ("phi", "theta", "epsilon", "rho", "kappa") for v in ("", "var")}
+    return tuple(re.sub(r"\\[a-z]+", lambda m: swap.get(m[0], m[0]), piece) for piece in key)
 
 
 class Paper(TextFile):
@@ -296,10 +286,7 @@ def begun(shown: Sequence[Display], source: str, paper: str) -> str:
         name = _name(key, names)
         names.add(name)
         words = _words(key, source)
-        unit, meaning = next(((u, m) for pattern, u, m in _SAID if words and re.search(pattern, words.lower())), ("", ""))
-        if not unit:
-            unit, meaning = next(((u, m) for pattern, u, m in _LETTERS if re.match(pattern, key)), ("1", "number"))
-        meaning = "function of time" if moving else meaning
+        unit, meaning = guessed(key, words, moving)
         lines.append(f"? {name} [{unit}] ${key}$: {meaning}" + (f"   # {words}" if words else ""))
     return "\n".join(lines) + "\n"
 

@@ -1,6 +1,7 @@
 """Rules of motion: axes, angles, velocities and their changes; reduction of l's equations to unknowns of k and the angle.
 
-What a text assumes of its quantities (`x in (-1, 1)`, `l > r`, `u != 0`), which states of a comparison satisfy.
+What a text assumes of its quantities (`x in (-1, 1)`, `l > r`, `u != 0`), which states of a comparison satisfy; what its letters
+usually stand for.
 """
 
 from __future__ import annotations
@@ -227,3 +228,48 @@ def constant(node: Node) -> float | None:
 @lru_cache(maxsize=1)
 def _anywhere() -> Env:
     return Env(RandomMotion(0), Scope({}))
+
+
+# -- what letters usually stand for
+
+#: units and meanings by what the text says of a letter, then by the letter: only guesses, which the user confirms
+_SAID = [line.split(" | ") for line in r"""inertia | kg m^2 | positive number
+mass\b | kg | positive number
+angular (velocity|speed) | rad/s | number
+angle|rotation | rad | function of time
+torque|moment | N m | number
+length|radius|radii|distance|thickness|height|width | m | positive number
+velocity|speed | m/s | number
+torsion.*stiffness | N m/rad | positive number
+stiffness | N/m | positive number
+damp | N s/m | positive number
+force|load|reaction | N | number
+energy|work|lagrangian | J | number
+gravit | m/s^2 | positive number
+young|modulus|pressure|stress | Pa | positive number
+density | kg/m^3 | positive number
+coefficient|ratio|exponent | 1 | positive number
+penetration|deflection|displacement|coordinate|position | m | function of time
+unit vector|axis | 1 | vector
+time | s | positive number""".splitlines()]
+_LETTERS = [line.split(" | ") for line in r"""m(_|$) | kg | positive number
+g$ | m/s^2 | positive number
+[lrRabh](_|$)|\\ell | m | positive number
+\\(theta|phi|varphi|psi|alpha|beta)(_|$) | rad | function of time
+\\omega|\\Omega | rad/s | number
+[IJ](_|$) | kg m^2 | positive number
+k(_|$) | N/m | positive number
+c(_|$) | N s/m | positive number
+[FNRQ](_|$) | N | number
+[TVUELW](_|$) | J | number
+\\tau|M(_|$) | N m | number
+[xyzuqws](_|$) | m | function of time
+v(_|$) | m/s | number
+t$ | s | time""".splitlines()]
+
+
+def guessed(letter: str, words: str, moving: bool) -> tuple[str, str]:
+    """Unit and meaning of a letter, by what a text says of it, else by the letter; moving: whether it is printed with a dot."""
+    said = next(((u, m) for pattern, u, m in _SAID if words and re.search(pattern, words.lower())), None)
+    unit, meaning = said or next(((u, m) for pattern, u, m in _LETTERS if re.match(pattern, letter)), ("1", "number"))
+    return unit, "function of time" if moving else meaning

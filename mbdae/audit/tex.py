@@ -13,14 +13,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
-from mbdae.audit import carried
 from mbdae.audit.calculus import Key, Letters
 from mbdae.audit.notation import Comparison, Node, Relation, is_zero, made, negated, number, symbol
 from mbdae.audit.tex_factors import Factors
-from mbdae.audit.tex_items import DOTS, FUNCTIONS, MARKS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical, indexed, related
-from mbdae.documents.blocks import tokens
+from mbdae.audit.tex_items import DOTS, MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical, related
 
 CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
 IDENTITY = {"I", "\\mathbf{I}", "\\mathbf{1}", "\\mathbf{E}", "\\mathbb{I}", "\\mathbb{1}"}
@@ -38,27 +35,6 @@ class Case:
 
     statements: tuple[Relation, ...]
     conditions: tuple[Comparison, ...] = ()
-
-
-@lru_cache(maxsize=4096)
-def keys_of(letter: str, name: str) -> tuple[Key, str]:
-    """The keys of the pieces of a letter given as TeX, and its arguments where it is given with them, as g(v); "": the letter
-    that the name looks like. UnreadError where what is given is no letter."""
-    items = Items(tokens(letter or carried.name(name))).all()
-    called = len(items) > 1 and items[-1].kind == "fence" and not items[-1].sup
-    pieces = items[:-1] if called else items
-    if not 0 < len(pieces) < 4 or any(
-            i.kind != "letter" or i.key()[1:] in FUNCTIONS or i.text in ")]" for i in pieces):
-        if not letter:  # a name that the paper does not print
-            return (name,), ""
-        raise UnreadError(f"`${letter}$` is no letter with its index and accents: of an expression the letters alone have lines")
-    return tuple(i.key() for i in pieces), canonical(items[-1:]) if called else ""
-
-
-def other_form(key: Key) -> Key:
-    """The letter with its Greek letters in their other form."""
-    swap = {f"\\{v}{g}": f"\\{'' if v else 'var'}{g}" for g in ("phi", "theta", "epsilon", "rho", "kappa") for v in ("", "var")}
-    return tuple(re.sub(r"\\[a-z]+", lambda m: swap.get(m[0], m[0]), piece) for piece in key)
 
 
 def said_of(error: Exception) -> str:
@@ -303,6 +279,21 @@ class Formula:
         return made("power", node, self.sum(sup))
 
 
+def _indexed(items: Sequence[Item], letter: str, value: int) -> tuple[Item, ...]:
+    """Items with a number in place of an index, whose sums with figures are worked out: with i = 2, x_{i-1} is x_1."""
+    out = []
+    for item in items:
+        parts = tuple(tuple(_indexed(c, letter, value) for c in p) if p and isinstance(p[0], tuple) else
+                      _indexed(p, letter, value) for p in item.parts)
+        sub, sup = (_indexed(script, letter, value) for script in (item.sub, item.sup))
+        if item.kind == "letter" and item.key("") == letter and not item.sub:
+            item = Item("number", str(value))
+        if len(sub) == 3 and sub[1].text in ("+", "-") and {sub[0].kind, sub[2].kind} == {"number"}:
+            sub = (Item("number", str(int(sub[0].text) + int(sub[2].text) * (1 if sub[1].text == "+" else -1))),)
+        out.append(replace(item, parts=parts, sub=sub, sup=sup))
+    return tuple(out)
+
+
 def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bool]]:
     """The statements of a display; where it ends in an enumeration, as i = 1, 2, each statement with that index once for each."""
     for n, (piece, _) in enumerate(pieces):
@@ -317,7 +308,7 @@ def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bo
         values = range(ends[0], ends[1] + 1) if dots else [ends[0], *(int(p[0].text) for p in after)]
         out = []
         for said, condition in pieces[:n]:
-            many = [list(indexed(said, piece[0].key(), value)) for value in values]
+            many = [list(_indexed(said, piece[0].key(), value)) for value in values]
             out += [(one, condition) for one in (many if canonical(many[0]) != canonical(many[-1]) else many[:1])]
         return out
     return pieces

@@ -19,23 +19,12 @@ class Reader(Protocol):
     letters: Any
     bound: dict[tuple[str, ...], str]
 
-    def sum(self, items: Sequence[Item]) -> Node:
-        """A formula without a relation."""
-
-    def product(self, items: Sequence[Item]) -> Node:
-        """A term."""
-
-    def letter(self, before: tuple[str, ...], item: Item) -> Node | None:
-        """A letter of the table."""
-
-    def derived(self, node: Node, order: int, what: str) -> Node:
-        """A derivative that primes print."""
-
-    def raised(self, node: Node, sup: Sequence[Item]) -> Node:
-        """A formula with a superscript."""
-
-    def kept(self, node: Node, key: tuple[str, ...]) -> Node:
-        """A formula whose print is remembered."""
+    def sum(self, items: Sequence[Item]) -> Node: """A formula without a relation."""
+    def product(self, items: Sequence[Item]) -> Node: """A term."""
+    def letter(self, before: tuple[str, ...], item: Item) -> Node | None: """A letter of the table."""
+    def derived(self, node: Node, order: int, what: str) -> Node: """A derivative that primes print."""
+    def raised(self, node: Node, sup: Sequence[Item]) -> Node: """A formula with a superscript."""
+    def kept(self, node: Node, key: tuple[str, ...]) -> Node: """A formula whose print is remembered."""
 
 
 class Factors:

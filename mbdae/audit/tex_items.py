@@ -84,21 +84,6 @@ class Item:
         return text + "'" * self.primes + (f"_{{{low}}}" if low else "") + (f"^{{{high}}}" if high else "")
 
 
-def indexed(items: Sequence[Item], letter: str, value: int) -> tuple[Item, ...]:
-    """Items with a number in place of an index, whose sums with figures are worked out: with i = 2, x_{i-1} is x_1."""
-    out = []
-    for item in items:
-        parts = tuple(tuple(indexed(c, letter, value) for c in p) if p and isinstance(p[0], tuple) else indexed(p, letter, value)
-                      for p in item.parts)
-        sub, sup = (indexed(script, letter, value) for script in (item.sub, item.sup))
-        if item.kind == "letter" and item.key("") == letter and not item.sub:
-            item = Item("number", str(value))
-        if len(sub) == 3 and sub[1].text in ("+", "-") and {sub[0].kind, sub[2].kind} == {"number"}:
-            sub = (Item("number", str(int(sub[0].text) + int(sub[2].text) * (1 if sub[1].text == "+" else -1))),)
-        out.append(replace(item, parts=parts, sub=sub, sup=sup))
-    return tuple(out)
-
-
 def canonical(items: Sequence[Item]) -> str:
     """Items as TeX in one form whatever the braces and spaces they were written with."""
     out = ""

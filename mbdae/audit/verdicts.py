@@ -10,8 +10,9 @@ import numpy as np
 
 from mbdae.audit.calculus import defined_by, law_of_motion, may_define
 from mbdae.audit.compare import SAME, Compared, ComparedStates, compared, difference, identical
-from mbdae.audit.edits import faults, of_definitions, of_laws
+from mbdae.audit.edits import faults, of_definitions
 from mbdae.audit.evaluate import NO_VALUE, attempt, reason
+from mbdae.audit.laws import of_laws
 from mbdae.audit.motion import RandomMotion
 from mbdae.audit.notation import Relation
 from mbdae.audit.phrases import Definition, Meaning
