@@ -1,19 +1,21 @@
 """Derivatives of formulas by the rules of calculus, where every quantity is a number or a function of time: exact however they
 nest.
 
-What the letters of a formula are, what an equation defines, and whether it restricts a motion instead of holding for all.
+What the letters of a formula in TeX are, and which statements a display makes.
 
 Derivatives of other quantities (axes of bodies, rows of laws, ...) are taken by complex steps and differences, see `evaluate`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mbdae.audit.notation import Node, is_zero, made, negated, number, symbol
+from mbdae.audit.tex_items import DOTS, NOT_READ, RELATIONS, Item, UnreadError, canonical
 
 TIME = "time"  #: wording of the time itself
 Key = tuple[str, ...]
@@ -22,6 +24,11 @@ ZERO, ONE, TWO = number(0), number(1), number(2)
 MOVING = ("function of time", "vector function of time")
 FIXED = ("number", "positive number", "angle", "vector", "matrix", "symmetric matrix")
 _U = symbol("u")
+
+
+def factors_of(node: Node) -> tuple[Node, ...]:
+    """The factors of a product; a formula that is none alone."""
+    return node.parts if node.kind == "product" else (node,)
 
 
 def _call(name: str, *parts: Node) -> Node:
@@ -56,7 +63,7 @@ def exact(node: Node, scope: Any) -> Node | None:
     if node not in known:
         known[node] = None  # while it is looked for: a definition that contains itself has none
         with suppress(NoRuleError, RecursionError):
-            known[node] = _expanded(node, scope)
+            known[node] = expanded(node, scope)
     return known[node]  # type: ignore[no-any-return]
 
 
@@ -68,7 +75,7 @@ def chain(node: Node) -> tuple[str, int] | None:
     return (node.value, order) if node.kind == "symbol" else None
 
 
-def _expanded(node: Node, scope: Any) -> Node:
+def expanded(node: Node, scope: Any) -> Node:
     """A formula without derivatives of anything but functions of time, its definitions written out."""
     if node.kind == "symbol":
         meaning = scope.symbols.get(node.value)
@@ -79,18 +86,18 @@ def _expanded(node: Node, scope: Any) -> Node:
         reached = meaning.scope.reached(meaning.node.free)
         if any(scope.symbols.get(n) is not meaning.scope.symbols[n] for n in reached):  # it was declared anew since
             raise NoRuleError
-        return _expanded(meaning.node, scope)
+        return expanded(meaning.node, scope)
     if node.kind == "call" and node.value == "rate":
-        return _derived(_expanded(node.parts[0], scope), lambda name, order: _rate(name, order, scope))
+        return _derived(expanded(node.parts[0], scope), lambda name, order: _rate(name, order, scope))
     if node.kind == "call" and node.value == "diff":
         by = chain(node.parts[1])
         meaning = scope.symbols.get(by[0]) if by else None
         if meaning is None or meaning.phrase.wording not in ("function of time", "number", "positive number", "angle", TIME):
             raise NoRuleError
-        return _derived(_expanded(node.parts[0], scope), lambda name, order: ONE if (name, order) == by else ZERO)
+        return _derived(expanded(node.parts[0], scope), lambda name, order: ONE if (name, order) == by else ZERO)
     if node.kind == "call" and node.value in ("sum", "delta", "slope"):
         raise NoRuleError
-    return node.with_parts(tuple(_expanded(p, scope) for p in node.parts)) if node.parts else node
+    return node.with_parts(tuple(expanded(p, scope) for p in node.parts)) if node.parts else node
 
 
 def _rate(name: str, order: int, scope: Any) -> Node:
@@ -179,7 +186,7 @@ def _times(*factors: Node) -> Node:
     return made("product", *kept) if kept else ONE
 
 
-# -- letters of TeX, of which a formula is read
+# -- letters and statements of TeX, of which formulas are read
 
 
 @dataclass
@@ -203,90 +210,73 @@ class Letters:
         found = {name for letter in ARGUMENTS if (name := self.names.get((letter,))) in reached}
         return symbol(found.pop()) if len(found) == 1 else None
 
+    def filled(self, cells: Sequence[Node]) -> Sequence[Node]:
+        """A row of a matrix in which a number beside a vector or matrix of three rows stands for so many times the identity."""
+        shapes = [self.shape(c) for c in cells]
+        if not any(s is not None and len(s) == 2 and s[0] == 3 for s in shapes):
+            return cells
+        return [made("product", *factors_of(c), symbol("I")) if s == () and c.kind != "number" else c
+                for c, s in zip(cells, shapes, strict=True)]
 
-# -- what an equation defines or restricts
+    def inner(self, cells: Sequence[Node]) -> list[Node]:
+        """The inner product of two vectors; nothing for other formulas."""
+        shapes = [self.shape(c) for c in cells]
+        fits = len(cells) == 2 and shapes[0] == shapes[1] and shapes[0] in ((2, 1), (3, 1))
+        return [made("product", made("transposed", cells[0]), *factors_of(cells[1]))] if fits else []
+
+    def near(self, letter: str) -> str:
+        """What to do about a letter without a line, where a name of the table differs from it by its TeX alone."""
+        def plain(text: str) -> str:
+            return re.sub(r"\\?mathrm|\W|_", "", text)
+
+        names = sorted({n for n in self.names.values() if plain(n) == plain(letter)})
+        return f": if it is {names[0]} of the table, give that its TeX, as {names[0]} [unit] ${letter}$" if names else ""
 
 
-def _given_numbers(names: Iterable[str], scope: Any) -> set[str]:
-    known = {n: scope.symbols[n] for n in names if n in scope.symbols}
-    return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
+def related(items: Sequence[Item]) -> tuple[list[list[Item]], list[str]]:
+    """The sides of a statement, and the relations between them."""
+    parts, signs = [list[Item]()], list[str]()
+    for item in items:
+        if item.kind == "relation":
+            if item.text in NOT_READ:
+                raise UnreadError(f"`{item.text}` marks {NOT_READ[item.text]}")
+            signs.append(RELATIONS[item.text])
+            parts.append([])
+        else:
+            parts[-1].append(item)
+    return parts, signs
 
 
-def defined_by(statement: Any, scope: Any) -> list[str]:
-    """Symbols declared as mere numbers that are one side of the statement and appear on no other side: it defines them."""
+def _indexed(items: Sequence[Item], letter: str, value: int) -> tuple[Item, ...]:
+    """Items with a number in place of an index, whose sums with figures are worked out: with i = 2, x_{i-1} is x_1."""
     out = []
-    for i, side in enumerate(statement.sides):
-        others = scope.reached(set().union(*(s.free for j, s in enumerate(statement.sides) if j != i)))
-        if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
-            out.append(side.value)
-    return out
+    for item in items:
+        parts = tuple(tuple(_indexed(c, letter, value) for c in p) if p and isinstance(p[0], tuple) else
+                      _indexed(p, letter, value) for p in item.parts)
+        sub, sup = (_indexed(script, letter, value) for script in (item.sub, item.sup))
+        if item.kind == "letter" and item.key("") == letter and not item.sub:
+            item = Item("number", str(value))
+        if len(sub) == 3 and sub[1].text in ("+", "-") and {sub[0].kind, sub[2].kind} == {"number"}:
+            sub = (Item("number", str(int(sub[0].text) + int(sub[2].text) * (1 if sub[1].text == "+" else -1))),)
+        out.append(replace(item, parts=parts, sub=sub, sup=sup))
+    return tuple(out)
 
 
-def law_of_motion(equation: Any) -> str:
-    """Why an equation that does not hold for every motion may be right all the same: it says how free quantities move, and no
-    side of it is a quantity that something else defines; empty where it has to hold for every motion, as all formulas that are
-    not from a paper in TeX."""
-    scope = equation.scope
-    given = {n for n in equation.used if scope.symbols[n].phrase.given}
-    if not equation.place or equation.quantity is not None or any(scope.symbols[n].letter == "0" for n in equation.used):
-        return ""
-    for statement in equation.statements:
-        rates = [piece for side in statement.sides for piece in side.walk() if piece.kind == "call" and piece.value == "rate"]
-        reached = scope.reached(set().union(*(r.free for r in rates)))
-        moving = sorted(n for n in reached if scope.symbols[n].phrase.wording in MOVING)
-        defined = [s for s in statement.sides if s.free & set(scope.symbols) and (
-            not s.free & given or (s.kind in _WHOLE and s.free - given - {"pi", "I"}))]
-        changes = [s for s in statement.sides if any(_changes(term, given, scope) for term in _terms(s))]
-        named = any(s.kind == "symbol" and s in defined for s in statement.sides)  # M = ..., where the table says what M is
-        if moving and not named and (changes or not defined) and not _worked_out(statement, changes, scope):
-            return (f"it says how {moving[0]} moves, and nothing else does: tell in the table what its left-hand side less its "
-                    f"right-hand side is, as `equation {equation.number} [unit]: formula`")
-    return ""
-
-
-def _terms(node: Node) -> list[Node]:
-    return [t for p in node.parts for t in _terms(p)] if node.kind in ("sum", "neg") else [node]
-
-
-def _changes(term: Node, given: set[str], scope: Any) -> bool:
-    """Whether a term is the rate of a momentum or an energy."""
-    names = term.free & set(scope.symbols)
-    return term.kind == "call" and term.value == "rate" and bool(names - given) and any(
-        u.powers[1] for n in names for u in scope.symbols[n].units)
-
-
-def _worked_out(statement: Any, changes: list[Node], scope: Any) -> bool:
-    """Whether a statement works out the rate of a quantity instead of saying how it changes: nothing stands on its other sides
-    that does not appear in that rate, as a force would, and no accelerations are missing there, which a law of motion gives."""
-    def known(node: Node) -> tuple[set[str], int]:
-        chains = filter(None, (chain(n) for n in node.walk()))
-        return set(node.free) - {"pi", "I"}, max((order for _, order in chains), default=0)
-
-    for side in changes:
-        worked = not any(n.kind == "call" and n.value == "diff" for n in side.walk())
-        whole = exact(side, scope) if worked else None
-        with suppress(NoRuleError, RecursionError):
-            others = [_expanded(s, scope) for s in statement.sides if s is not side]
-            if whole is None or any(is_zero(o) or o.kind == "number" for o in others):
-                continue
-            names, order = known(whole)
-            if all(n <= names and o == order for n, o in map(known, others)):
-                return True
-    return False
-
-
-_WHOLE = ("call", "power", "symbol", "transposed", "cross")  #: sides that are one quantity, if something else defines it
-
-
-def may_define(statement: Any, scope: Any) -> list[tuple[str, list[Any]]]:
-    """Symbols declared as mere numbers that a statement may define, as f in w = 2 pi f: some sides contain them, by nothing else
-    that the side prints, and others do not. With each, the statements that have to hold then: of those, and of the others."""
-    out = dict[str, list[Any]]()
-    if any(map(is_zero, statement.sides)) or any(m.letter == "0" for n, m in scope.symbols.items() if n in statement.symbols()):
-        return []
-    for side in statement.sides:
-        for name in _given_numbers(side.free, scope):
-            parts = [tuple(s for s in statement.sides if (name in scope.reached(s.free)) == own) for own in (True, False)]
-            if all(parts) and name not in scope.reached(side.free - {name}):
-                out[name] = [replace(statement, sides=part) for part in parts]
-    return sorted(out.items(), key=lambda found: (len(found[1][0].sides), found[0]))
+def counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bool]]:
+    """The statements of a display; where it ends in an enumeration, as i = 1, 2, each statement with that index once for each."""
+    for n, (piece, _) in enumerate(pieces):
+        after = [p for p, _ in pieces[n + 1 :]]
+        single = len(piece) == 3 and piece[0].kind == "letter" and piece[1].text == "=" and piece[2].kind == "number"
+        dots = [p for p in after if len(p) == 1 and p[0].text in DOTS]
+        if not n or not single or not after or not all(len(p) == 1 and p[0].kind in ("number", "letter") for p in after):
+            continue
+        if after[-1][0].kind != "number":
+            raise UnreadError(f"it does not say how far {piece[0].key()} counts: print its equations one by one")
+        ends = int(piece[2].text), int(after[-1][0].text)
+        values = range(ends[0], ends[1] + 1) if dots else [ends[0], *(int(p[0].text) for p in after)]
+        out = []
+        for said, condition in pieces[:n]:
+            many = [list(_indexed(said, piece[0].key(), value)) for value in values]
+            out += [(one, condition) for one in (many if canonical(many[0]) != canonical(many[-1]) else many[:1])]
+        return out
+    return pieces

@@ -56,6 +56,10 @@ def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: b
         return f"{{{inner}}}{mark}" if mark else inner
     if text == "pi":
         return r"\pi"
+    if match is None and "_" in text.strip("_") and len(text.partition("_")[0]) < 8:  # J_1, omega_rel
+        head, low = (text.partition("_")[i] for i in (0, 2))
+        index = _LETTERS.get(low, low if len(low) == 1 or low.isdigit() else rf"\mathrm{{{low}}}".replace("_", r"\_"))
+        return (rf"\tilde{{{name(head)}}}" if tilde else name(head)) + f"_{{{index}}}" + mark
     text = text.replace("_", r"\_")
     if match is None or text == "I":
         return (rf"\tilde{{{text}}}" if tilde else text if text == "I" else rf"\mathrm{{{text}}}") + mark
@@ -146,6 +150,51 @@ def _call(node: Node, letters: Letters) -> str:
         return rf"{sign} \left({inner[0]}\right)" if node.parts[0].parts else f"{sign} {inner[0]}"
     head = rf"\{node.value}" if node.value in _KNOWN else rf"\operatorname{{{node.value}}}"
     return rf"{head}\left({', '.join(inner)}\right)"
+
+
+# -- what letters usually stand for
+
+#: units and meanings by what the text says of a letter, then by the letter: only guesses, which the user confirms
+_SAID = [line.split(" | ") for line in r"""inertia | kg m^2 | positive number
+mass\b | kg | positive number
+angular (velocity|speed) | rad/s | number
+angle|rotation | rad | function of time
+torque|moment | N m | number
+length|radius|radii|distance|thickness|height|width | m | positive number
+velocity|speed | m/s | number
+torsion.*stiffness | N m/rad | positive number
+stiffness | N/m | positive number
+damp | N s/m | positive number
+force|load|reaction | N | number
+energy|work|lagrangian | J | number
+gravit | m/s^2 | positive number
+young|modulus|pressure|stress | Pa | positive number
+density | kg/m^3 | positive number
+coefficient|ratio|exponent | 1 | positive number
+penetration|deflection|displacement|coordinate|position | m | function of time
+unit vector|axis | 1 | vector
+time | s | positive number""".splitlines()]
+_USUAL = [line.split(" | ") for line in r"""m(_|$) | kg | positive number
+g$ | m/s^2 | positive number
+[lrRabh](_|$)|\\ell | m | positive number
+\\(theta|phi|varphi|psi|alpha|beta)(_|$) | rad | function of time
+\\omega|\\Omega | rad/s | number
+[IJ](_|$) | kg m^2 | positive number
+k(_|$) | N/m | positive number
+c(_|$) | N s/m | positive number
+[FNRQ](_|$) | N | number
+[TVUELW](_|$) | J | number
+\\tau|M(_|$) | N m | number
+[xyzuqws](_|$) | m | function of time
+v(_|$) | m/s | number
+t$ | s | time""".splitlines()]
+
+
+def guessed(letter: str, words: str, moving: bool) -> tuple[str, str]:
+    """Unit and meaning of a letter, by what a text says of it, else by the letter; moving: whether it is printed with a dot."""
+    said = next(((u, m) for pattern, u, m in _SAID if words and re.search(pattern, words.lower())), None)
+    unit, meaning = said or next(((u, m) for pattern, u, m in _USUAL if re.match(pattern, letter)), ("1", "number"))
+    return unit, "function of time" if moving else meaning
 
 
 # -- expressions of laws as Python functions of complex numbers: symengine computes powers by logarithms, which makes complex

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.audit import carried, notation
+from mbdae.audit.calculus import factors_of
 from mbdae.audit.evaluate import SizeError, attempt, evaluate, size
 from mbdae.audit.fits import places
 from mbdae.audit.notation import BINDING, Node, Relation, bare, made, negated, symbol
@@ -56,6 +58,7 @@ class Edit:
 
 
 EXPONENTS = [notation.TextReader(text).expression() for text in ("2", "3", "4", "1/2", "3/2", "5/2")]
+BRACKET = 1.5  #: rank of a bracket that holds more or less than was meant
 PLAIN = dict.fromkeys(BASIC, 1.0)  #: sizes of the basic units; where there are sizes, functions need not be real
 
 
@@ -150,6 +153,13 @@ def _in_sum(node: Node) -> Iterator[Edited]:
         edit = Edit("sign of {}", (bare(term),), size=1 if i else 1.01)  # the first term has hardly ever the wrong sign
         yield edit, node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
         yield Edit("without the term {}", (term,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
+    for i, (term, after) in enumerate(pairwise(parts)):  # a f(x) + y -> a f(x + y)
+        whole = factors_of(bare(term))
+        if _plain_call(whole[-1]):
+            wider = Node("call", whole[-1].value, (made("sum", *_terms(whole[-1].parts[0]), after),))
+            new = made("product", *whole[:-1], wider)
+            edit = Edit("{} inside of the bracket of {}", (after, whole[-1]), resizes=True, size=BRACKET)
+            yield edit, node.with_parts((*parts[:i], negated(new) if term.kind == "neg" else new, *parts[i + 2 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
             for cut in range(1, len(term.parts)):
@@ -166,15 +176,48 @@ def _in_product(node: Node) -> Iterator[Edited]:
         if factor.kind == "sum" and len(parts) > 1:  # a (b + c) -> a b + c
             head = node.with_parts((*parts[:i], factor.parts[0], *parts[i + 1 :]))
             yield Edit("no bracket around {}", (factor,), resizes=True), made("sum", head, *factor.parts[1:])
+        yield from _brackets(node, i)
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
             edit = Edit("factors {} and {} exchanged", (factor, parts[i + 1]), resizes=True, size=1.3)
             yield edit, node.with_parts(swapped)
 
 
+def _brackets(node: Node, i: int) -> Iterator[Edited]:
+    """A product in which the bracket of the factor i, a function or a divisor, holds more factors, or of a divisor fewer."""
+    parts, factor = node.parts, node.parts[i]
+    below = factor.kind == "inverse"
+    if not (below or _plain_call(factor)):
+        return
+    inside, last = factors_of(factor.parts[0]), len(parts)
+    for end in range(i + 2, last + 1):  # P/2 pi -> P/(2 pi), f(x) y -> f(x y)
+        moved = made("product", *parts[i + 1 : end])
+        wider = replace(factor, parts=(made("product", *inside, *factors_of(moved)),))
+        edit = Edit("{} in the denominator" if below else "{} inside of the bracket of {}", (moved, factor)[: 2 - below],
+                    resizes=True, size=BRACKET)
+        yield edit, node.with_parts((*parts[:i], wider, *parts[end:]))
+    for cut in range(1, len(inside) if below else 0):  # P/(2 pi) -> P/2 pi
+        fewer = made("inverse", made("product", *inside[:cut]))
+        edit = Edit("{} not in the denominator", (made("product", *inside[cut:]),), resizes=True, size=BRACKET)
+        yield edit, node.with_parts((*parts[:i], fewer, *inside[cut:], *parts[i + 1 :]))
+
+
+def _plain_call(node: Node) -> bool:
+    return node.kind == "call" and node.value in notation.PLAIN
+
+
+def _terms(node: Node) -> tuple[Node, ...]:
+    return node.parts if node.kind == "sum" else (node,)
+
+
 def _in_call(node: Node) -> Iterator[Edited]:
     if node.value == "abs":
         yield Edit("{} -> {}", (node, node.parts[0]), size=1.4), node.parts[0]
+    kind = node.parts[0].kind
+    if _plain_call(node) and kind in ("sum", "product"):  # f(a + b) -> f(a) + b
+        first, *rest = node.parts[0].parts
+        edit = Edit("{} outside of the bracket of {}", (made(kind, *rest), node), resizes=True, size=BRACKET)
+        yield edit, made(kind, Node("call", node.value, (first,)), *rest)
     for i, part in enumerate(node.parts if node.value not in BINDING else ()):
         if part.kind == "sum":  # f(a - b) -> f(b - a)
             turned = part.with_parts(tuple(sorted(map(negated, part.parts), key=lambda term: term.kind == "neg")))

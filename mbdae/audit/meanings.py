@@ -30,8 +30,8 @@ from mbdae.audit.motion import RandomMotion
 from mbdae.audit.notation import AuditError, Node, Relation, is_zero, made, negated, symbol
 from mbdae.audit.phrases import OWN, Definition, Env, Scope, understand
 from mbdae.audit.reading import Printed, TextFile
-from mbdae.audit.rules_motion import Assumption, guessed
-from mbdae.audit.tex import Case, Formula, said_of
+from mbdae.audit.rules_motion import Assumption
+from mbdae.audit.tex import Case, Formula
 from mbdae.audit.tex_items import FUNCTIONS, RATES, TRANSPOSED, Item, Items, UnreadError, canonical
 from mbdae.documents.blocks import tokens
 from mbdae.documents.displays import Display
@@ -140,7 +140,7 @@ class Paper(TextFile):
     # -- one display
 
     def _display(self, display: Display) -> None:
-        number = re.sub(r"[^\w.]+", "_", display.number) or f"L{display.line}"
+        number = re.sub(r"[\\${}\s]+", "_", display.number) or f"L{display.line}"
         while number in self.places:
             number += "_"
         self.places[number] = display.line
@@ -163,7 +163,7 @@ class Paper(TextFile):
             quantity = understand(said[2], (), said[0])
         elif said is not None:
             formulas = _split(said[2])
-            stands = [f"E{number.replace('.', '_')}" + (f"_{i}" if i else "") for i in range(len(formulas))]
+            stands = [re.sub(r"\W", "_", f"E{number}") + (f"_{i}" if i else "") for i in range(len(formulas))]
             for name, formula in zip(stands, formulas, strict=True):
                 self._symbol(said[0], name, said[1] or "1", "0", formula, defined=True)
             scope = self._scope()
@@ -246,6 +246,11 @@ class Paper(TextFile):
                        frozenset(functions), self.written)
 
 
+def said_of(error: Exception) -> str:
+    """Why something could not be read."""
+    return "its formulas stand too deep in each other" if isinstance(error, RecursionError) else str(error)
+
+
 def _split(formulas: str) -> list[str]:
     """Formulas between semicolons outside of brackets."""
     parts, depth = [""], 0
@@ -286,7 +291,7 @@ def begun(shown: Sequence[Display], source: str, paper: str) -> str:
         name = _name(key, names)
         names.add(name)
         words = _words(key, source)
-        unit, meaning = guessed(key, words, moving)
+        unit, meaning = carried.guessed(key, words, moving)
         lines.append(f"? {name} [{unit}] ${key}$: {meaning}" + (f"   # {words}" if words else ""))
     return "\n".join(lines) + "\n"
 

@@ -125,11 +125,15 @@ class RandomMotion:
         return m @ m.T + np.eye(3) if symmetric else m
 
     def polynomial(self, name: str, x: complex, shape: tuple[int, ...] = (), order: int = 0) -> Value:
-        """A random function of x whose first three derivatives at 0 differ from 0, or its derivative of an order."""
+        """A random function of x whose first three derivatives at 0 differ from 0, or its derivative of an order; a virtual
+        displacement adds another one."""
         c = _drawn(self.seed, name, "uniform", (4, *shape))
         first = self._between(name) if name in self.bounds else c[0]
         kept = [first, *c[1:]][order:]
-        return sum((x**n * k / factorial(n) for n, k in enumerate(kept)), 0 * c[0]) + 0j
+        found = sum((x**n * k / factorial(n) for n, k in enumerate(kept)), 0 * c[0]) + 0j
+        if not self.virtual or name.startswith("virtual "):
+            return found
+        return found + self.virtual * self.polynomial(f"virtual {name}", x, shape, order)
 
     def ingredient(self, name: str) -> Value:
         """A random vector (3, 1) that the derivation contains and a text may leave out: zero in states made by `without`."""

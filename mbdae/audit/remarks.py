@@ -210,19 +210,20 @@ def _finite(side: Node, env: Env) -> bool | None:
 def in_part(equation: Printed, states: ComparedStates) -> str:
     """The condition under which a formula with functions of several branches holds, where that is a part of the states tried; ""
     where it holds in none, or in all."""
-    if not any(map(_branched, _pieces(equation))) or len(equation.statements) > 1:
+    if not any(map(_branched, _pieces(equation))):
         return ""
     envs = states.many if equation.states == "free" else states.many_joint
-    values = [[attempt(side, env) for side in equation.statements[0].sides] for env in envs]
-    if any(v is None for row in values for v in row):
+    values = [[[attempt(side, env) for side in s.sides] for s in equation.statements] for env in envs]
+    if any(v is None for rows in values for row in rows for v in row):
         return ""
-    holds = np.array([all(difference(row[0], v) < SAME for v in row[1:]) for row in values])
+    holds = np.array([all(difference(row[0], v) < SAME for row in rows for v in row[1:]) for rows in values])
     if not LEAST <= np.sum(holds) <= len(envs) - LEAST:
         return ""
     pieces = {*_pieces(equation)}
     pieces |= {Node("call", name, n.parts) for n in pieces if n.value in ("sin", "cos", "tan") for name in ("sin", "cos")}
     other = [symbol(name) for name in equation.scope.symbols]
-    for node in (*equation.statements[0].sides, *sorted(pieces, key=lambda n: (len(str(n)), str(n))), *other):
+    sides = [side for s in equation.statements for side in s.sides]
+    for node in (*sides, *sorted(pieces, key=lambda n: (len(str(n)), str(n))), *other):
         found = [attempt(node, env) for env in envs] if node.kind != "row" else [None]
         if all(v is not None and np.ndim(v) == 0 for v in found):
             above = np.real(np.array(found, dtype=complex)) > 0

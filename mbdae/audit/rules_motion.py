@@ -1,23 +1,25 @@
 """Rules of motion: axes, angles, velocities and their changes; reduction of l's equations to unknowns of k and the angle.
 
-What a text assumes of its quantities (`x in (-1, 1)`, `l > r`, `u != 0`), which states of a comparison satisfy; what its letters
-usually stand for.
+What a text assumes of its quantities (`x in (-1, 1)`, `l > r`, `u != 0`), which states of a comparison satisfy; what its
+equations define, and whether they restrict a motion instead of holding for all.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from mbdae.audit.calculus import MOVING, NoRuleError, chain, exact, expanded
 from mbdae.audit.evaluate import STEP, SizeError, Value, attempt
 from mbdae.audit.laws import Rule, register
 from mbdae.audit.motion import RandomMotion, axial
-from mbdae.audit.notation import AuditError, Comparison, Node, TextReader, symbol
+from mbdae.audit.notation import AuditError, Comparison, Node, TextReader, is_zero, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.symbolic.rebuild import complex_atan2
 
@@ -230,46 +232,89 @@ def _anywhere() -> Env:
     return Env(RandomMotion(0), Scope({}))
 
 
-# -- what letters usually stand for
-
-#: units and meanings by what the text says of a letter, then by the letter: only guesses, which the user confirms
-_SAID = [line.split(" | ") for line in r"""inertia | kg m^2 | positive number
-mass\b | kg | positive number
-angular (velocity|speed) | rad/s | number
-angle|rotation | rad | function of time
-torque|moment | N m | number
-length|radius|radii|distance|thickness|height|width | m | positive number
-velocity|speed | m/s | number
-torsion.*stiffness | N m/rad | positive number
-stiffness | N/m | positive number
-damp | N s/m | positive number
-force|load|reaction | N | number
-energy|work|lagrangian | J | number
-gravit | m/s^2 | positive number
-young|modulus|pressure|stress | Pa | positive number
-density | kg/m^3 | positive number
-coefficient|ratio|exponent | 1 | positive number
-penetration|deflection|displacement|coordinate|position | m | function of time
-unit vector|axis | 1 | vector
-time | s | positive number""".splitlines()]
-_LETTERS = [line.split(" | ") for line in r"""m(_|$) | kg | positive number
-g$ | m/s^2 | positive number
-[lrRabh](_|$)|\\ell | m | positive number
-\\(theta|phi|varphi|psi|alpha|beta)(_|$) | rad | function of time
-\\omega|\\Omega | rad/s | number
-[IJ](_|$) | kg m^2 | positive number
-k(_|$) | N/m | positive number
-c(_|$) | N s/m | positive number
-[FNRQ](_|$) | N | number
-[TVUELW](_|$) | J | number
-\\tau|M(_|$) | N m | number
-[xyzuqws](_|$) | m | function of time
-v(_|$) | m/s | number
-t$ | s | time""".splitlines()]
+# -- what an equation defines or restricts
 
 
-def guessed(letter: str, words: str, moving: bool) -> tuple[str, str]:
-    """Unit and meaning of a letter, by what a text says of it, else by the letter; moving: whether it is printed with a dot."""
-    said = next(((u, m) for pattern, u, m in _SAID if words and re.search(pattern, words.lower())), None)
-    unit, meaning = said or next(((u, m) for pattern, u, m in _LETTERS if re.match(pattern, letter)), ("1", "number"))
-    return unit, "function of time" if moving else meaning
+def _given_numbers(names: Iterable[str], scope: Any) -> set[str]:
+    known = {n: scope.symbols[n] for n in names if n in scope.symbols}
+    return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
+
+
+def defined_by(statement: Any, scope: Any) -> list[str]:
+    """Symbols declared as mere numbers that are one side of the statement and appear on no other side: it defines them."""
+    out = []
+    for i, side in enumerate(statement.sides):
+        others = scope.reached(set().union(*(s.free for j, s in enumerate(statement.sides) if j != i)))
+        if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
+            out.append(side.value)
+    return out
+
+
+def law_of_motion(equation: Any) -> str:
+    """Why an equation that does not hold for every motion may be right all the same: it says how free quantities move, and no
+    side of it is a quantity that something else defines; empty where it has to hold for every motion, as all formulas that are
+    not from a paper in TeX."""
+    scope = equation.scope
+    given = {n for n in equation.used if scope.symbols[n].phrase.given}
+    if not equation.place or equation.quantity is not None or any(scope.symbols[n].letter == "0" for n in equation.used):
+        return ""
+    for statement in equation.statements:
+        rates = [piece for side in statement.sides for piece in side.walk() if piece.kind == "call" and piece.value == "rate"]
+        reached = scope.reached(set().union(*(r.free for r in rates)))
+        moving = sorted(n for n in reached if scope.symbols[n].phrase.wording in MOVING)
+        defined = [s for s in statement.sides if s.free & set(scope.symbols) and (
+            not s.free & given or (s.kind in _WHOLE and s.free - given - {"pi", "I"}))]
+        changes = [s for s in statement.sides if any(_changes(term, given, scope) for term in _terms(s))]
+        named = any(s.kind == "symbol" and s in defined for s in statement.sides)  # M = ..., where the table says what M is
+        if moving and not named and (changes or not defined) and not _worked_out(statement, changes, scope):
+            return (f"it says how {moving[0]} moves, and nothing else does: tell in the table what its left-hand side less its "
+                    f"right-hand side is, as `equation {equation.number} [unit]: formula`")
+    return ""
+
+
+def _terms(node: Node) -> list[Node]:
+    return [t for p in node.parts for t in _terms(p)] if node.kind in ("sum", "neg") else [node]
+
+
+def _changes(term: Node, given: set[str], scope: Any) -> bool:
+    """Whether a term is the rate of a momentum or an energy."""
+    names = term.free & set(scope.symbols)
+    return term.kind == "call" and term.value == "rate" and bool(names - given) and any(
+        u.powers[1] for n in names for u in scope.symbols[n].units)
+
+
+def _worked_out(statement: Any, changes: list[Node], scope: Any) -> bool:
+    """Whether a statement works out the rate of a quantity instead of saying how it changes: nothing stands on its other sides
+    that does not appear in that rate, as a force would, and no accelerations are missing there, which a law of motion gives."""
+    def known(node: Node) -> tuple[set[str], int]:
+        chains = filter(None, (chain(n) for n in node.walk()))
+        return set(node.free) - {"pi", "I"}, max((order for _, order in chains), default=0)
+
+    for side in changes:
+        worked = not any(n.kind == "call" and n.value == "diff" for n in side.walk())
+        whole = exact(side, scope) if worked else None
+        with suppress(NoRuleError, RecursionError):
+            others = [expanded(s, scope) for s in statement.sides if s is not side]
+            if whole is None or any(is_zero(o) or o.kind == "number" for o in others):
+                continue
+            names, order = known(whole)
+            if all(n <= names and o == order for n, o in map(known, others)):
+                return True
+    return False
+
+
+_WHOLE = ("call", "power", "symbol", "transposed", "cross")  #: sides that are one quantity, if something else defines it
+
+
+def may_define(statement: Any, scope: Any) -> list[tuple[str, list[Any]]]:
+    """Symbols declared as mere numbers that a statement may define, as f in w = 2 pi f: some sides contain them, by nothing else
+    that the side prints, and others do not. With each, the statements that have to hold then: of those, and of the others."""
+    out = dict[str, list[Any]]()
+    if any(map(is_zero, statement.sides)) or any(m.letter == "0" for n, m in scope.symbols.items() if n in statement.symbols()):
+        return []
+    for side in statement.sides:
+        for name in _given_numbers(side.free, scope):
+            parts = [tuple(s for s in statement.sides if (name in scope.reached(s.free)) == own) for own in (True, False)]
+            if all(parts) and name not in scope.reached(side.free - {name}):
+                out[name] = [replace(statement, sides=part) for part in parts]
+    return sorted(out.items(), key=lambda found: (len(found[1][0].sides), found[0]))

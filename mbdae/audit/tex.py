@@ -14,10 +14,10 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from mbdae.audit.calculus import Key, Letters
+from mbdae.audit.calculus import Key, Letters, counted, related
 from mbdae.audit.notation import Comparison, Node, Relation, is_zero, made, negated, number, symbol
 from mbdae.audit.tex_factors import Factors
-from mbdae.audit.tex_items import DOTS, MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical, related
+from mbdae.audit.tex_items import CONSTANT, MARKS, RATES, TRANSPOSED, Item, UnreadError, canonical
 
 CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
 IDENTITY = {"I", "\\mathbf{I}", "\\mathbf{1}", "\\mathbf{E}", "\\mathbb{I}", "\\mathbb{1}"}
@@ -37,17 +37,13 @@ class Case:
     conditions: tuple[Comparison, ...] = ()
 
 
-def said_of(error: Exception) -> str:
-    """Why something could not be read."""
-    return "its formulas stand too deep in each other" if isinstance(error, RecursionError) else str(error)
-
-
 class Formula:
     """Reads the items of one display."""
 
     def __init__(self, letters: Letters, line: int = 0) -> None:
         self.letters, self.line, self.bound = letters, line, dict[Key, str]()
         self.identity: Item | None = None  #: an identity matrix as the text prints it
+        self.lists = dict[Node, list[Node]]()  #: lists in brackets, read as rows, with what else they may be
 
     def cases(self, items: Sequence[Item]) -> list[Case]:
         """What a display says: one case, or those of `cases`. UnreadError where it cannot be read."""
@@ -66,13 +62,13 @@ class Formula:
             return self._branches(*branches, tuple(conditions))
         if not sides:
             raise UnreadError("it states conditions and no equation")
-        return [Case(tuple(self._relation(*one) for one in sides), tuple(conditions))]
+        return [Case(tuple(r for one in sides for r in self._relations(*one)), tuple(conditions))]
 
     @classmethod
     def statements(cls, items: Sequence[Item]) -> list[tuple[list[Item], bool]]:
         """The statements and conditions of a display, those counted by an index one by one; with each, whether words before it
         make it a condition."""
-        return _counted(list(cls._pieces(_flat(items))))
+        return counted(list(cls._pieces(_flat(items))))
 
     @staticmethod
     def _pieces(items: Sequence[Item]) -> Iterator[tuple[list[Item], bool]]:
@@ -101,25 +97,39 @@ class Formula:
             if piece[:-1] or not stop:
                 yield piece[:-1] if stop else piece, told
 
-    def _relation(self, parts: list[list[Item]], signs: list[str]) -> Relation:
+    def _relations(self, parts: list[list[Item]], signs: list[str]) -> Iterator[Relation]:
         if len(set(signs)) > 1:
             raise UnreadError("`=` and a bound stand in one statement: print two")
-        nodes = self._sized([self.sum(p) for p in (parts if signs[0] != ">=" else parts[::-1])])
-        return Relation(nodes, "=" if signs[0] == "=" else "<=", self.line)
+        if parts[-1] == [CONSTANT]:
+            parts, signs, kept = parts[:-1], signs[:-1], self.sum(parts[0])
+            if not any(self.letters.contains(n) & self.letters.moving for n in kept.free):
+                raise UnreadError("`= const.` of what does not change with time in the table shows nothing")
+            yield Relation((Node("call", "rate", (kept,)), number(0)), "=", self.line)
+        if signs:
+            nodes = self._sized([self.sum(p) for p in (parts if signs[0] != ">=" else parts[::-1])])
+            yield Relation(nodes, "=" if signs[0] == "=" else "<=", self.line)
+
+    def _fit(self, sides: Sequence[Node]) -> bool:
+        """Whether sides have one size."""
+        shapes = {self.letters.shape(side) for side in sides if not is_zero(side)}
+        return len(shapes) == 1 and None not in shapes
 
     def _sized(self, sides: Sequence[Node]) -> tuple[Node, ...]:
-        """Sides in which an identity has the size with which they fit together."""
+        """Sides in which lists in brackets, and an identity, have the size with which they fit together."""
+        sides = tuple(sides)
+        for kind in (0, 1) if self.lists and not self._fit(sides) else ():
+            table = {node: others[kind] for node, others in self.lists.items() if len(others) > kind}
+            sides = tried if self._fit(tried := tuple(side.replaced(table) for side in sides)) else sides
         if self.identity is None or not any("I" in side.free for side in sides):
-            return tuple(sides)
+            return sides
         for n in SIZES:
             unit = made("block", *(made("row", *(number(float(i == j)) for j in range(n))) for i in range(n)))
-            tried = tuple(sides) if n == SIZES[0] else tuple(side.replaced({symbol("I"): unit}) for side in sides)
-            shapes = {self.letters.shape(side) for side in tried if not is_zero(side)}
-            if len(shapes) == 1 and None not in shapes:
+            tried = sides if n == SIZES[0] else tuple(side.replaced({symbol("I"): unit}) for side in sides)
+            if self._fit(tried):
                 self.letters.written.setdefault(str(unit), r"\mathbf{I}")
                 return tried
         if self.identity.accents or any(self.letters.shape(symbol(n)) for side in sides for n in side.free - {"I"}):
-            return tuple(sides)  # beside vectors or matrices it is one, whose size is wrong
+            return sides  # beside vectors or matrices it is one, whose size is wrong
         raise UnreadError("an identity matrix of no size fits to what stands beside it: if $I$ is another letter, it needs a "
                           "line in the table of meanings")
 
@@ -277,41 +287,6 @@ class Formula:
             square = made("product", made("transposed", node), node)
             return square if text == "2" else made("power", square, number(int(text) / 2))
         return made("power", node, self.sum(sup))
-
-
-def _indexed(items: Sequence[Item], letter: str, value: int) -> tuple[Item, ...]:
-    """Items with a number in place of an index, whose sums with figures are worked out: with i = 2, x_{i-1} is x_1."""
-    out = []
-    for item in items:
-        parts = tuple(tuple(_indexed(c, letter, value) for c in p) if p and isinstance(p[0], tuple) else
-                      _indexed(p, letter, value) for p in item.parts)
-        sub, sup = (_indexed(script, letter, value) for script in (item.sub, item.sup))
-        if item.kind == "letter" and item.key("") == letter and not item.sub:
-            item = Item("number", str(value))
-        if len(sub) == 3 and sub[1].text in ("+", "-") and {sub[0].kind, sub[2].kind} == {"number"}:
-            sub = (Item("number", str(int(sub[0].text) + int(sub[2].text) * (1 if sub[1].text == "+" else -1))),)
-        out.append(replace(item, parts=parts, sub=sub, sup=sup))
-    return tuple(out)
-
-
-def _counted(pieces: list[tuple[list[Item], bool]]) -> list[tuple[list[Item], bool]]:
-    """The statements of a display; where it ends in an enumeration, as i = 1, 2, each statement with that index once for each."""
-    for n, (piece, _) in enumerate(pieces):
-        after = [p for p, _ in pieces[n + 1 :]]
-        single = len(piece) == 3 and piece[0].kind == "letter" and piece[1].text == "=" and piece[2].kind == "number"
-        dots = [p for p in after if len(p) == 1 and p[0].text in DOTS]
-        if not n or not single or not after or not all(len(p) == 1 and p[0].kind in ("number", "letter") for p in after):
-            continue
-        if after[-1][0].kind != "number":
-            raise UnreadError(f"it does not say how far {piece[0].key()} counts: print its equations one by one")
-        ends = int(piece[2].text), int(after[-1][0].text)
-        values = range(ends[0], ends[1] + 1) if dots else [ends[0], *(int(p[0].text) for p in after)]
-        out = []
-        for said, condition in pieces[:n]:
-            many = [list(_indexed(said, piece[0].key(), value)) for value in values]
-            out += [(one, condition) for one in (many if canonical(many[0]) != canonical(many[-1]) else many[:1])]
-        return out
-    return pieces
 
 
 def _row(cells: Sequence[Sequence[Item]], name: str) -> list[Item]:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
-from mbdae.audit.calculus import chain
+from mbdae.audit.calculus import chain, factors_of, related
 from mbdae.audit.notation import Node, made, number, symbol
-from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, Item, UnreadError, canonical, related
+from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, Item, UnreadError, canonical
 
 DIFFERENTIALS = {"d", "\\partial"}
 
@@ -18,6 +18,7 @@ class Reader(Protocol):
 
     letters: Any
     bound: dict[tuple[str, ...], str]
+    lists: dict[Node, list[Node]]
 
     def sum(self, items: Sequence[Item]) -> Node: """A formula without a relation."""
     def product(self, items: Sequence[Item]) -> Node: """A term."""
@@ -87,7 +88,7 @@ class Factors:
         if item.kind == "number":
             return number(float(item.text))
         if item.kind == "frac":
-            return self.derivative(item) or made("product", *_factors(formula.sum(item.parts[0])),
+            return self.derivative(item) or made("product", *factors_of(formula.sum(item.parts[0])),
                                                  made("inverse", formula.sum(item.parts[1])))
         if item.kind == "root":
             inside = formula.sum(item.parts[0])
@@ -105,20 +106,12 @@ class Factors:
 
     def matrix(self, item: Item) -> Node:
         """A matrix, or the determinant of one between bars."""
-        rows = [[self.formula.sum(cell) for cell in row] for row in item.parts]
+        rows = [[self.formula.sum(cell) if cell or len(row) == 1 else number(0) for cell in row] for row in item.parts]
         if len({len(row) for row in rows}) != 1:
             raise UnreadError("the rows of a matrix differ in length")
-        found = made("block", *(made("row", *self.filled(row)) for row in rows))
+        found = made("block", *(made("row", *self.letters.filled(row)) for row in rows))
         square = len(rows) == len(rows[0])
         return Node("call", "det", (found,)) if item.text == "vmatrix" and square else found
-
-    def filled(self, cells: Sequence[Node]) -> Sequence[Node]:
-        """A row of a matrix in which a number beside a vector or matrix of three rows stands for so many times the identity."""
-        shapes = [self.letters.shape(c) for c in cells]
-        if not any(s is not None and len(s) == 2 and s[0] == 3 for s in shapes):
-            return cells
-        return [made("product", *_factors(c), symbol("I")) if s == () and c.kind != "number" else c
-                for c, s in zip(cells, shapes, strict=True)]
 
     def fence(self, item: Item) -> Node:
         """What stands between brackets or bars."""
@@ -127,22 +120,34 @@ class Factors:
             found = self.matrix(inside[0])
             square = len(found.parts) == len(found.parts[0].parts)
             return Node("call", "det", (found,)) if item.text in BARS and square else found
-        if any(i.kind == "comma" for i in inside) and item.text not in (*BARS, "\\langle"):
-            cells = [list[Item]()]
-            for piece in inside:
-                cells.append([]) if piece.kind == "comma" else cells[-1].append(piece)
-            return made("block", made("row", *self.filled([self.formula.sum(c) for c in cells])))
+        if any(i.kind == "comma" for i in inside) and item.text not in BARS:
+            return self.listed(item)
         found = self.formula.sum(inside)
         if item.text in BARS:
             shape = self.letters.shape(found)
+            if shape is not None and len(shape) == 2 and shape[0] == shape[1] and BARS[item.text] == "abs":
+                return Node("call", "det", (found,))
             column = BARS[item.text] == "norm" or (shape is not None and len(shape) == 2)
             return Node("call", "norm" if column else "abs", (found,))
         if item.text == "\\langle":
-            raise UnreadError("angle brackets (a mean or an inner product) are not known")
+            raise UnreadError("angle brackets around one formula (a mean) are not known")
         if item.sub:
             if canonical(item.sub) != "\\times":
                 raise UnreadError(f"the index `{canonical(item.sub)}` stands at a bracket")
             return made("cross", found)
+        return found
+
+    def listed(self, item: Item) -> Node:
+        """Formulas between commas: a row, unless as a column or, of two vectors, as their inner product it fits."""
+        cells = [self.formula.sum(c) for c in between(item.parts[0])]
+        found = made("block", made("row", *self.letters.filled(cells)))
+        inner: list[Node] = self.letters.inner(cells)
+        if item.text == "\\langle":
+            if not inner:
+                raise UnreadError(f"`{canonical([item])}` is no inner product of two vectors")
+            return inner[0]
+        if not item.sup:
+            self.formula.lists[found] = [made("block", *(made("row", c) for c in cells)), *inner]
         return found
 
     # -- letters, functions and operators
@@ -164,7 +169,7 @@ class Factors:
         if item.key("") == "e" and item.sup:
             return Node("call", "exp", (self.formula.sum(item.sup),))
         raise UnreadError(f"`{plain}` is not known: print its cases" if plain in ("\\max", "\\min") else
-                          f"the letter ${item.key()}$ has no line in the table of meanings")
+                          f"the letter ${item.key()}$ has no line in the table of meanings{self.letters.near(item.key())}")
 
     def arguments(self, found: Node) -> None:
         """Skip the arguments printed after a letter, as in x(t), w(x, t)."""
@@ -192,6 +197,11 @@ class Factors:
             doubt = f"${canonical(self.items[self.at - 1 : self.at + 1])}$ needs a line of its own in the table"
         if doubt:
             raise UnreadError(f"`{name}({canonical(inside)})` may be a product or a value at a place: {doubt}")
+        pair = [n for i in inside[::2] if (n := self.formula.letter((), i))] if listed and len(inside) == 3 else []
+        if self.letters.inner(pair) and not any(node.free & own for node in pair):  # m(v, v)
+            if pair[0] != pair[1]:
+                raise UnreadError(f"`{name}({canonical(inside)})` may be an inner product or a value: print `\\cdot`")
+            return
         if argument or (listed and ("," in canonical(inside) or canonical(inside) == "t" or name in self.letters.functions)):
             self.at += 1
 
@@ -222,10 +232,7 @@ class Factors:
         follows = self.items[self.at]
         if follows.kind == "fence" and follows.text in ("(", "[", "\\{", "\\lbrack"):
             self.at += 1
-            parts = [list[Item]()]
-            for piece in follows.parts[0]:
-                parts.append([]) if piece.kind == "comma" else parts[-1].append(piece)
-            found = Node("call", name, tuple(map(self.formula.sum, parts)))
+            found = Node("call", name, tuple(map(self.formula.sum, between(follows.parts[0]))))
             return self.formula.raised(self.formula.raised(found, item.sup if power else ()), follows.sup)
         found = Node("call", name, (self.argument(),))
         return self.formula.raised(found, item.sup if power else ())
@@ -323,8 +330,12 @@ class Factors:
         return Node("call", name, (inside, symbol(own), low, high))
 
 
-def _factors(node: Node) -> tuple[Node, ...]:
-    return node.parts if node.kind == "product" else (node,)
+def between(items: Sequence[Item]) -> list[list[Item]]:
+    """Items between commas."""
+    out = [list[Item]()]
+    for item in items:
+        out.append([]) if item.kind == "comma" else out[-1].append(item)
+    return out
 
 
 def accented(node: Node, accent: str) -> Node:

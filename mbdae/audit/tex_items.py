@@ -27,8 +27,9 @@ FUNCTIONS = {"sin": "sin", "cos": "cos", "tan": "tan", "sinh": "sinh", "cosh": "
              "sgn": "sign", "sign": "sign", "signum": "sign", "det": "det", "tr": "trace", "trace": "trace", "atan2": "atan2",
              "arctan2": "atan2", "abs": "abs", "arsinh": "asinh", "arcosh": "acosh", "artanh": "atanh"}
 INVERSES = {"sin": "asin", "cos": "acos", "tan": "atan", "sinh": "asinh", "cosh": "acosh", "tanh": "atanh"}
-RELATIONS = {"=": "=", ":=": "=", "<": "<", ">": ">"} | {f"\\{name}": sign for name, sign in (
-    ("equiv", "="), ("triangleq", "="), ("le", "<="), ("leq", "<="), ("leqslant", "<="), ("ge", ">="), ("geq", ">="),
+RELATIONS = {"=": "=", ":=": "=", "=:": "=", "<": "<", ">": ">"} | {f"\\{name}": sign for name, sign in (
+    ("equiv", "="), ("triangleq", "="), ("coloneqq", "="), ("eqqcolon", "="),
+    ("le", "<="), ("leq", "<="), ("leqslant", "<="), ("ge", ">="), ("geq", ">="),
     ("geqslant", ">="), ("ne", "!="), ("neq", "!="), ("in", "in"))}
 _READ_NOT = {
     "an approximation, which is not judged": "approx simeq cong", "an order of magnitude, which is not judged": "sim ll gg",
@@ -72,7 +73,7 @@ class Item:
     primes: int = 0
 
     def with_script(self, sign: str, script: tuple[Item, ...]) -> Item:
-        """This item with one script more, after `_` or `^`."""
+        """This item with a script more, after `_` or `^`."""
         return replace(self, sub=self.sub + script) if sign == "_" else replace(self, sup=self.sup + script)
 
     def key(self, sup: str | None = None) -> str:
@@ -81,7 +82,11 @@ class Item:
         for accent in reversed(self.accents):
             text = f"\\{accent}{{{text}}}"
         low, high = canonical(self.sub), canonical(self.sup) if sup is None else sup
+        low = re.sub(r"\\mathrm\{(\w+)\}", r"\1", low)  # v_{\mathrm{rel}} and v_{\text{rel}} are v_{rel}
         return text + "'" * self.primes + (f"_{{{low}}}" if low else "") + (f"^{{{high}}}" if high else "")
+
+
+CONSTANT = Item("letter", "\\mathrm{const}")  #: a side that says that the other is a constant of the motion
 
 
 def canonical(items: Sequence[Item]) -> str:
@@ -192,11 +197,15 @@ class Items:
                 return Item("nothing")  # space around a sign
             return inside[0] if len(inside) == 1 and inside[0].kind in _ALONE else Item("group", "", (inside,))
         if token.isdigit() or (token == "." and self.at < len(self.tokens) and self.tokens[self.at].isdigit()):
-            while self.at < len(self.tokens) and (self.tokens[self.at].isdigit() or (
-                    self.tokens[self.at] == "." and "".join(self.tokens[self.at + 1 : self.at + 2]).isdigit())):
-                token += self.take()
+            while self.at < len(self.tokens):
+                comma = self.tokens[self.at : self.at + 3] == ["{", ",", "}"]  # 0{,}5
+                point = comma or self.tokens[self.at] == "."
+                if not "".join(self.tokens[self.at + 2 * comma + point :][:1]).isdigit():
+                    break
+                self.at += 2 * comma
+                token += "." if self.take() in ("}", ".") else self.tokens[self.at - 1]
             return Item("number", token)
-        if token == ":" and self.tokens[self.at : self.at + 1] == ["="]:
+        if token + "".join(self.tokens[self.at : self.at + 1]) in (":=", "=:"):
             return Item("relation", token + self.take())
         if token in RELATIONS or token in NOT_READ:
             return Item("relation", token)
@@ -243,8 +252,15 @@ class Items:
             return Item("letter", "\\" + name)
         if name == "\\":
             return Item("comma", "\\\\")
-        if name == "boxed":
-            return Item("group", "over", (self.argument(),))
+        if name in ("overset", "underset", "stackrel"):
+            _, marked = self.argument(), self.argument()
+            if [i.kind for i in marked] == ["relation"]:
+                return marked[0]
+        if name in ("boxed", "underbrace", "overbrace"):
+            inside = self.argument()
+            if name != "boxed" and self.tokens[self.at : self.at + 1] in (["_"], ["^"]):  # what is said of it
+                _ = self.take(), self.argument()
+            return Item("group", "over", (inside,))
         if name in ("phantom", "hspace", "vspace", "label", "color", "footnote"):
             self.argument()
             return Item("nothing")
@@ -267,7 +283,11 @@ class Items:
     def upright(self, name: str) -> Item:
         """A word or a letter in upright type."""
         word = self.raw() if self.tokens[self.at : self.at + 1] == ["{"] else self.take()
+        if word.strip(" .,") in ("const", "constant", "konst"):
+            return CONSTANT
         if name in ("text", "textrm", "textit", "mbox") and not re.fullmatch(r"\w", word):
+            if re.fullmatch(r"\s*\[.*\]\s*", word):  # a unit
+                return Item("nothing")
             return Item("text", word)
         if word.lstrip("\\") in FUNCTIONS:
             return Item("letter", "\\" + word.lstrip("\\"))
@@ -319,17 +339,3 @@ def number(text: str, degrees: bool = False) -> str:
     if not math.isfinite(value):
         raise UnreadError(f"the number `{text}` is not read")
     return repr(value * (math.pi / 180 if degrees else 1))
-
-
-def related(items: Sequence[Item]) -> tuple[list[list[Item]], list[str]]:
-    """The sides of a statement, and the relations between them."""
-    parts, signs = [list[Item]()], list[str]()
-    for item in items:
-        if item.kind == "relation":
-            if item.text in NOT_READ:
-                raise UnreadError(f"`{item.text}` marks {NOT_READ[item.text]}")
-            signs.append(RELATIONS[item.text])
-            parts.append([])
-        else:
-            parts[-1].append(item)
-    return parts, signs

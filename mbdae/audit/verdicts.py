@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbdae.audit.calculus import defined_by, law_of_motion, may_define
 from mbdae.audit.compare import SAME, Compared, ComparedStates, compared, difference, identical
 from mbdae.audit.edits import faults, of_definitions
 from mbdae.audit.evaluate import NO_VALUE, attempt, reason
@@ -19,6 +18,7 @@ from mbdae.audit.phrases import Definition, Meaning
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import domain, in_part, left_out, remarks
 from mbdae.audit.rules_laws import UnlistedError, names
+from mbdae.audit.rules_motion import defined_by, law_of_motion, may_define
 from mbdae.audit.search import Repair, missing_term, repair
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"

@@ -1,0 +1,134 @@
+"""Displays as textbooks of dynamics print them: the right one is not blamed, the same with one planted error is not cleared."""
+
+from __future__ import annotations
+
+import pytest
+
+import mbdae as mb
+from mbdae.audit import Row
+
+RIGHT, CANNOT, INCOMPLETE, MISPRINT = "RIGHT", "CANNOT JUDGE", "INCOMPLETE", "MISPRINT"
+MOVING = r"""
+m [kg]: positive number
+J [kg m^2]: positive number
+a [m]: positive number
+b [m]: positive number
+x [m]: function of time
+varphi [rad]: function of time
+psi [rad]: function of time
+v [m/s] $\vec v$: vector
+w [m/s] $\vec w$: vector
+r [m] $\vec r$: vector function of time
+"""
+
+
+def judged(tex: str, meanings: str) -> list[Row]:
+    """The rows of one display."""
+    audit = mb.audit(f"\n\\begin{{equation}}{tex}\\end{{equation}}\n", meanings=MOVING + meanings + "\n")
+    return [row for row in audit.equations if row.printed.place]
+
+
+PRINTED = {
+    "inner product in angle brackets": (
+        r"let T [J] = 1/2*m*v'*v", r"T = \frac12 m\langle\vec v,\vec v\rangle", r"T = m\langle\vec v,\vec v\rangle"),
+    "inner product in round brackets": (
+        r"let T [J] = 1/2*m*v'*v", r"T = \frac12 m(\vec v,\vec v)", r"T = \frac13 m(\vec v,\vec v)"),
+    "inner product of two vectors": (
+        r"let P [m^2/s^2] = v'*w", r"P = (\vec v,\vec w)", r"P = -(\vec v,\vec w)"),
+    "a place as a list": (
+        "let R [m] $\\mathbf R$ = [a*cos(psi); a*sin(psi); 0]", r"\mathbf R = (a\cos\psi, a\sin\psi, 0)",
+        r"\mathbf R = (a\cos\psi, -a\sin\psi, 0)"),
+    "two lists": (
+        "let R [m] $\\mathbf R$ = [x; 2*x]", r"\mathbf R = 2(x/2, x) = (x, 2x)", r"\mathbf R = 2(x/2, x) = (x, x)"),
+    "stacked vectors": (
+        "let q [m/s] $\\mathbf q$ = [v; w]", r"\mathbf q = (\vec v, \vec w)", r"\mathbf q = (\vec w, \vec v)"),
+    "virtual displacement": (
+        "let xC [m] $x_C$ = a*cos(varphi) + b*cos(psi)", r"\delta x_C = -a\sin\varphi\,\delta\varphi - b\sin\psi\,\delta\psi",
+        r"\delta x_C = -a\sin\varphi\,\delta\varphi + b\sin\psi\,\delta\psi"),
+    "virtual displacement and rates": (
+        "let T [J] = 1/2*m*rate(x)^2", r"\delta T = m\dot x\,\delta\dot x = \frac{d}{dt}(m\dot x\,\delta x) - m\ddot x\,\delta x",
+        r"\delta T = m\dot x\,\delta x"),
+    "virtual displacement of a vector": (
+        "let R [m^2] = r'*r", r"\delta R = 2\vec r\cdot\delta\vec r", r"\delta R = \vec r\cdot\delta\vec r"),
+    "virtual work with a letter of its own": (
+        "F [N]: number\nlet dW [J] $\\delta W$ = F*delta(x)", r"\delta W = F\,\delta x", r"\delta W = F\,\dot x"),
+    "determinant between bars": (
+        "A [1] $\\mathbf A$: matrix\nlet D [1] = det(A)", r"D = |\mathbf A|", r"D = -|\mathbf A|"),
+    "blank entries of a matrix": (
+        "let M [?] $\\mathbf M$ = [m, 0; 0, J]", r"\mathbf M = \begin{bmatrix} m & \\ & J \end{bmatrix}",
+        r"\mathbf M = \begin{bmatrix} & m \\ J & \end{bmatrix}"),
+    "braces below": (
+        "let F [N] = m*rate(rate(x))", r"F \overset{!}{=} \underbrace{m\ddot x}_{\text{inertia}}",
+        r"F = \underbrace{m\dot x}_{f}"),
+    "signs with marks": (
+        "let F [N] = m*rate(rate(x))", r"F \stackrel{!}{=} m\ddot x =: F", r"F \coloneqq -m\ddot x"),
+    "decimal comma": (
+        "let T [J] = 1/2*m*rate(x)^2", r"T = 0{,}5\,m\dot x^2", r"T = 0{,}6\,m\dot x^2"),
+    "unit in brackets": (
+        "let F [N] = m*rate(rate(x))", r"F\,\text{[N]} = m\ddot x", r"F\,\text{[N]} = -m\ddot x"),
+    "name with its index": (
+        "J_1 [kg m^2]: positive number\nomega_rel [rad/s]: number\nlet K [J] = 1/2*J_1*omega_rel^2",
+        r"K = \tfrac12 J_1\omega_{\mathrm{rel}}^2", r"K = \tfrac12 J_1\omega_\text{rel}"),
+    "constant of every motion": (
+        "let c [1] = sin(psi)^2 + cos(psi)^2", r"c = 1 = \text{const.}", r"c = \sin\psi = \mathrm{const}"),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_right_ones_are_not_blamed_and_planted_errors_not_cleared(name: str) -> None:
+    meanings, right, wrong = PRINTED[name]
+    assert [row.verdict for row in judged(right, meanings)] == [RIGHT]
+    assert [row.verdict for row in judged(wrong, meanings)] == [MISPRINT]
+
+
+def test_a_list_of_vectors_after_a_letter_may_be_its_arguments() -> None:
+    """Of a constant it is no list of arguments; where it may be both, it is not judged."""
+    (row,) = judged(r"a = b(\vec v, \vec w)", "")
+    assert (row.verdict, "inner product" in row.remark) == (CANNOT, True)
+    (row,) = judged(r"P = P(\vec v, \vec w)", "let P [m^2/s^2] = v'*w")
+    assert row.verdict == RIGHT
+
+
+@pytest.mark.parametrize("also", ["", r"T = \frac{m u^2}{2}, \quad "])
+def test_a_root_of_a_square_holds_on_one_side(also: str) -> None:
+    """Beside its definition too the root of an even power is right where its letter is positive, which is said."""
+    (row,) = judged(also + r"u = \sqrt{2T/m}", "u [m/s]: number\nlet T [J] = 1/2*m*u^2")
+    assert (row.verdict, row.repair) == (INCOMPLETE, "say that it holds for u > 0")
+    (row,) = judged(also + r"u = \sqrt{2T/m}", "u [m/s]: number > 0\nlet T [J] = 1/2*m*u^2")
+    assert (row.verdict, row.where) == (RIGHT, "u > 0")
+    (row,) = judged(also + r"u = \sqrt{3T/m}", "u [m/s]: number\nlet T [J] = 1/2*m*u^2")
+    assert row.verdict == MISPRINT
+
+
+def test_what_is_constant_only_in_some_motions_is_not_judged() -> None:
+    energy = "k [N/m]: positive number\nlet E [J] = 1/2*m*rate(x)^2 + 1/2*k*x^2"
+    (row,) = judged(r"E = \tfrac12 m\dot x^2 + \tfrac12 k x^2 = \text{const.}", energy)
+    assert (row.verdict, "how x moves" in row.remark) == (CANNOT, True)
+    (row,) = judged(r"m = \text{const.}", "")
+    assert (row.verdict, "does not change" in row.remark) == (CANNOT, True)
+
+
+def test_a_letter_whose_name_is_in_the_table_is_told() -> None:
+    (row,) = judged(r"F_t = m\ddot x", "let Ft [N] = m*rate(rate(x))")
+    assert (row.verdict, "Ft [unit] $F_{t}$" in row.remark) == (CANNOT, True)
+
+
+@pytest.mark.parametrize(("tex", "meanings", "repair"), [
+    (r"2\dot\varphi\dot\psi\cos\varphi-\psi = c", "let c [rad^2/s^2] = 2*rate(varphi)*rate(psi)*cos(varphi - psi)",
+     "-psi inside of the bracket of cos(varphi)"),
+    (r"c = \cos(\varphi - \psi)", "let c [1] = cos(varphi) - psi", "-psi outside of the bracket of cos(varphi - psi)"),
+    (r"\tan\varphi/2 = \frac{\sin\varphi}{1+\cos\varphi}", "", "1/2 inside of the bracket of tan(varphi)"),
+    (r"c = \sin(\varphi\psi)", "let c [1] = sin(varphi)*psi", "psi outside of the bracket of sin(varphi*psi)"),
+    (r"m/2\pi a^2 = p", "let p [kg/m^2] = m/(2*pi*a^2)", "pi*a^2 in the denominator"),
+    (r"p = \frac{m}{2\pi a^2}", "let p [kg m^2] = m/2*pi*a^2", "pi*a^2 not in the denominator"),
+])
+def test_a_bracket_that_holds_too_little_or_too_much_is_found(tex: str, meanings: str, repair: str) -> None:
+    (row,) = judged(tex, meanings)
+    assert (row.verdict, row.repair) == (MISPRINT, repair)
+
+
+def test_equations_keep_their_tags() -> None:
+    text = "\n" + "".join(f"\\begin{{equation}}m = m\\tag{{{tag}}}\\end{{equation}}\n" for tag in ("*", "**", "A.1"))
+    audit = mb.audit(text, meanings="m [kg]: positive number\nequation * [kg]: m - m\n")
+    assert [row.equation for row in audit.equations] == ["*", "**", "A.1"]
+    assert audit["*"].printed.place == "the text:2"
