@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -281,17 +281,20 @@ class Export:
             return f"{languages.identifier(self.program.title)}_{name}"
         if self.format == "latex":
             return text.latex_equations(self.program, self.program.functions[name])
-        return (self._module[f"{name}_steps"], self._module[name]) if self.format == "sympy" else self._module[name]
+        if name not in self._made:  # alone: formulas of a Jacobian take minutes to write, those of forces a second
+            alone = FORMATS[self.format][0](replace(self.program, functions={name: self.program.functions[name]}))
+            space: dict[str, Any] = {}
+            try:
+                exec(compile(alone, f"<{self.program.title}>", "exec"), space)
+            except ModuleNotFoundError as missing_package:
+                raise OptionError(f"format = '{self.format}': {missing_package}; pip install 'mbdae[{self.format}]'") from None
+            self._made[name] = (space[f"{name}_steps"], space[name]) if self.format == "sympy" else space[name]
+        return self._made[name]
 
     @cached_property
-    def _module(self) -> dict[str, Any]:
-        """Names that the exported Python text defines, with their values."""
-        space: dict[str, Any] = {}
-        try:
-            exec(compile(self.text, f"<{self.program.title}>", "exec"), space)
-        except ModuleNotFoundError as missing_package:
-            raise OptionError(f"format = '{self.format}': {missing_package}; pip install 'mbdae[{self.format}]'") from None
-        return space
+    def _made(self) -> dict[str, Any]:
+        """Functions of Python that were asked for, by name."""
+        return {}
 
 
 @naming_arguments

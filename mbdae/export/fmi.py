@@ -26,7 +26,7 @@ import numpy as np
 from mbdae.derivatives.lists import entries
 from mbdae.errors import OptionError
 from mbdae.export.languages import c_number, identifier, source
-from mbdae.export.program import Entry, Program, shifted
+from mbdae.export.program import OF_FORMS, Entry, Program, shifted
 from mbdae.export.scene import STATE, beside, loose, scene_program
 from mbdae.formulations import ODE, Form, Index1
 from mbdae.kernels.plan import plan
@@ -192,7 +192,10 @@ def unit_source(unit: Program, functions: str | None = None) -> str:
 
 
 def _least(parameter: Entry) -> float:
-    """The least value of a parameter: 0 of inertia, whose unit has kg and no time, but for products of inertia; else none."""
+    """The least value of a parameter: 0 of gains of a form and of inertia, whose unit has kg and no time, but for products of
+    inertia; else none."""
+    if parameter.name in OF_FORMS:
+        return 0.0
     inertia = "kg" in parameter.unit and not re.search(r"\bs\b", parameter.unit)
     return 0.0 if inertia and not re.search(r"\.J(xy|xz|yz)\b", parameter.name) else -np.inf
 

@@ -7,6 +7,7 @@ import pytest
 import symengine as se
 
 import mbdae as mb
+from mbdae.export import text
 from mbdae.export.for_jax import SUM, Levels
 from mbdae.export.program import run
 from mbdae.native.program import CALL
@@ -27,6 +28,18 @@ class Magnet(mb.Force):
 
 
 LAWS = {name: law for name, law in exported().items() if name != "jointcoordinate"} | {"magnet": Magnet}
+
+
+def test_a_function_is_written_alone(monkeypatch):
+    """Formulas of the Jacobian of a contact take minutes, those of its forces a second, which do not wait for them."""
+    written, derivation = [], text.derivation
+    monkeypatch.setattr(text, "derivation", lambda program, f: written.append(f.name) or derivation(program, f))
+    law = mb.export(LAWS["pointspring"], format="sympy")
+    for _ in range(2):
+        _, outputs = law["forces"]
+        assert outputs.shape == (12, 1)
+    assert written == ["forces"]
+    assert law.text.count("_steps = [") == len(law.outputs)
 
 
 def kernel_values(program, name, vectors):

@@ -186,13 +186,16 @@ def test_a_state_is_kept_and_put_back(unit):
 
 
 def test_a_negative_mass_is_refused(unit):
-    """As the scene refuses it; products of inertia and other parameters may have either sign."""
+    """As the scene refuses it, and gains of Baumgarte; products of inertia and other parameters may have either sign."""
     library = unit.library
     (mass,) = [n for n in library.variables if n.endswith("link 1.mass")]
     stiff = next(n for n in library.variables if n.endswith("damping"))
     assert float(library.variables[mass]["min"]) == 0
     assert "min" not in library.variables[stiff]
-    for name, value, status in (mass, -0.1, 3), (mass, np.nan, 3), (mass, 0.7, 0), (stiff, -0.02, 0):
+    gain = "baumgarte_velocity"
+    assert float(library.variables[gain]["min"]) == 0
+    for name, value, status in ((gain, -5.0, 3), (gain, 20.0, 0), (mass, -0.1, 3), (mass, np.nan, 3), (mass, 0.7, 0),
+                                (stiff, -0.02, 0)):
         _keep, at, count = library.references([name])
         number = np.array([value])
         assert library.c.fmi3SetFloat64(library.made, at, count, number.ctypes.data_as(Vector), count) == status
