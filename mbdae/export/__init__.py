@@ -281,19 +281,25 @@ class Export:
             return f"{languages.identifier(self.program.title)}_{name}"
         if self.format == "latex":
             return text.latex_equations(self.program, self.program.functions[name])
-        if name not in self._made:  # alone: formulas of a Jacobian take minutes to write, those of forces a second
+        space = self._module(name)
+        return (space[f"{name}_steps"], space[name]) if self.format == "sympy" else space[name]
+
+    def _module(self, name: str) -> dict[str, Any]:
+        """Names that the Python text of one function alone defines, with their values: formulas of a Jacobian take minutes to
+        write, those of forces a second."""
+        if name not in self._modules:
             alone = FORMATS[self.format][0](replace(self.program, functions={name: self.program.functions[name]}))
             space: dict[str, Any] = {}
             try:
                 exec(compile(alone, f"<{self.program.title}>", "exec"), space)
             except ModuleNotFoundError as missing_package:
                 raise OptionError(f"format = '{self.format}': {missing_package}; pip install 'mbdae[{self.format}]'") from None
-            self._made[name] = (space[f"{name}_steps"], space[name]) if self.format == "sympy" else space[name]
-        return self._made[name]
+            self._modules[name] = space
+        return self._modules[name]
 
     @cached_property
-    def _made(self) -> dict[str, Any]:
-        """Functions of Python that were asked for, by name."""
+    def _modules(self) -> dict[str, dict[str, Any]]:
+        """`_module` of the functions that were asked for."""
         return {}
 
 

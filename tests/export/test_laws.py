@@ -139,7 +139,7 @@ def test_energy_gives_the_forces_in_sympy():
     """What arrives in SymPy is the statement: the force on l is minus the gradient of the potential."""
     sympy = pytest.importorskip("sympy")
     export = mb.export(Magnet, "sympy", frames=("ground", "point"))
-    space = export._module
+    space = export._module("forces")
     (steps, (energy,)), (more, forces) = export["energy"], export["forces"]
     energy, forces = (e.subs(pairs[::-1]) for e, pairs in ((energy, steps), (sympy.Matrix(forces), more)))
     x = [space["x"][[e.name for e in export.inputs["x"]].index(f"l_r{i}")] for i in (1, 2, 3)]

@@ -227,7 +227,7 @@ def test_sympy_is_the_kernel(name):
 
     def call(name, **vectors):
         if name not in made:
-            (steps, outputs), space = export[name], export._module
+            (steps, outputs), space = export[name], export._module(name)
             made[name] = sympy.lambdify([space[v] for v in export.arguments[name]], list(outputs),
                                         cse=lambda expressions: (steps, expressions))
         return np.array(made[name](*(vectors[v] for v in export.arguments[name])), dtype=float)
