@@ -224,6 +224,14 @@ class Letters:
         fits = len(cells) == 2 and shapes[0] == shapes[1] and shapes[0] in ((2, 1), (3, 1))
         return [made("product", made("transposed", cells[0]), *factors_of(cells[1]))] if fits else []
 
+    def whole(self, name: str, argument: str | None, present: frozenset[str]) -> bool:
+        """Whether a letter with an argument is all of what it is defined as, as V(l), M(x), and no value at a place, as M(l):
+        nothing that it depends on is missing in the statement, and its argument is the place where its definition has one."""
+        own = self.contains(name)
+        places = own & {n for letter in ARGUMENTS if (n := self.names.get((letter,)))}
+        there = frozenset[str]().union(*map(self.contains, present - {name}))
+        return not places - {argument} and {n for n in own if self.contains(n) == {n}} <= there
+
     def near(self, letter: str) -> str:
         """What to do about a letter without a line, where a name of the table differs from it by its TeX alone."""
         def plain(text: str) -> str:

@@ -43,6 +43,7 @@ class Formula:
     def __init__(self, letters: Letters, line: int = 0) -> None:
         self.letters, self.line, self.bound = letters, line, dict[Key, str]()
         self.identity: Item | None = None  #: an identity matrix as the text prints it
+        self.present = frozenset[str]()  #: names of the letters of the statement that is read
         self.lists = dict[Node, list[Node]]()  #: lists in brackets, read as rows, with what else they may be
 
     def cases(self, items: Sequence[Item]) -> list[Case]:
@@ -62,7 +63,18 @@ class Formula:
             return self._branches(*branches, tuple(conditions))
         if not sides:
             raise UnreadError("it states conditions and no equation")
-        return [Case(tuple(r for one in sides for r in self._relations(*one)), tuple(conditions))]
+        return [Case(tuple(r for one in self._with_own(sides) for r in self._relations(*one)), tuple(conditions))]
+
+    def _with_own(self, sides: list[tuple[list[list[Item]], list[str]]]) -> list[tuple[list[list[Item]], list[str]]]:
+        """The statements of a display with what one of them says of a letter that the table lacks put into the others:
+        `F = k x^n, n = 3/2`."""
+        for i, (parts, signs) in enumerate(sides):
+            for (a, *more), value in zip(parts, parts[::-1], strict=True) if signs == ["="] and all(parts) else ():
+                own = a.kind == "letter" and not (more or a.sup or a.primes) and self.letter((), a) is None
+                others = [([placed(p, a.key(), value) for p in said], s) for said, s in sides[:i] + sides[i + 1 :]]
+                if own and others != sides[:i] + sides[i + 1 :]:
+                    return self._with_own(others)
+        return sides
 
     @classmethod
     def statements(cls, items: Sequence[Item]) -> list[tuple[list[Item], bool]]:
@@ -100,6 +112,7 @@ class Formula:
     def _relations(self, parts: list[list[Item]], signs: list[str]) -> Iterator[Relation]:
         if len(set(signs)) > 1:
             raise UnreadError("`=` and a bound stand in one statement: print two")
+        self.present = frozenset(n for p in parts for n in self._names(p))
         if parts[-1] == [CONSTANT]:
             parts, signs, kept = parts[:-1], signs[:-1], self.sum(parts[0])
             if not any(self.letters.contains(n) & self.letters.moving for n in kept.free):
@@ -108,6 +121,14 @@ class Formula:
         if signs:
             nodes = self._sized([self.sum(p) for p in (parts if signs[0] != ">=" else parts[::-1])])
             yield Relation(nodes, "=" if signs[0] == "=" else "<=", self.line)
+
+    def _names(self, items: Sequence[Item]) -> Iterator[str]:
+        """Names of the letters of items and of what is inside of them."""
+        for item in items:
+            keys = (replace(item, primes=0, accents=item.accents[i:], sup=p).key() for i in (0, 1) for p in (item.sup, ()))
+            yield from (self.letters.names[key,] for key in keys if item.kind == "letter" and (key,) in self.letters.names)
+            for inside in (*item.parts, item.sup):
+                yield from self._names(inside if not inside or isinstance(inside[0], Item) else [i for c in inside for i in c])
 
     def _fit(self, sides: Sequence[Node]) -> bool:
         """Whether sides have one size."""
@@ -287,6 +308,18 @@ class Formula:
             square = made("product", made("transposed", node), node)
             return square if text == "2" else made("power", square, number(int(text) / 2))
         return made("power", node, self.sum(sup))
+
+
+def placed(items: Sequence[Item], letter: str, value: Sequence[Item]) -> list[Item]:
+    """Items with a formula in brackets in place of a letter."""
+    out = []
+    for item in items:
+        inside = tuple(tuple(tuple(placed(c, letter, value)) for c in p) if p and isinstance(p[0], tuple) else
+                       type(p)(placed(p, letter, value)) for p in item.parts)
+        sup = tuple(placed(item.sup, letter, value))
+        own = item.kind == "letter" and not item.primes and item.key("") == letter
+        out.append(Item("fence", "(", (tuple(value),), sup=sup) if own else replace(item, parts=inside, sup=sup))
+    return out
 
 
 def _row(cells: Sequence[Sequence[Item]], name: str) -> list[Item]:

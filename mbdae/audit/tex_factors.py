@@ -15,10 +15,10 @@ DIFFERENTIALS = {"d", "\\partial"}
 
 class Reader(Protocol):
     """What reads the formula that a term belongs to, see `tex.Formula`."""
-
     letters: Any
     bound: dict[tuple[str, ...], str]
     lists: dict[Node, list[Node]]
+    present: frozenset[str]
 
     def sum(self, items: Sequence[Item]) -> Node: """A formula without a relation."""
     def product(self, items: Sequence[Item]) -> Node: """A term."""
@@ -188,7 +188,7 @@ class Factors:
         inner = of.value if of is not None and of.kind == "symbol" else None
         own, doubt = self.letters.contains(name), ""
         argument = inner != name and inner in own
-        if argument and inner not in self.letters.moving:
+        if argument and inner not in self.letters.moving and not self.letters.whole(name, inner, self.formula.present):
             doubt = f"give the letter of the table its argument, as ${canonical(self.items[self.at - 1 : self.at + 1])}$"
         elif len(own) > 1 and inner not in (None, *own):
             doubt = f"the definition of {name} does not contain {inner}"

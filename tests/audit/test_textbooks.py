@@ -17,7 +17,7 @@ x [m]: function of time
 varphi [rad]: function of time
 psi [rad]: function of time
 v [m/s] $\vec v$: vector
-w [m/s] $\vec w$: vector
+vw [m/s] $\vec w$: vector
 r [m] $\vec r$: vector function of time
 """
 
@@ -34,14 +34,14 @@ PRINTED = {
     "inner product in round brackets": (
         r"let T [J] = 1/2*m*v'*v", r"T = \frac12 m(\vec v,\vec v)", r"T = \frac13 m(\vec v,\vec v)"),
     "inner product of two vectors": (
-        r"let P [m^2/s^2] = v'*w", r"P = (\vec v,\vec w)", r"P = -(\vec v,\vec w)"),
+        r"let P [m^2/s^2] = v'*vw", r"P = (\vec v,\vec w)", r"P = -(\vec v,\vec w)"),
     "a place as a list": (
         "let R [m] $\\mathbf R$ = [a*cos(psi); a*sin(psi); 0]", r"\mathbf R = (a\cos\psi, a\sin\psi, 0)",
         r"\mathbf R = (a\cos\psi, -a\sin\psi, 0)"),
     "two lists": (
         "let R [m] $\\mathbf R$ = [x; 2*x]", r"\mathbf R = 2(x/2, x) = (x, 2x)", r"\mathbf R = 2(x/2, x) = (x, x)"),
     "stacked vectors": (
-        "let q [m/s] $\\mathbf q$ = [v; w]", r"\mathbf q = (\vec v, \vec w)", r"\mathbf q = (\vec w, \vec v)"),
+        "let q [m/s] $\\mathbf q$ = [v; vw]", r"\mathbf q = (\vec v, \vec w)", r"\mathbf q = (\vec w, \vec v)"),
     "virtual displacement": (
         "let xC [m] $x_C$ = a*cos(varphi) + b*cos(psi)", r"\delta x_C = -a\sin\varphi\,\delta\varphi - b\sin\psi\,\delta\psi",
         r"\delta x_C = -a\sin\varphi\,\delta\varphi + b\sin\psi\,\delta\psi"),
@@ -69,6 +69,17 @@ PRINTED = {
     "name with its index": (
         "J_1 [kg m^2]: positive number\nomega_rel [rad/s]: number\nlet K [J] = 1/2*J_1*omega_rel^2",
         r"K = \tfrac12 J_1\omega_{\mathrm{rel}}^2", r"K = \tfrac12 J_1\omega_\text{rel}"),
+    "an exponent that the display says": (
+        "k [N/m^1.5]: positive number\nd [m]: positive number\nlet F [N] = k*d^(3/2)", r"F = k\,d^n, \quad n = \tfrac32",
+        r"F = k\,d^n, \quad n = \tfrac12"),
+    "a letter that the display says": (
+        "k [N/m]: positive number\nlet f [1/s] = sqrt(k/m)/(2*pi)", r"\omega^2 = \frac km, \quad \omega = 2\pi f",
+        r"\omega^2 = \frac km, \quad \omega = \pi f"),
+    "a quantity with its argument": (
+        "F [N]: number\nu [m]: number\nlet M [N m] = F*(a - u)", r"M(u) = F(a - u)", r"M(u) = F(a + u)"),
+    "a place with its argument": (
+        "F [N]: number\ns [m]: number\nE [N m^2]: positive number\nlet w [m] = F*s^2*(3*a - s)/(6*E)\nlet M [N m] = -F*(a - s)",
+        r"E\,w''(s) = -M(s)", r"E\,w''(s) = M(s)"),
     "constant of every motion": (
         "let c [1] = sin(psi)^2 + cos(psi)^2", r"c = 1 = \text{const.}", r"c = \sin\psi = \mathrm{const}"),
 }
@@ -81,11 +92,19 @@ def test_right_ones_are_not_blamed_and_planted_errors_not_cleared(name: str) -> 
     assert [row.verdict for row in judged(wrong, meanings)] == [MISPRINT]
 
 
+@pytest.mark.parametrize("place", ["u", "s"])
+def test_a_value_at_a_place_is_not_the_quantity(place: str) -> None:
+    """The deflection at the end depends on less than the deflection; it needs a line of its own."""
+    (row,) = judged(r"w(a) = \frac{Fa^3}{3E}", f"F [N]: number\n{place} [m]: number\nE [N m^2]: positive number\n"
+                    f"let w [m] = F*{place}^2*(3*a - {place})/(6*E)")
+    assert (row.verdict, "value at a place" in row.remark) == (CANNOT, True)
+
+
 def test_a_list_of_vectors_after_a_letter_may_be_its_arguments() -> None:
     """Of a constant it is no list of arguments; where it may be both, it is not judged."""
     (row,) = judged(r"a = b(\vec v, \vec w)", "")
     assert (row.verdict, "inner product" in row.remark) == (CANNOT, True)
-    (row,) = judged(r"P = P(\vec v, \vec w)", "let P [m^2/s^2] = v'*w")
+    (row,) = judged(r"P = P(\vec v, \vec w)", "let P [m^2/s^2] = v'*vw")
     assert row.verdict == RIGHT
 
 
