@@ -240,8 +240,9 @@ def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:
     if not others:
         return
     said = tables.readable(shown(value))
-    if path_of(others[0]):
-        raise BadValueError(f"{said} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
-                            f"alone; loads, states and signals may depend on sensors")
+    if path := path_of(others[0]):
+        of = "sensor" if "." in path else "signal"  # of an item, or of the whole scene
+        raise BadValueError(f"{said} depends on the {of} '{path}': it may depend on the time mb.t alone; loads, states and "
+                            f"other signals may depend on sensors and signals")
     allowed = "mb.t and sensors, s.sensor(path)," if sensors else "mb.t"
     raise BadValueError(f"{said} contains the symbol {others[0]}; only {allowed} may appear: put a number in its place")

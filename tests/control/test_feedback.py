@@ -221,7 +221,7 @@ def test_circles_of_signals_and_prescribed_values_by_sensors_are_refused():
     with pytest.raises(SceneError) as refused:
         s.check()
     assert "a -> b -> a" in str(refused.value)
-    assert "may depend on the time mb.t alone" in str(refused.value)
+    assert "depends on the signal 'a': it may depend on the time mb.t alone" in str(refused.value)
 
 
 @pytest.mark.parametrize("what", ["position", "rotation", "velocity", "angular_velocity"])
