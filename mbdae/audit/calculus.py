@@ -9,7 +9,7 @@ Derivatives of other quantities (axes of bodies, rows of laws, ...) are taken by
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -186,6 +186,20 @@ def _times(*factors: Node) -> Node:
     return made("product", *kept) if kept else ONE
 
 
+def expanded_or_none(node: Node, scope: Any) -> Node | None:
+    """A formula with its definitions written out and its derivatives worked out; None where no rule gives them."""
+    with suppress(NoRuleError, RecursionError):
+        return expanded(node, scope)
+    return None
+
+
+def _within(node: Node, outer: Node = ZERO) -> Iterator[tuple[Node, Node]]:
+    """All pieces of a formula, each with the piece around it."""
+    yield node, outer
+    for part in node.parts:
+        yield from _within(part, node)
+
+
 # -- letters and statements of TeX, of which formulas are read
 
 
@@ -201,6 +215,7 @@ class Letters:
     moving: frozenset[str] = frozenset()  #: names of functions of time
     time: frozenset[str] = frozenset()  #: names of the time
     functions: frozenset[str] = frozenset()  #: names that are printed with their arguments, as in g(v)
+    expanded: Callable[[Node], Node | None] = lambda node: None  #: a formula with its definitions written out; None where unknown
     written: dict[str, str] = field(default_factory=dict)  #: {formula in the notation: how the text prints it}
 
     def argument(self, node: Node) -> Node | None:
@@ -209,6 +224,26 @@ class Letters:
         reached = frozenset[str]().union(*map(self.contains, node.free)) - {node.value}
         found = {name for letter in ARGUMENTS if (name := self.names.get((letter,))) in reached}
         return symbol(found.pop()) if len(found) == 1 else None
+
+    def derived(self, node: Node, by: Node, partial: bool) -> Node:
+        """The derivative of a formula by a letter: by the time the whole one, unless it is partial; so by what moves, of a
+        formula that contains its rates alone, as in v dv/dx."""
+        if by.kind == "symbol" and by.value in self.time:
+            reached = frozenset[str]().union(*map(self.contains, node.free))
+            if not partial or ((own := chain(node)) and own[0] in self.moving):
+                return Node("call", "rate", (node,))
+            if by.value not in reached and reached & self.moving:
+                raise UnreadError(f"`\\partial` by {by} of what does not contain it in the table may be that of a field, or 0: "
+                                  "print `d` for the whole derivative")
+        whole = self.expanded(node) if by.kind == "symbol" and by.value in self.moving and not partial else None
+        orders = {n[1] for piece, outer in _within(whole) if (n := chain(piece)) and n[0] == by.value and not chain(outer)
+                  } if whole is not None else set()
+        if orders and 0 not in orders:
+            return made("product", Node("call", "rate", (node,)), made("inverse", Node("call", "rate", (by,))))
+        if len(orders) > 1:
+            raise UnreadError(f"`d` by {by} of what contains it and its rate may be the whole derivative or a partial one: for "
+                              "that print `\\partial`")
+        return Node("call", "diff", (node, by))
 
     def filled(self, cells: Sequence[Node]) -> Sequence[Node]:
         """A row of a matrix in which a number beside a vector or matrix of three rows stands for so many times the identity."""

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.audit import carried
-from mbdae.audit.calculus import MOVING, TIME, Key, Letters
+from mbdae.audit.calculus import MOVING, TIME, Key, Letters, expanded_or_none
 from mbdae.audit.edits import PLAIN, powers
 from mbdae.audit.evaluate import NO_VALUE, attempt
 from mbdae.audit.laws import Own
@@ -243,7 +243,7 @@ class Paper(TextFile):
         moving, time = (frozenset(n for n, meaning in scope.symbols.items() if meaning.phrase.wording in words)
                         for words in ((*MOVING, TIME), (TIME,)))
         return Letters(names, shape, angle, radian, lambda name: frozenset(scope.reached({name})), moving, time,
-                       frozenset(functions), self.written)
+                       frozenset(functions), lambda node: expanded_or_none(node, scope), self.written)
 
 
 def said_of(error: Exception) -> str:

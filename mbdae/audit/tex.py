@@ -22,6 +22,7 @@ from mbdae.audit.tex_items import CONSTANT, MARKS, RATES, TRANSPOSED, Item, Unre
 CONDITIONAL = ("if", "for", "when", "where", "whenever", "provided", "otherwise", "else", "ifand", "forall")
 IDENTITY = {"I", "\\mathbf{I}", "\\mathbf{1}", "\\mathbf{E}", "\\mathbb{I}", "\\mathbb{1}"}
 SIZE = re.compile(r"|[nmN]|[2-6]|(\w)\\times ?\1")  #: an index that may be the size of a matrix: none, n, 3, or 3 x 3
+SIGNS = ("d", "t", "\\partial", "\\delta", "\\int", "\\sum")  #: letters that are more often signs
 STARS = ("\\cdot", "\\star", "\\dagger")  #: superscripts of letters after which an exponent may follow
 ROMAN = {"iii": 3, "iv": 4, "v": 5, "vi": 6}
 #: superscripts that are the order of a derivative
@@ -70,7 +71,7 @@ class Formula:
         `F = k x^n, n = 3/2`."""
         for i, (parts, signs) in enumerate(sides):
             for (a, *more), value in zip(parts, parts[::-1], strict=True) if signs == ["="] and all(parts) else ():
-                own = a.kind == "letter" and not (more or a.sup or a.primes) and self.letter((), a) is None
+                own = a.kind == "letter" and a.text not in SIGNS and not (more or a.sup or a.primes) and not self.letter((), a)
                 others = [([placed(p, a.key(), value) for p in said], s) for said, s in sides[:i] + sides[i + 1 :]]
                 if own and others != sides[:i] + sides[i + 1 :]:
                     return self._with_own(others)

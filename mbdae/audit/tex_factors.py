@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
-from mbdae.audit.calculus import chain, factors_of, related
+from mbdae.audit.calculus import factors_of, related
 from mbdae.audit.notation import Node, made, number, symbol
 from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, Item, UnreadError, canonical
 
@@ -282,20 +282,14 @@ class Factors:
         return node
 
     def by(self, node: Node, item: Item, partial: bool) -> Node:
-        """The derivative of a formula by a letter; by the time the whole one, unless it is partial."""
+        """The derivative of a formula by a letter, see `Letters.derived`."""
         found = self.formula.letter((), item)
-        if found is not None and found.kind == "symbol" and found.value in self.letters.time:
-            reached = frozenset[str]().union(*map(self.letters.contains, node.free))
-            if not partial or ((own := chain(node)) and own[0] in self.letters.moving):
-                return Node("call", "rate", (node,))
-            if found.value not in reached and reached & self.letters.moving:
-                raise UnreadError(f"`\\partial` by ${item.key()}$ of what does not contain it in the table may be that of a "
-                                  "field, or 0: print `d` for the whole derivative")
         if found is None and item.key() in ("t", "s"):
             return Node("call", "rate" if item.key() == "t" else "slope", (node,))
         if found is None:
             raise UnreadError(f"the letter ${item.key()}$ has no line in the table of meanings")
-        return Node("call", "diff", (node, found))
+        whole: Node = self.letters.derived(node, found, partial)
+        return whole
 
     def integral(self, item: Item) -> Node:
         """An integral between limits, up to its dx."""

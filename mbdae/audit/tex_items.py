@@ -172,8 +172,11 @@ class Items:
                 continue
             if sign == "^" and script and all(i.text == "\\prime" for i in script):
                 item = replace(item, primes=item.primes + sum(1 + i.primes for i in script))
-            elif item.kind == "group" and not item.parts[0]:
-                raise UnreadError("an index stands at no letter")
+            elif item.kind == "group" and not item.parts[0]:  # {}_I r
+                after = self.scripted(self.one()) if sign == "_" and self.at < len(self.tokens) else item
+                if after.kind != "letter":
+                    raise UnreadError("an index stands at no letter")
+                return replace(after, text=f"{{}}_{{{canonical(script)}}}{after.text}")
             else:
                 item = item.with_script(sign, script)
         return item

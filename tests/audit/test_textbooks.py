@@ -80,6 +80,16 @@ PRINTED = {
     "a place with its argument": (
         "F [N]: number\ns [m]: number\nE [N m^2]: positive number\nlet w [m] = F*s^2*(3*a - s)/(6*E)\nlet M [N m] = -F*(a - s)",
         r"E\,w''(s) = -M(s)", r"E\,w''(s) = M(s)"),
+    "derivative of what moves by what moves": (
+        "let T [J] = 1/2*m*rate(x)^2\nlet u [m/s] = rate(x)",
+        r"\frac{dT}{dx} = m u\frac{du}{dx} = m\ddot x", r"\frac{dT}{dx} = m\dot x"),
+    "derivative by the one thing that moves": (
+        "k [N/m]: positive number\nlet V [J] = 1/2*k*x^2\nlet F [N] = -k*x", r"F = -\frac{dV}{dx}", r"F = \frac{dV}{dx}"),
+    "index on the left": (
+        "let rK [m] ${}_K\\mathbf r$ = [a; b]\nlet A [1] $\\mathbf A_{IK}$ = [cos(psi), -sin(psi); sin(psi), cos(psi)]\n"
+        "let rI [m] ${}_I\\mathbf r$ = A*rK",
+        r"{}_I\mathbf r = \mathbf A_{IK}\,{}_K\mathbf r = \begin{bmatrix} a\cos\psi - b\sin\psi \\ a\sin\psi + b\cos\psi \end{bmatrix}",
+        r"{}_I\mathbf r = \mathbf A_{IK}^T\,{}_K\mathbf r"),
     "constant of every motion": (
         "let c [1] = sin(psi)^2 + cos(psi)^2", r"c = 1 = \text{const.}", r"c = \sin\psi = \mathrm{const}"),
 }
@@ -117,6 +127,11 @@ def test_a_root_of_a_square_holds_on_one_side(also: str) -> None:
     assert (row.verdict, row.where) == (RIGHT, "u > 0")
     (row,) = judged(also + r"u = \sqrt{3T/m}", "u [m/s]: number\nlet T [J] = 1/2*m*u^2")
     assert row.verdict == MISPRINT
+
+
+def test_whole_or_partial_by_what_moves_is_asked() -> None:
+    (row,) = judged(r"\frac{dL}{dx} = -k x", "k [N/m]: positive number\nlet L [J] = 1/2*m*rate(x)^2 - 1/2*k*x^2")
+    assert (row.verdict, "partial" in row.remark) == (CANNOT, True)
 
 
 def test_what_is_constant_only_in_some_motions_is_not_judged() -> None:
