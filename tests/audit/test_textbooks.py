@@ -88,7 +88,7 @@ PRINTED = {
     "index on the left": (
         "let rK [m] ${}_K\\mathbf r$ = [a; b]\nlet A [1] $\\mathbf A_{IK}$ = [cos(psi), -sin(psi); sin(psi), cos(psi)]\n"
         "let rI [m] ${}_I\\mathbf r$ = A*rK",
-        r"{}_I\mathbf r = \mathbf A_{IK}\,{}_K\mathbf r = \begin{bmatrix} a\cos\psi - b\sin\psi \\ a\sin\psi + b\cos\psi \end{bmatrix}",
+        r"{}_I\mathbf r = \mathbf A_{IK}\,{}_K\mathbf r = (a\cos\psi - b\sin\psi, a\sin\psi + b\cos\psi)",
         r"{}_I\mathbf r = \mathbf A_{IK}^T\,{}_K\mathbf r"),
     "constant of every motion": (
         "let c [1] = sin(psi)^2 + cos(psi)^2", r"c = 1 = \text{const.}", r"c = \sin\psi = \mathrm{const}"),
