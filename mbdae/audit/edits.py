@@ -330,7 +330,7 @@ def _culprit(node: Node, envs: Sequence[Env]) -> str:
         inner = _culprit(part, envs)
         if inner:
             return inner
-    if node.kind != "sum":
+    if node.kind != "sum" or not node.free <= {*envs[0].scope.symbols, "I", "pi"}:  # or it has a name that an integral binds
         return ""
     units = [(term, powers(term, envs)) for term in node.parts]
     known = [(term, p) for term, p in units if p is not None]

@@ -163,6 +163,11 @@ class Factors:
         if found is not None:
             self.arguments(found)
             return found
+        if item.key() == "\\mathrm{diag}" and follows.kind == "fence":
+            self.at += 1
+            cells = list(enumerate(self.formula.sum(c) for c in between(follows.parts[0])))
+            rows = (made("row", *(c if i == j else number(0) for j, _ in cells)) for i, c in cells)
+            return self.formula.raised(made("block", *rows), follows.sup)
         plain = item.text if not item.accents else ""
         if plain in ("\\delta", "\\int", "\\sum") or plain[1:] in FUNCTIONS:
             return {"\\delta": self.variation, "\\int": self.integral, "\\sum": self.summed}.get(plain, self.called)(item)
@@ -284,8 +289,8 @@ class Factors:
     def by(self, node: Node, item: Item, partial: bool) -> Node:
         """The derivative of a formula by a letter, see `Letters.derived`."""
         found = self.formula.letter((), item)
-        if found is None and item.key() in ("t", "s"):
-            return Node("call", "rate" if item.key() == "t" else "slope", (node,))
+        if found is None and (move := {"t": "rate", "s": "slope"}.get(item.key())):
+            return Node("call", move, (node,))
         if found is None:
             raise UnreadError(f"the letter ${item.key()}$ has no line in the table of meanings")
         whole: Node = self.letters.derived(node, found, partial)
@@ -321,6 +326,8 @@ class Factors:
         self.formula.bound = {**bound, key: own}
         inside = body()
         self.formula.bound = bound
+        if own not in inside.free and high.free & self.letters.time & set().union(*map(self.letters.contains, inside.free)):
+            raise UnreadError(f"what is integrated to ${high}$ contains {high} and not ${letter.key()}$")
         return Node("call", name, (inside, symbol(own), low, high))
 
 

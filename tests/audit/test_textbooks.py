@@ -90,6 +90,11 @@ PRINTED = {
         "let rI [m] ${}_I\\mathbf r$ = A*rK",
         r"{}_I\mathbf r = \mathbf A_{IK}\,{}_K\mathbf r = (a\cos\psi - b\sin\psi, a\sin\psi + b\cos\psi)",
         r"{}_I\mathbf r = \mathbf A_{IK}^T\,{}_K\mathbf r"),
+    "a matrix of its diagonal": (
+        "let M [?] $\\mathbf M$ = [m, 0; 0, J]", r"\mathbf M = \operatorname{diag}(m, J)", r"\mathbf M = \mathrm{diag}(J, m)"),
+    "integral of a sum": (
+        "let K [kg m^2] = m*a^2/3",
+        r"K = \frac{m}{2a}\int_{-a}^{a} (y^2 + b y)\,dy", r"K = \frac{m}{2a}\int_{-a}^{a} (y^2 + b^2)\,dy"),
     "constant of every motion": (
         "let c [1] = sin(psi)^2 + cos(psi)^2", r"c = 1 = \text{const.}", r"c = \sin\psi = \mathrm{const}"),
 }
@@ -127,6 +132,12 @@ def test_a_root_of_a_square_holds_on_one_side(also: str) -> None:
     assert (row.verdict, row.where) == (RIGHT, "u > 0")
     (row,) = judged(also + r"u = \sqrt{3T/m}", "u [m/s]: number\nlet T [J] = 1/2*m*u^2")
     assert row.verdict == MISPRINT
+
+
+def test_an_integral_over_time_of_what_is_taken_at_its_end_is_not_judged() -> None:
+    given = "t [s]: number\nc [1/s]: number\nlet u [m/s] = a*exp(c*t)\nlet s [m] = a/c*(exp(c*t) - 1)"
+    (row,) = judged(r"s = \int_0^t u\,d\tau", given)
+    assert (row.verdict, "tau" in row.remark) == (CANNOT, True)
 
 
 def test_whole_or_partial_by_what_moves_is_asked() -> None:
