@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
-from mbdae.audit.calculus import factors_of, related
+from mbdae.audit.calculus import Letters, factors_of, related
 from mbdae.audit.notation import Node, made, number, symbol
 from mbdae.audit.tex_items import BARS, FUNCTIONS, INVERSES, RATES, TRANSPOSED, Item, UnreadError, canonical
 
@@ -15,7 +15,7 @@ DIFFERENTIALS = {"d", "\\partial"}
 
 class Reader(Protocol):
     """What reads the formula that a term belongs to, see `tex.Formula`."""
-    letters: Any
+    letters: Letters
     bound: dict[tuple[str, ...], str]
     lists: dict[Node, list[Node]]
     present: frozenset[str]
@@ -141,7 +141,7 @@ class Factors:
         """Formulas between commas: a row, unless as a column or, of two vectors, as their inner product it fits."""
         cells = [self.formula.sum(c) for c in between(item.parts[0])]
         found = made("block", made("row", *self.letters.filled(cells)))
-        inner: list[Node] = self.letters.inner(cells)
+        inner = self.letters.inner(cells)
         if item.text == "\\langle":
             if not inner:
                 raise UnreadError(f"`{canonical([item])}` is no inner product of two vectors")
@@ -293,8 +293,7 @@ class Factors:
             return Node("call", move, (node,))
         if found is None:
             raise UnreadError(f"the letter ${item.key()}$ has no line in the table of meanings")
-        whole: Node = self.letters.derived(node, found, partial)
-        return whole
+        return self.letters.derived(node, found, partial)
 
     def integral(self, item: Item) -> Node:
         """An integral between limits, up to its dx."""
