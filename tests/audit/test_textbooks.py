@@ -38,6 +38,8 @@ PRINTED = {
     "a place as a list": (
         "let R [m] $\\mathbf R$ = [a*cos(psi); a*sin(psi); 0]", r"\mathbf R = (a\cos\psi, a\sin\psi, 0)",
         r"\mathbf R = (a\cos\psi, -a\sin\psi, 0)"),
+    "a list in square brackets": (
+        "let R [m] $\\mathbf R$ = [x; 2*x]", r"\mathbf R = [x, 2x]^T", r"\mathbf R = [x, 2x]"),
     "two lists": (
         "let R [m] $\\mathbf R$ = [x; 2*x]", r"\mathbf R = 2(x/2, x) = (x, 2x)", r"\mathbf R = 2(x/2, x) = (x, x)"),
     "stacked vectors": (
