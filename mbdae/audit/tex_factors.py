@@ -146,7 +146,7 @@ class Factors:
             if not inner:
                 raise UnreadError(f"`{canonical([item])}` is no inner product of two vectors")
             return inner[0]
-        if item.text == "(" and not item.sup:
+        if item.text == "(" and canonical(item.sup) not in TRANSPOSED:
             self.formula.lists[found] = [made("block", *(made("row", c) for c in cells)), *inner]
         return found
 

@@ -129,6 +129,9 @@ class Items:
         out: list[Item] = []
         ends = {*stop, "}", "\\right", "\\end"}
         while self.at < len(self.tokens) and self.tokens[self.at] not in ends:
+            if self.tokens[self.at] == "\\over":  # {a \over b}
+                self.at += 1
+                return (Item("frac", "over", (tuple(out), self.row(stop))),)
             item = self.scripted(self.one())
             out += item.parts[0] if item.kind == "group" and item.text == "over" else [item] if item.kind != "nothing" else []
         return tuple(out)

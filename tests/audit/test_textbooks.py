@@ -35,6 +35,8 @@ PRINTED = {
         r"let T [J] = 1/2*m*v'*v", r"T = \frac12 m(\vec v,\vec v)", r"T = \frac13 m(\vec v,\vec v)"),
     "inner product of two vectors": (
         r"let P [m^2/s^2] = v'*vw", r"P = (\vec v,\vec w)", r"P = -(\vec v,\vec w)"),
+    "length by an inner product": (
+        "let u [m/s] = norm(v)", r"u = \sqrt{(\vec v,\vec v)} = (\vec v,\vec v)^{1/2}", r"u = (\vec v,\vec v)^{1/3}"),
     "a place as a list": (
         "let R [m] $\\mathbf R$ = [a*cos(psi); a*sin(psi); 0]", r"\mathbf R = (a\cos\psi, a\sin\psi, 0)",
         r"\mathbf R = (a\cos\psi, -a\sin\psi, 0)"),
@@ -66,6 +68,8 @@ PRINTED = {
         "let F [N] = m*rate(rate(x))", r"F \stackrel{!}{=} m\ddot x =: F", r"F \coloneqq -m\ddot x"),
     "decimal comma": (
         "let T [J] = 1/2*m*rate(x)^2", r"T = 0{,}5\,m\dot x^2", r"T = 0{,}6\,m\dot x^2"),
+    "fraction of plain TeX": (
+        "let T [J] = 1/2*m*rate(x)^2", r"T = {1\over 2} m\dot x^2 = {m{\dot x}^2\over 2}", r"T = {m\dot x\over 2}"),
     "unit in brackets": (
         "let F [N] = m*rate(rate(x))", r"F\,\text{[N]} = m\ddot x", r"F\,\text{[N]} = -m\ddot x"),
     "name with its index": (
