@@ -94,7 +94,7 @@ class Split:
         assert prepared is not None
         others = list[OtherRun]()
         for rtol, run in companions if wanted else ():
-            share = share_of(system, solver, solver.tolerance / rtol)
+            share = share_of(system, solver, solver.tolerance / rtol, forces=True)
             beside = Beside(run, check_times(run), measure_of(system, prepared), share)
             others += other_run(system, prepared, beside, ratio=rtol / solver.tolerance)
         errors = Errors(prepared, solution, tuple(others), wanted=tuple(wanted.values()))

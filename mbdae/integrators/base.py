@@ -52,8 +52,8 @@ class Solver(ABC):
     tightest: ClassVar[dict[str, float]] = {"": 1e-12}
     #: a tolerance r times as large (r < 1) makes the error at most r**error_fall times as large; measured, scatter included
     error_fall: ClassVar[float] = 0.6
-    #: ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run; with
-    #: contacts there are two companions, at this ratio to the power 1.5 and 0.5
+    #: smallest ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run;
+    #: `run.estimate` has larger ones where errors fall regularly
     companion: ClassVar[float] = 10.0
     #: factor on the longest step during an impact in runs whose error is estimated (CLOSER_IMPACTS of `run.control` reduces it)
     impacts: ClassVar[float] = 1.0
@@ -265,7 +265,8 @@ class Asked:
     then, that returns whether the run may end; edges: times (s): no step may be longer than the interval between two of them in
     which it begins; bounds: longest steps in parts of the run, times `share`; impacts: factor on the longest step during an
     impact; meets: how near to its end, over its length, a step ends on a touch, None: as usual;
-    wanted: quantities, by name, whose error counts beside that of the motion where runs are compared."""
+    wanted: quantities, by name, whose error counts beside that of the motion where runs are compared; motion_alone: whether
+    runs are repeated for the motion alone, and not for the quantities."""
 
     t_end: float
     times: Array | None = None
@@ -281,6 +282,7 @@ class Asked:
     edges: Array | None = None
     bounds: tuple[Bound, ...] = ()
     wanted: Any = None
+    motion_alone: bool = False
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,

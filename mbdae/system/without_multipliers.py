@@ -19,7 +19,7 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.deferred import as_full
-from mbdae.errors import AccuracyWarning, OptionError
+from mbdae.errors import AccuracyWarning, BranchingError, OptionError
 from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
@@ -152,7 +152,7 @@ class WithoutMultipliers(SceneSystem):
         weakest = int(np.argmin(shares))
         if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
-                raise singular(t, self.full.numbering.rows[weakest].name)
+                raise singular(t, self.full.numbering.rows[weakest].name, BranchingError)
             self._warned = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: constraint {name} depends on the others there; "
