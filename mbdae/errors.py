@@ -124,11 +124,6 @@ class ChatteringError(SolverError):
     """The motion switches back and forth without end: a force jumps at a state to which it drives the motion from both sides."""
 
 
-class BranchingError(SolverError):
-    """A run that is to stop at singular positions came to one, where another branch of the motion may begin: another tolerance of
-    the same method does not help, another method may."""
-
-
 FINAL = (WallClockError, ChatteringError, DiskError)  #: errors of a run after which no other solver or tolerance is tried
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.deferred import distinct
-from mbdae.errors import FINAL, AccuracyWarning, BranchingError, ChatteringError, SolverError, WallClockError, keeping
+from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Beside, Solution, check_times
 from mbdae.integrators.stepped import halved, second_method
@@ -44,6 +44,7 @@ from mbdae.run.estimate import (
 from mbdae.run.growing import at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
+from mbdae.system.without_multipliers import BranchingError
 from mbdae.values import number, option
 
 LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
