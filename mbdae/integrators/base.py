@@ -264,7 +264,7 @@ class Asked:
     then, that returns whether the run may end; edges: times (s): no step may be longer than the interval between two of them in
     which it begins; bounds: longest steps in parts of the run, times `share`; impacts: factor on the longest step during an
     impact; meets: how near to its end, over its length, a step ends on a touch, None: as usual; wanted: what, by name, has
-    an error that counts beside that of the motion where runs are compared; motion_alone: whether runs are not repeated for these."""
+    an error that counts beside that of the motion in comparisons; motion_alone: whether runs are not repeated for these."""
 
     t_end: float
     times: Array | None = None
