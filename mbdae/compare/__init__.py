@@ -35,7 +35,7 @@ from mbdae.results.stored_parts import own_laws
 from mbdae.run.checkpoint import environment
 from mbdae.scene.record import encode
 from mbdae.study.kept import ResumeFile, packed, record, resume_path, told_when_interrupted, unpacked
-from mbdae.system.base import Array
+from mbdae.system.base import Array, System
 from mbdae.values import function, number, option, sequence, several, shown
 
 __all__ = ["compare"]
@@ -66,6 +66,7 @@ def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float],
                   "own": own_classes(run.solver, run.form)} for run in runs],
         "reference": "computed" if given is None else f"given, {_digest(given[0])}", "environment": environment(),
         **({"engines": list(engines)} if engines else {}),
+        **({"start": problem.start} if problem.start is not None else {}),
         **({"of": {named(key): one if isinstance(one, str) else reads(one) for key, one in problem.wanted.items()}}
            if problem.wanted else {}),
     }
@@ -215,7 +216,7 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
             accuracies: Sequence[float] = ACCURACIES, measure: str | Sequence[str] | None = None, reference: Any = None,
             max_wall: float | None = MAX_WALL,
             progress: Callable[[int, int, str], None] | None = None, resume: Any = None, engines: Any = None,
-            of: Any = None) -> Comparison:
+            of: Any = None, start: Any = None) -> Comparison:
     """Run a scene (or a System) to t_end (s) with every run at every accuracy; returns a `Comparison`.
 
     runs: list of mb.Run, or of solvers (objects, classes, names), or "all" that admit the scene; default IDA and Radau, and what
@@ -231,7 +232,8 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     reference. of: quantities of a scene that the runs are asked for, as those of `Scene.simulate`: sensors, expressions,
     functions, in a list or by name. Their errors, over their largest values, are measured, by the first of them runs are ranked
     unless `measure` names something, and `estimates` of a row has what its run tells of them: `simulate` is called with
-    them, and other runs with a tolerance are judged beside companions as `simulate` makes them.
+    them, and other runs with a tolerance are judged beside companions as `simulate` makes them. start: "relaxed" as in
+    `simulate`, found with the joint models of every run; other programs do not take it.
     """
     begin = time.process_time()
     asked = checked_accuracies(accuracies)
@@ -242,7 +244,10 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
         option("reference", reference, function, "give a Result, a function of the times (nt,), or None to have one computed",
                takes="times")
     programs = engines_of(engines)
-    problem = new_problem(scene, t_end, measure, max_wall, alone=False, of=of)
+    if start is not None and (programs or isinstance(scene, System)):
+        raise OptionError(f"start = {shown(start)}: {'other programs begin' if programs else 'a System begins'} as stated; leave "
+                          "start out")
+    problem = new_problem(scene, t_end, measure, max_wall, alone=False, of=of, start=start)
     chosen = own or default_runs(problem.constrained, problem.stated.given, problem.other_models, problem.resolving)
     if everything and problem.scene is not None:
         known = {run.name("") for run in chosen}

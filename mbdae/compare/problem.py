@@ -32,11 +32,12 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.quantities import named as name_of
 from mbdae.results.result import Result
 from mbdae.results.stored_parts import Wanted, started, wanted_of
+from mbdae.run.choice import prepared_from
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.show.plots import numbers
 from mbdae.system.base import Array, System
-from mbdae.system.prepare import prepare
+from mbdae.system.scene_system import begun
 from mbdae.values import array, number, option, optional, shown
 
 FEW = 10  #: largest number of joints for which the classical model is among the default runs
@@ -57,6 +58,7 @@ class Problem:
     spent: float = 0.0  #: CPU time in solver calls, s, repeats included
     elsewhere: float = 0.0  #: of it, in processes of other programs, s
     wanted: Wanted = field(default_factory=dict)  #: quantities that runs are asked for
+    start: str | None = None  #: RELAXED, or None: runs begin at the start of the scene
 
     @property
     def name(self) -> str:
@@ -131,14 +133,14 @@ class Problem:
 
     def _with_models(self, run: Run) -> Equations:
         if run.scene is not None and self.scene is not None:
-            return Equations(prepare(run.scene, t_end=self.t_end))
+            return Equations(prepared_from(run.scene, self.start, self.t_end))
         if self.scene is None:
             raise OptionError(f"model {run.model_label}: a System has no joints; compare it by runs without a model, such as "
                               f"mb.Run(mb.IDA())")
         if not any(c.has_models for c in self.scene.joints):
             raise OptionError(f"model {run.model_label}: scene '{self.name}' has no joint with coordinates, which alone have "
                               f"joint models: give runs without a model, such as mb.Run(mb.IDA())")
-        return Equations(prepare(with_models(self.scene, run), t_end=self.t_end))
+        return Equations(prepared_from(with_models(self.scene, run), self.start, self.t_end))
 
     @cached_property
     def yardstick(self) -> Equations:
@@ -148,7 +150,7 @@ class Problem:
         own = [c.name for c in joints if c.kept and not isinstance(c.model, Kinematic)]
         if self.scene is None or not own:
             return self.stated
-        return Equations(prepare(self.scene.replace(*own, model=Kinematic()), t_end=self.t_end))
+        return Equations(prepared_from(self.scene.replace(*own, model=Kinematic()), self.start, self.t_end))
 
     def solve(self, solver: Solver, form: Form | None, equations: Equations | None = None, repeat: bool = True) -> Timed:
         """Execute a run; a short one until its CPU time and the spread of that are known."""
@@ -222,9 +224,10 @@ def with_models(scene: Any, run: Run) -> Any:
 SECONDS = "give a positive number of seconds of wall time, or None"
 
 
-def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool = True, of: Any = None) -> Problem:
+def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool = True, of: Any = None,
+                start: Any = None) -> Problem:
     """The problem of a scene or a System, with its options checked; OptionError for wrong ones. measure: a name, or several;
-    alone: whether without a name nothing but the motion is compared; of: quantities that runs are asked for."""
+    alone: whether without a name nothing but the motion is compared; of: quantities that runs are asked for; start: RELAXED."""
     given = scene if isinstance(scene, System) else None
     if given is None and not isinstance(scene, SceneData):
         raise OptionError(f"scene = {shown(scene)}: give a mb.Scene or a System such as mb.DAE")
@@ -235,7 +238,7 @@ def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool
         raise OptionError(f"of = {shown(of)}: a System has no sensors; name unknowns as measure=, and leave of out")
     if given is not None:
         return Problem(None, Equations(None, given), end, unknowns_of(given, named), wall)
-    stated = Equations(prepare(scene, t_end=end))
+    stated = Equations(prepared_from(scene, begun(start), end))
     assert stated.prepared is not None
     for sensor in named:
         try:
@@ -247,12 +250,9 @@ def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any, alone: bool
     asked = [AskedFor(name_of(key), quantity) for key, quantity in wanted.items()]
     if named or asked:
         found = [*(Sensor.of(scene, name) for name in named), *asked, *(() if named else (BodiesMotion(),))]
-        return Problem(scene, stated, end, tuple(found), wall, wanted=wanted)
+        return Problem(scene, stated, end, tuple(found), wall, wanted=wanted, start=start)
     forces = () if alone or not 0 < len(scene.joints) <= MANY else (JointForces(),)
-    return Problem(scene, stated, end, (BodiesMotion(), *forces, *(() if alone else (Energies(),))), wall)
-
-
-# -- The reference of a comparison: the tightest Radau run, confirmed by a second method
+    return Problem(scene, stated, end, (BodiesMotion(), *forces, *(() if alone else (Energies(),))), wall, start=start)
 
 
 TIGHTER = 100.0  #: ratio of the smallest accuracy asked of the runs to that asked of the reference, which is FLOOR at least

@@ -23,11 +23,11 @@ from mbdae.process import cold, measured
 from mbdae.results.clearance import OtherRun
 from mbdae.results.errors import Errors
 from mbdae.results.quantities import named
+from mbdae.run.choice import prepared_from
 from mbdae.run.control import companions_of
 from mbdae.run.estimate import Controlled, RunAt, measure_of, other_run, share_of
 from mbdae.run.job import Job
 from mbdae.system.base import Array
-from mbdae.system.prepare import prepare
 
 Known = tuple[Reference, list[Any]]  #: a reference, and its values of every measure, None where they are not known
 OUTPUTS = 201  #: number of output times of a result, the default of `simulate`
@@ -58,7 +58,8 @@ class Split:
     def _made(self, run: Run, form: Form, solver: Solver) -> dict[str, float]:
         """CPU time from the scene to finished equations with empty caches, s."""
         with cold(), measured() as spent:
-            warm(system_for(prepare(run.scene or with_models(self.problem.scene, run), t_end=self.problem.t_end), form))
+            problem, scene = self.problem, run.scene or with_models(self.problem.scene, run)
+            warm(system_for(prepared_from(scene, problem.start, problem.t_end), form))
         return {"derive_s": spent.get("derive", 0.0), "compile_s": spent.get("compile", 0.0), "start_s": spent["other"]}
 
     def _after(self, form: Form, solver: Solver, solution: Solution, equations: Equations) -> dict[str, Any]:
@@ -94,7 +95,7 @@ class Split:
         assert prepared is not None
         others = list[OtherRun]()
         for rtol, run in companions if wanted else ():
-            share = share_of(system, solver, solver.tolerance / rtol)
+            share = share_of(system, solver, solver.tolerance / rtol, forces=True)
             beside = Beside(run, check_times(run), measure_of(system, prepared), share)
             others += other_run(system, prepared, beside, ratio=rtol / solver.tolerance)
         errors = Errors(prepared, solution, tuple(others), wanted=tuple(wanted.values()))
@@ -157,7 +158,8 @@ def _of_simulate(problem: Problem, accuracy: float | None, reference: Known) -> 
         try:
             while len(seconds) < 2 or (sum(seconds) < REPEATED and len(seconds) < MOST):
                 begin = time.process_time()
-                r = problem.scene.simulate(problem.t_end, accuracy, max_wall=problem.max_wall,  # type: ignore[attr-defined]
+                r = problem.scene.simulate(problem.t_end, accuracy, start=problem.start,  # type: ignore[attr-defined]
+                                           max_wall=problem.max_wall,
                                            of={named(key): one for key, one in problem.wanted.items()} or None)
                 seconds.append(time.process_time() - begin)
         except MbdaeError as error:

@@ -52,8 +52,7 @@ class Solver(ABC):
     tightest: ClassVar[dict[str, float]] = {"": 1e-12}
     #: a tolerance r times as large (r < 1) makes the error at most r**error_fall times as large; measured, scatter included
     error_fall: ClassVar[float] = 0.6
-    #: ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run; with
-    #: contacts there are two companions, at this ratio to the power 1.5 and 0.5
+    #: smallest ratio of the tolerance of the companion, whose distance from a run estimates its error, to that of the run
     companion: ClassVar[float] = 10.0
     #: factor on the longest step during an impact in runs whose error is estimated (CLOSER_IMPACTS of `run.control` reduces it)
     impacts: ClassVar[float] = 1.0
@@ -264,8 +263,8 @@ class Asked:
     """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far, called now and
     then, that returns whether the run may end; edges: times (s): no step may be longer than the interval between two of them in
     which it begins; bounds: longest steps in parts of the run, times `share`; impacts: factor on the longest step during an
-    impact; meets: how near to its end, over its length, a step ends on a touch, None: as usual;
-    wanted: quantities, by name, whose error counts beside that of the motion where runs are compared."""
+    impact; meets: how near to its end, over its length, a step ends on a touch, None: as usual; wanted: what, by name, has
+    an error that counts beside that of the motion in comparisons; motion_alone: whether runs are not repeated for these."""
 
     t_end: float
     times: Array | None = None
@@ -281,6 +280,7 @@ class Asked:
     edges: Array | None = None
     bounds: tuple[Bound, ...] = ()
     wanted: Any = None
+    motion_alone: bool = False
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,

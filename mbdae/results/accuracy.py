@@ -46,6 +46,8 @@ class Accuracy:
     in the run, or 1e-6 of the scene's largest force or torque; None where one is not known.
     mesh: error of positions and angles, all along the beams and of all bodies, caused by the elements of beams and by the modes
     that reduced bodies leave out; None where it was not measured.
+    meshes: where that error, or that of a quantity asked for, misses the accuracy: by name of a beam the elements and order of
+    the first mesh with which both were measured to be within it, {"rod": {"elements": 4, "order": 3}}; else empty.
     `covers` names the errors within the accuracy asked, `not_covered` the others with the reason.
     """
 
@@ -60,6 +62,7 @@ class Accuracy:
     #: growth of small disturbances, or what computes it when it is read
     found_amplification: Callable[[], float | None] | float | None = field(default=None, compare=False)
     of: Mapping[Any, float | None] = field(default_factory=dict)
+    meshes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def motion(self) -> float | None:
@@ -129,13 +132,21 @@ class Accuracy:
         """Plain data; `Accuracy(**data)` is equal to this one."""
         return {"asked": self.asked, "estimated": self.estimated, "verified": self.verified, "mesh": self.mesh,
                 "has_mesh": self.has_mesh, "unknown": dict(self.unknown), "found_reactions": self.reactions,
-                "found_amplification": self.amplification, "of": {named(key): error for key, error in self.of.items()}}
+                "found_amplification": self.amplification, "of": {named(key): error for key, error in self.of.items()},
+                "meshes": {name: dict(mesh) for name, mesh in self.meshes.items()}}
 
     def __repr__(self) -> str:
         told = (f"{name}={value:.2g}" for name, value in (("asked", self.asked), ("estimated", self.estimated),
                 ("verified", self.verified), *self._errors.items()) if value is not None and name != "motion")
         reasons = "".join(f"\n  {word}: not covered: {why}" for word, why in self.not_covered.items())
         return f"<Accuracy {', '.join((*told, self.brief))}>{reasons}"
+
+
+def against_mesh(meshes: Mapping[str, Mapping[str, Any]]) -> str:
+    """What helps against the error of a mesh; meshes: `Accuracy.meshes`."""
+    found = ", ".join(f"{name} elements={mesh['elements']}, order={mesh['order']}" for name, mesh in meshes.items())
+    return (f"give {found}, measured to be within the accuracy" if found else
+            "give beams more elements or a higher order, and reduced bodies more modes")
 
 
 @dataclass(frozen=True)

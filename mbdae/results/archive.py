@@ -312,11 +312,16 @@ def _dense(value: Any, where: str) -> None:
         raise _refuse(value["steps"], f"{where}.steps", f"a list of {len(value['points'])}")
 
 
+def _elements(value: Any, where: str) -> None:
+    (_many(_whole(1)) if isinstance(value, list) else _whole(1))(value, where)
+
+
 _TEXTS, _SHARE = _many(_text), _optional(_real(0.0, finite=False, known=False))
 _STATS = {f.name: _whole() if f.type == "int" else _each(_whole()) if f.name == "unresolved" else _real(0.0, finite=False)
           for f in fields(Stats)}
 _ACCURACY = {"mesh": _SHARE, "has_mesh": _flag, "unknown": _each(_text), "found_reactions": _SHARE,
-             "found_amplification": _optional(_real(0.0, finite=False)), "of": _each(_SHARE)}
+             "found_amplification": _optional(_real(0.0, finite=False)), "of": _each(_SHARE),
+             "meshes": _each(_record({"elements": _elements, "order": _whole(1)}))}
 _INFO = {
     "solver": _record({"class": _text, "options": _each(lambda value, where: None)}), "form": _text,
     "accuracy": _record({"asked": _SHARE, "estimated": _SHARE, "verified": _SHARE}, _ACCURACY), "stats": _record({}, _STATS),

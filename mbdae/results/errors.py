@@ -78,12 +78,13 @@ class Errors:
     wanted: tuple[Quantity, ...] = ()  #: those that the run was asked for, which are relative to their own size
     _known: dict[Any, Estimate | None] = field(default_factory=dict, repr=False)
     endless: dict[str, float] = field(default_factory=dict, repr=False)  #: quantity that is not finite at a time, s: no error
+    remedy: str = ""  #: against the error of the mesh, where that is what misses the accuracy
 
     def __post_init__(self) -> None:
         self.others = at_the_same_times(self.others)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What `pickle` keeps: the runs and what was told; errors are computed again when they are read."""
+        """What `pickle` keeps: runs and what was told; errors are computed again when they are read."""
         return {name: vars(self)[name] for name in ("prepared", "solution", "others", "asked", "told", "reactions")} | {
             "closer": None, "_known": {}, "endless": {}}
 
@@ -167,15 +168,14 @@ class Errors:
     def _closely(self, estimate: Callable[[], Estimate | None]) -> Estimate | None:
         """An estimate; where it is above the accuracy, or not far below it in a run that leaves vibrations out or meets kinks of
         laws, as its companions do, again with the closer run."""
-        found = estimate()
-        if found is None or self.asked is None or self.closer is None or not found.beyond(
-                self.asked * (FAR if self._leaves_out or self.solution.stats.retaken else 1.0)):
+        found, near = estimate(), FAR if self._leaves_out or self.solution.stats.retaken else 1.0
+        if found is None or self.asked is None or self.closer is None or not found.beyond(self.asked * near):
             return found
         make, self.closer = self.closer, None
         other = make()
         if other is None:
             return found
-        self.others = (*self.others, other)
+        self.others = *self.others, other
         return estimate()
 
     def _estimated(self, result: Any, quantity: Quantity, part: Callable[..., float] | None = None,
@@ -321,14 +321,14 @@ class Errors:
         warn(f"scene '{self.prepared.model.scene.name}': {self.told[key]}")
 
     @property
-    def _leaves_out(self) -> bool:
-        """Whether the run may leave out elastic vibrations."""
+    def _leaves_out(self) -> bool:  # whether the run may leave out elastic vibrations
         return self.prepared.model.elastic and any(other.kind == "window" for other in self.others)
 
     def _remedy(self, asked: float) -> str:
         smaller = f"accuracy={asked / 10:.0e}"
-        if self.prepared.contacts:
-            return f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or ask for {smaller}"
+        if self.remedy or self.prepared.contacts:
+            return self.remedy or (f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or "
+                                   f"ask for {smaller}")
         if self._leaves_out:
             return (f"the run leaves out fast elastic vibrations, which hardly move them and carry forces; ask for "
                     f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")

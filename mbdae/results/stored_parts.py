@@ -255,6 +255,14 @@ def _read(one: Any, start: Result) -> Quantity:
     return quantity
 
 
+def apart(prepared: Prepared, run: Solution, other: OtherRun, wanted: Wanted) -> float:
+    """The largest difference of a quantity in a run and another one, over its size; 0 where it is rounding."""
+    errors = Errors(prepared, run, (other,), wanted=tuple(wanted.values()))
+    view = Result(prepared, run, None, other.times)  # type: ignore[arg-type]
+    estimates = [errors.of(view, quantity) for quantity in wanted.values()]
+    return max((one.relative for one in estimates if one is not None), default=0.0)
+
+
 class AskedToo:
     """The distance (nt,) of two trajectories a, b (nt, n) of a scene at times t (nt,): that of their motions, at its largest time
     also the differences of the quantities `wanted` over their largest values in b, where these are more.
@@ -273,16 +281,9 @@ class AskedToo:
         if len(some) > 1:
             of = first[np.searchsorted(times, some)]
             k = int(np.argmax(found))
-            found[k] = max(found[k], self._apart(some, a[of], b[of]))
+            other = OtherRun(self._run(some, a[of]), some, 1.0)
+            found[k] = max(found[k], apart(self.prepared, self._run(some, b[of]), other, self.wanted))
         return found
-
-    def _apart(self, t: Array, a: Array, b: Array) -> float:
-        """The largest difference of a quantity over its size; 0 where it is rounding."""
-        own, other = self._run(t, b), self._run(t, a)
-        errors = Errors(self.prepared, own, (OtherRun(other, t, 1.0),), wanted=tuple(self.wanted.values()))
-        view = Result(self.prepared, own, None, t)  # type: ignore[arg-type]
-        estimates = [errors.of(view, quantity) for quantity in self.wanted.values()]
-        return max((one.relative for one in estimates if one is not None), default=0.0)
 
     def _run(self, t: Array, y: Array) -> Solution:
         return Solution(t, y, y[:0], None, Stats(), Instant("", y, y), self.names, True, AtTimes(t, y))

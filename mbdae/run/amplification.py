@@ -4,6 +4,8 @@ In every piece of the run E x' + A x = 0, with E = dF/dy' and A = dF/dy, is solv
 disturbances at once; with many unknowns E and A are those in the middle of the piece. Pieces are some steps together, as far as
 that changes nothing, or parts of steps in which positions change much. `growing` sees to it that the steps of a run follow what
 grows.
+
+What rings because the beams of a scene start unstrained under load.
 """
 
 from __future__ import annotations
@@ -14,22 +16,30 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from itertools import pairwise
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.errors import internal
+from mbdae.deferred import later
+from mbdae.errors import MbdaeError, internal
 from mbdae.integrators import radau_table
 from mbdae.integrators.matrices import searches
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.native import Entries, Index, address, declared, whole
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.sparse import Matrix, SingularMatrixError
+from mbdae.run.choice import prepared_from
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import RELAXED
 from mbdae.threads import check, single_threaded
 from mbdae.values import largest
+
+if TYPE_CHECKING:
+    from mbdae.system.start_of_beams import Ringing, allowed_by, ringing
+else:
+    allowed_by, ringing = later("mbdae.system.start_of_beams", "allowed_by", "ringing")
 
 T = TypeVar("T")
 State = tuple[Array, float, float]
@@ -48,6 +58,9 @@ MOST = 50_000  #: largest number of pieces of a run along which disturbances are
 #: than before and less than the finest, until the largest rise (natural logarithm) changes by less than SURE, or by less than
 #: CLEAR of its distance from the value on which a decision depends
 TOGETHER, FEWER, SURE, CLEAR = (32, 16, 8, 4, 2, 1), 1.5, 0.5, 0.3
+#: largest number of velocities of a scene of which it is looked at what rings after its start, and smallest amplitude that is
+#: told, over the scene's length
+LOOKED, SEEN = 300, 1e-9
 #: the same for equations that do not tell when they vary: longer pieces pass over what the steps of the run follow
 UNKNOWN = (4, 2, 1)
 DIGITS = 3  #: decimals with which a growth (natural logarithm) is told: it is sure to SURE
@@ -311,3 +324,21 @@ def _weights() -> tuple[Array, NDArray[np.complex128], Array]:
     weights = vectors[-1] * values * start
     real, pair = (weights[[int(np.argmin(np.abs(values - value))) for value in some]] for some in (table.real, table.pairs))
     return table.real, table.pairs, np.concatenate([real.real, np.ascontiguousarray(pair).view(float)])
+
+
+def ringing_of(prepared: Prepared) -> Ringing | None:
+    """What rings because the beams of a scene start unstrained under load; None where nothing does, where it is not known what a
+    start without ringing is, and with more than LOOKED velocities."""
+    m, start = prepared.mechanics, prepared.start
+    if not m.model.lines or m.nu > LOOKED or start.relaxed is not None:
+        return None
+    try:
+        relaxed = prepared_from(m.model.scene, RELAXED).start
+    except (MbdaeError, np.linalg.LinAlgError):
+        return None
+    time, units = np.array([start.t]), m.velocity_units[prepared.all_bodies.numbering.of_velocities]
+    moved = prepared.all_bodies.velocity_map(time, prepared.all_bodies.reduced(start.q[None], start.u[None])[0])[0]
+    x = np.linalg.lstsq(np.array([m.rates(start.q, e) for e in np.eye(m.nu)]).T, start.q - relaxed.q, rcond=None)[0]
+    free = allowed_by(m.constraint_jacobian(time, start.q[None])[0] @ moved, units)
+    found = ringing(m, start.q, x, start.u - relaxed.u, moved, free)
+    return found if found.amplitude > max(SEEN, relaxed.relaxed or 0.0) * prepared.length else None

@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from mbdae.deferred import median
-from mbdae.results.accuracy import Accuracy
+from mbdae.results.accuracy import Accuracy, against_mesh
 from mbdae.results.result import Result
 from mbdae.run.amplification import decided_by_round_off
 from mbdae.run.checks import doubts
@@ -289,7 +289,7 @@ def missed(known: Accuracy, run: Controlled) -> list[str]:
         notes.append(f"accuracy {asked:g} was asked, the error is {found}: {_advice(known.motion, asked, run)}")
     if known.mesh is not None and not known.mesh <= asked:
         notes.append(f"accuracy {asked:g} was asked, the error by the mesh of beams and the modes of bodies is about "
-                     f"{known.mesh:.1e}: give beams more elements or a higher order, and reduced bodies more modes")
+                     f"{known.mesh:.1e}: {against_mesh(known.meshes)}")
     return notes
 
 

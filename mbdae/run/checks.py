@@ -12,8 +12,8 @@ import numpy as np
 from mbdae.errors import ListsAttributes
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import counted, lines, titled
+from mbdae.run.amplification import ringing_of
 from mbdae.run.choice import Choice, Reduction, choose, reductions, with_recursive_joints
-from mbdae.run.verification import ringing_of
 from mbdae.scene.components import Beam, Classical, Connection, Recursive
 from mbdae.scene.models import not_joined
 from mbdae.scene.scene import SceneData

@@ -44,6 +44,7 @@ from mbdae.run.estimate import (
 from mbdae.run.growing import at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
+from mbdae.system.without_multipliers import BranchingError
 from mbdae.values import number, option
 
 LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
@@ -167,15 +168,16 @@ class _Search:
     def run(self) -> Controlled:
         """The first run that has the accuracy, or the last one that can be made."""
         self.tight, self.ceiling, self.limit = first_tolerance(self.system, self.prepared, self.solver, self.accuracy)
-        best, self.made = companions_of(self.system, self.tight, self.asked)
+        best, self.made = companions_of(self.system, self.tight, self.asked, first=True)
+        self.first = self.made[-1][0] / self.tight.tolerance
         contacts, told = self.system.guards is not None, list[tuple[float, float]]()
-        self._count = len(self.made)
+        self._count = self._kept
         for _ in range(ATTEMPTS - 1 + FURTHER * contacts):
             loose, rtol = self.made[-1][0], self.tight.tolerance
             try:
                 fine = self._finer(best)
             except SolverError as error:
-                if isinstance(error, WallClockError | ChatteringError):
+                if isinstance(error, WallClockError | ChatteringError | BranchingError):
                     raise
                 best = replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
                 self.tight = with_rtol(self.tight, (rtol * loose) ** 0.5)
@@ -205,8 +207,11 @@ class _Search:
         return best
 
     def _in_vain(self, told: list[tuple[float, float]], ratio: float) -> bool:
-        """Whether the motion is within the accuracy, and what else was asked for has come no nearer to it by the last run."""
-        if len(told) < 2 or not isinstance(self.measure, AskedToo) or told[-1][1] < STUCK * told[-2][1]:
+        """Whether the motion is within the accuracy, and what else was asked for has come no nearer to it by the last run; or
+        runs are not repeated for it."""
+        if not isinstance(self.measure, AskedToo):
+            return False
+        if not self.asked.motion_alone and (len(told) < 2 or told[-1][1] < STUCK * told[-2][1]):
             return False
         return self.measure.motion * share_of(self.system, self.solver, ratio) <= self.accuracy
 
@@ -224,7 +229,7 @@ class _Search:
     @property
     def _kept(self) -> int:
         """Number of companions that a run is compared with; earlier runs are dropped, because they take much memory."""
-        return len(companions(self.system, self.solver))
+        return len(companions(self.system, self.tight))
 
     def estimate(self, least: float = 0.0) -> float:
         """The estimated error of the last run; least: smallest ratio assumed of it to a difference."""
@@ -234,7 +239,7 @@ class _Search:
         """The run `fine`, which followed `best`, with its estimate, and its companions beside it."""
         rtol, coarse = self.tight.tolerance, self.made[-1][1]
         self.made, self._count = [*self.made[-self._kept :], (rtol, fine)], self._count + 1
-        told.append((rtol, bounded(self.tight, told, self.estimate, coarse, fine) if self.grown else self.estimate()))
+        told.append((rtol, bounded(self.tight, told, self.estimate, self.first, coarse, fine) if self.grown else self.estimate()))
         return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, self._others(),
                           told=tuple(told), limit=self.limit)
 
@@ -254,7 +259,7 @@ class _Search:
     def _other(self, companion: RunAt) -> tuple[OtherRun, ...]:
         """A companion of the last run, beside it."""
         (before, run), rtol = companion, self.tight.tolerance
-        one = Beside(run, check_times(run, self.outputs), self.measure, share_of(self.system, self.solver, rtol / before))
+        one = Beside(run, check_times(run, self.outputs), self.measure, share_of(self.system, self.solver, rtol / before, True))
         return other_run(self.system, self.prepared, one, ratio=before / rtol)
 
     def _compared_again(self, best: Controlled, told: list[tuple[float, float]]) -> Controlled:
@@ -263,10 +268,12 @@ class _Search:
         if best.estimate > self.accuracy:
             return best
         with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-            runs = nearer_companion(self.system, best.solver, replace(self.asked, share=CLOSER), self.made,
+            runs = nearer_companion(self.system, best.solver, closer(self.asked, best.solver, 1, self._kept), self.made,
                                     self.estimate(1.0), self.accuracy)
         if not runs:
             return best
+        if self.system.guards is not None:
+            self.made = runs
         again = estimated(self.system, self.solver, runs, self.measure, self.outputs)
         told[-1] = (told[-1][0], max(best.estimate, again))
         return replace(best, estimate=told[-1][1], others=(*best.others, *self._other(runs[1])), told=tuple(told)).after(
@@ -295,15 +302,17 @@ def _cuts(system: System, solver: Solver, end: float) -> int:
     return 0 if line is None else len(line.stretches.edges) + len(line.edges)
 
 
-def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[RunAt]]:
-    """Make the companions of the run `tight`, with larger tolerances. Returns the last one, and all with their tolerances, the
-    largest first. A companion that fails is left out; the last one must not fail."""
+def companions_of(system: System, tight: Solver, asked: Asked, first: bool = False) -> tuple[Controlled, list[RunAt]]:
+    """Make the companions of the run `tight`, with larger tolerances; first: only the first that can be made. Returns the last
+    one, and all with their tolerances, the largest first. A companion that fails is left out; the last one must not fail."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
     made: list[RunAt] = []
-    for rtol in dict.fromkeys(rtols):
+    for count, rtol in enumerate(dict.fromkeys(rtols)):
+        if first and made:
+            break
         solver = with_rtol(tight, rtol)
         try:
-            run = solver.run(system, closer(asked, tight, len(made), len(rtols)))
+            run = solver.run(system, closer(asked, tight, count, len(rtols)))
         except SolverError as error:
             if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise

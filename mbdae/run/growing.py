@@ -331,10 +331,10 @@ def at_least(solver: Solver) -> float:
     return AT_LEAST[solver.bdf_order > 0]
 
 
-def bounded(solver: Solver, told: Sequence[tuple[float, float]], estimate: Callable[[float], float], coarse: Solution,
-            fine: Solution) -> float:
+def bounded(solver: Solver, told: Sequence[tuple[float, float]], estimate: Callable[[float], float], first: float,
+            coarse: Solution, fine: Solution) -> float:
     """The estimated error of a run, `fine`, whose steps are bounded by growth, from its difference to the run before, `coarse`:
-    `estimate` with the smallest ratio of both; told: tolerances and estimates of the runs before.
+    `estimate` with the smallest ratio of both; told: tolerances and estimates of the runs before; first: ratio of the first two.
 
     That ratio is at most SURE times that by which the differences fell from the pair before to this one. Two runs with BDF may
     agree by chance: steps bounded by growth fall less than the tolerance, and the error with their highest order at most.
@@ -344,7 +344,7 @@ def bounded(solver: Solver, told: Sequence[tuple[float, float]], estimate: Calla
     if not told:
         return found
     tolerance, before = told[-1]
-    ratio = told[-2][0] / tolerance if len(told) > 1 else solver.companion
+    ratio = told[-2][0] / tolerance if len(told) > 1 else first
     shown = SURE * (found / before) ** min(log(tolerance / solver.tolerance) / log(ratio), 1.0) if before > 0 else 1.0
     floor = before * (len(coarse.t) / len(fine.t)) ** solver.bdf_order if solver.bdf_order else 0.0
     return max(estimate(0.0), found * min(shown, 1.0), floor)

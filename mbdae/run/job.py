@@ -104,15 +104,35 @@ class Job:
                 solver = solver.at_accuracy(self.accuracy, system.label)  # atol is the user's: one run, with the usual rtol
             if solver.fixed or solver.rtol is not None:
                 return run_once(system, solver, self.asked, self.accuracy, self.prepared.length)
-            run = self._controlled(system, solver)
             if not system.assembly.passes:
-                return run
+                return self._controlled(system, solver)
+            if self.asked.wanted and not self.prepared.contacts:
+                return self._for_forces(solver, system)
+            run = self._controlled(system, solver)
             with keeping(run.solution, UNTESTED):
                 return self._with_waves(run, solver, system)
+
+    def _for_forces(self, solver: Solver, system: SceneSystem) -> Controlled:
+        """A run with what was asked for. Where that is missed although the motion is not, one that resolves all vibrations comes
+        first, since these carry forces: tightening a run that leaves them out comes to their steps in the end."""
+        run = replace(self, asked=replace(self.asked, motion_alone=True))._controlled(system, solver)
+        with keeping(run.solution, UNTESTED):
+            if run.estimate <= self.accuracy:
+                return self._with_waves(run, solver, system)
+            resolving = self._resolving(solver)
+            run = _better(run, lambda: replace(self._controlled(resolving, solver), waves=True))
+            if run.estimate <= self.accuracy:
+                return run
+            measure = measure_of(system, self.prepared, self.asked.wanted)
+            return _better(run, lambda: with_lost_vibrations(self.prepared, resolving, self._controlled(system, solver), measure))
 
     def _system(self, solver: Solver) -> SceneSystem:
         """The equations with the index that a solver takes, assembled once."""
         return shared_system(self.prepared, self.form, solver.highest_index)
+
+    def _resolving(self, solver: Solver) -> SceneSystem:
+        """The equations that resolve all elastic vibrations."""
+        return shared_system(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
 
     def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
         accuracy = accuracy if accuracy is not None else self.accuracy
@@ -122,7 +142,7 @@ class Job:
         """The run itself where the elastic vibrations that its long steps damp away are below the accuracy. Where they are above
         it by at most the factor NEARLY, a tighter run, whose shorter steps damp less away; else one that resolves all
         vibrations."""
-        resolving = shared_system(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
+        resolving = self._resolving(solver)
         measure = measure_of(system, self.prepared, self.asked.wanted)
         run = with_lost_vibrations(self.prepared, resolving, run, measure)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:

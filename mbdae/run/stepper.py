@@ -208,7 +208,7 @@ class Stepper(NamesAttributes, NamesArguments):
         known, with constant steps, or after more than 100000 steps between two readings."""
         if self.solver.fixed or self._log is None:
             return None
-        looser = companions(self._system, self.solver)[-1]
+        looser = min(companions(self._system, self.solver)[-1], self.solver.companion)
         # a tolerance of the user's: between two instants there may be one step, and none longer for a looser companion
         ratio, share = (looser, 1.0) if self._asked.share is not None else (1 / looser, CLOSER)
         rtol = min(max(self.solver.tolerance * ratio, self.solver.tightest[""]), LOOSEST)

@@ -31,9 +31,10 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, check_times
 from mbdae.integrators.stored_runs import keeping_runs
 from mbdae.laws.bodies import ORDERS, Modes
-from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
+from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy, against_mesh
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
+from mbdae.results.stored_parts import apart
 from mbdae.run.amplification import Amplified
 from mbdae.run.choice import prepared_from
 from mbdae.run.control import closer, run_controlled
@@ -53,20 +54,18 @@ if TYPE_CHECKING:
     from mbdae.laws.beam import table
     from mbdae.results.beams import Fields, in_space
     from mbdae.system.model.beams import Line
-    from mbdae.system.start_of_beams import Ringing, allowed_by, ringing
 else:
     IDA = Later("mbdae.integrators.sundials", "IDA")
     table = Later("mbdae.laws.beam", "table")
-    allowed_by, ringing = later("mbdae.system.start_of_beams", "allowed_by", "ringing")
     Fields, in_space = later("mbdae.results.beams", "Fields", "in_space")
 
+#: FINER: largest number of meshes tried where one with an order more does not serve; a mesh serves where the next one differs by
+#: at most SERVES times the accuracy, since such a difference is 0.5 to 1.9 times the error
+FINER, SERVES = 5, 0.5
 TIMES = 201  #: number of times at which both meshes are compared
 PLACES = np.linspace(0, 1, 5)  #: places of every element, from 0 to 1, at which both meshes are compared
 #: fraction of an element by which a place at its end is moved inside it, to find the element of the other mesh on the same side
 INWARDS = 1e-6
-#: largest number of velocities of a scene of which it is looked at what rings after its start, and smallest amplitude that is
-#: told, over the scene's length
-LOOKED, SEEN = 300, 1e-9
 
 
 def with_finer_beams(scene: SceneData) -> SceneData:
@@ -86,10 +85,10 @@ def with_finer_beams(scene: SceneData) -> SceneData:
     return finer
 
 
-def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, asked: Asked) -> tuple[float, OtherRun]:
+def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, asked: Asked) -> tuple[float, float, OtherRun]:
     """Largest difference of positions (over the scene's length, rad), along the beams and of all bodies, between a run and the
-    same run on a finer mesh; and that finer run, with which reactions are compared too. The run must begin at the start of the
-    scene. Raises MbdaeError where the finer run fails."""
+    same run on a finer mesh; the largest of what the run was asked for, over its size; and that finer run, with which reactions
+    are compared too. The run must begin at the start of the scene. Raises MbdaeError where the finer run fails."""
     end = float(run.t[-1])
     scene = with_finer_beams(prepared.model.scene)
     finer = (prepared_from(scene, RELAXED, end) if prepared.start.relaxed is not None else
@@ -100,26 +99,25 @@ def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, as
     def measure(t: Array, a: Array, b: Array) -> Array:
         return np.array([distance_of_meshes((prepared, prepared.states(t, a)[0]), (finer, finer.states(t, b)[0]))])
 
-    apart = Beside(again, times, measure, better=True).distance(run)
-    return apart, OtherRun.beside(again, times, 1.0, finer, "mesh")
+    off, beside = Beside(again, times, measure, better=True).distance(run), OtherRun.beside(again, times, 1.0, finer, "mesh")
+    return off, apart(prepared, run, beside, asked.wanted or {}), beside
 
 
-def ringing_of(prepared: Prepared) -> Ringing | None:
-    """What rings because the beams of a scene start unstrained under load; None where nothing does, where it is not known what a
-    start without ringing is, and with more than LOOKED velocities."""
-    m, start = prepared.mechanics, prepared.start
-    if not m.model.lines or m.nu > LOOKED or start.relaxed is not None:
-        return None
-    try:
-        relaxed = prepared_from(m.model.scene, RELAXED).start
-    except (MbdaeError, np.linalg.LinAlgError):
-        return None
-    time, units = np.array([start.t]), m.velocity_units[prepared.all_bodies.numbering.of_velocities]
-    moved = prepared.all_bodies.velocity_map(time, prepared.all_bodies.reduced(start.q[None], start.u[None])[0])[0]
-    x = np.linalg.lstsq(np.array([m.rates(start.q, e) for e in np.eye(m.nu)]).T, start.q - relaxed.q, rcond=None)[0]
-    free = allowed_by(m.constraint_jacobian(time, start.q[None])[0] @ moved, units)
-    found = ringing(m, start.q, x, start.u - relaxed.u, moved, free)
-    return found if found.amplitude > max(SEEN, relaxed.relaxed or 0.0) * prepared.length else None
+def mesh_that_serves(form: Form, solver: Solver, asked: Asked, accuracy: float, finer: OtherRun
+                     ) -> tuple[dict[str, Any], int]:
+    """By beam the elements and order of the first mesh, from that of `finer` on, with which motion and what was asked for are
+    within the accuracy of those on a finer one; nothing where FINER meshes do not serve or a run fails. And the runs made."""
+    for runs in range(1, FINER + 1):
+        prepared: Any = finer.prepared
+        try:
+            moved, off, following = mesh_error(prepared, form, solver, finer.run, asked)
+        except MbdaeError:
+            return {}, runs
+        if max(moved, off) <= SERVES * accuracy:
+            return {beam.name: {"elements": beam.elements, "order": beam.order} for beam in prepared.model.scene.bodies
+                    if isinstance(beam, Beam)}, runs
+        finer = following
+    return {}, FINER
 
 
 def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> float:
@@ -231,13 +229,15 @@ CONTINUED = "not measured: the run continues another one on the same mesh, whose
 
 @dataclass(frozen=True)
 class Verified:
-    """What verify=True found. motion: largest difference from a run of another method; mesh: from a run on a finer mesh of the
-    beams; reactions, finer: states of these two runs, by which reactions are compared; unknown: {error: why it is not known};
-    runs: number of runs made."""
+    """What verify=True found. motion: largest difference from a run of another method; mesh, of_mesh: from a run on a finer mesh
+    of the beams, in motion and in what was asked for; meshes: elements and order that serve; reactions, finer: states of these
+    two runs, by which reactions are compared; unknown: {error: why it is not known}; runs: number of runs made."""
 
     motion: float | None = None
     reactions: tuple[OtherRun, ...] = ()
     mesh: float | None = None
+    of_mesh: float = 0.0
+    meshes: dict[str, Any] = field(default_factory=dict)
     finer: tuple[OtherRun, ...] = ()
     unknown: dict[str, str] = field(default_factory=dict)
     runs: int = 0
@@ -253,10 +253,12 @@ def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, a
         return replace(found, unknown=found.unknown | {"mesh": CONTINUED})
     same = replace(form, waves=True) if run.waves else form  # type: ignore[type-var]
     try:
-        mesh, finer = mesh_error(prepared, same, run.solver, run.solution, asked)
-        return replace(found, mesh=mesh, finer=(finer,), runs=found.runs + 1)
+        mesh, of, finer = mesh_error(prepared, same, run.solver, run.solution, asked)
     except MbdaeError as error:
         return replace(found, unknown=found.unknown | {"mesh": f"not measured: the run on a finer mesh failed: {error}"})
+    within = max(mesh, of) <= accuracy or not any(isinstance(body, Beam) for body in prepared.model.scene.bodies)
+    meshes, runs = ({}, 0) if within else mesh_that_serves(same, run.solver, asked, accuracy, finer)
+    return replace(found, mesh=mesh, of_mesh=of, meshes=meshes, finer=(finer,), runs=found.runs + 1 + runs)
 
 
 def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, asked: Asked) -> Verified:
@@ -283,10 +285,10 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     forces = Errors(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
     asked = accuracy if any(error is not None for error in (estimate, found.motion, found.mesh)) else None
     if forces is not None:
-        forces.asked = asked
+        forces.asked, forces.remedy = asked, against_mesh(found.meshes) if found.of_mesh > accuracy else ""
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, prepared.model.elastic, unknown, forces,
-                    Amplified(run.solution))
+                    Amplified(run.solution), meshes=found.meshes)
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:

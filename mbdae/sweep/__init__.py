@@ -124,7 +124,7 @@ class Sweep(ListsAttributes):
 @overload
 def sweep(job: SceneData, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False, progress: Progress | None = None, t_end: float,
-          accuracy: float = 1e-6, outputs: Any = None, of: Any = None, derivatives: Any = None) -> SceneSweep:
+          accuracy: float = 1e-6, outputs: Any = None, of: Any = None, derivatives: Any = None, start: Any = None) -> SceneSweep:
     """Signature where `job` is a scene."""
 
 
@@ -138,7 +138,7 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
 @naming_arguments
 def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int | None = None, resume: Any = None,
           again: bool = False, progress: Progress | None = None, t_end: float | None = None, accuracy: float = 1e-6,
-          outputs: Any = None, of: Any = None, derivatives: Any = None) -> Sweep | SceneSweep:
+          outputs: Any = None, of: Any = None, derivatives: Any = None, start: Any = None) -> Sweep | SceneSweep:
     """Call job(**point), which returns a dict, at every point of a grid; where `job` is a scene, run it to t_end (s) at every
     point.
 
@@ -155,17 +155,19 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
     Where `job` is a scene, names are those of `mb.extremes` ("crank.mass"), accuracy and outputs those of `simulate`, and
     `resume` is a folder; the result is a SceneSweep with the unknowns at the outputs. Points run in native batches where
     possible; else its `why` has the reason. of: sensors or expressions that every run is asked for as by `simulate(of=...)`,
-    read at the outputs, with their peaks and the errors of these; points then run one by one. derivatives: names of numbers by
-    which each of these has derivatives at the outputs, with errors (`SceneSweep.derivatives`).
+    read at the outputs, with their peaks in the whole run and the errors of these; points then run one by one. derivatives: names
+    of numbers by which each of these has derivatives at the outputs, with errors (`SceneSweep.derivatives`). start: "relaxed" as
+    in `simulate`, found anew at every point; points then run one by one, without derivatives.
     """
     workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
                        least=1, most=MOST_WORKERS)
     again = option("again", again, flag, "give True to do points that failed once more, or False")
     tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
     if isinstance(job, SceneData):
-        return sweep_scene(job, grid, executor, workers, resume, again, tell, t_end, accuracy, outputs, of, derivatives)
+        return sweep_scene(job, grid, executor, workers, resume, again, tell, t_end, accuracy, outputs, of, derivatives,
+                           start)
     for name, value, default in (("t_end", t_end, None), ("accuracy", accuracy, 1e-6), ("outputs", outputs, None),
-                                 ("of", of, None), ("derivatives", derivatives, None)):
+                                 ("of", of, None), ("derivatives", derivatives, None), ("start", start, None)):
         if value is not default and not (isinstance(value, float) and value == default):
             raise OptionError(f"{name} = {shown(value)} is for sweeps of a scene; leave it out: a function takes what it needs "
                               f"itself")

@@ -34,6 +34,7 @@ from mbdae.study.workers import THREADS, with_executor, with_processes
 from mbdae.sweep.scenes import SLOPES, Points, SceneJob, by, planned, solved
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
+from mbdae.system.scene_system import begun
 from mbdae.values import option, sequence, shown, text, whole
 
 FORMAT = "mbdae sweep of a scene 6"
@@ -229,7 +230,7 @@ def _part(path: Path) -> Any:
 
 
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
-                t_end: Any, accuracy: Any, outputs: Any, of: Any, derivatives: Any = None) -> SceneSweep:
+                t_end: Any, accuracy: Any, outputs: Any, of: Any, derivatives: Any = None, start: Any = None) -> SceneSweep:
     """`mb.sweep` of a scene; arguments as there, tell: its `progress`."""
     points, end = Points.of(grid), end_after(0.0, t_end)
     times = np.array([end]) if outputs is None else output_times(0.0, end, outputs)
@@ -239,8 +240,10 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
     by_names = option("derivatives", to, sequence, "give names of numbers, as in derivatives=['crank.mass']", each=text)
     if by_names and not named:
         raise OptionError("derivatives: name the quantities too, as in of=['A.drive']")
+    if by_names and start is not None:
+        raise OptionError(f"start = {shown(start)}: runs that begin relaxed have no derivatives; leave derivatives or start out")
     job = SceneJob(scene, points.names, end, plausible(accuracy), times, of=tuple(dict.fromkeys(named)),
-                   to=tuple(dict.fromkeys(by_names)))
+                   to=tuple(dict.fromkeys(by_names)), options={"start": begun(start)} if start is not None else {})
     for name in job.to:
         stated_value(scene, name, end)  # raises OptionError for an unknown name
     for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
@@ -306,7 +309,7 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
     scene = job.scene
     stated = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
     said = {"format": FORMAT, "scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "accuracy": job.accuracy,
-            "t_end": job.t_end, "outputs": job.outputs.tolist(), "of": list(job.of), "to": list(job.to),
+            "t_end": job.t_end, "outputs": job.outputs.tolist(), "of": list(job.of), "to": list(job.to), **job.options,
             "grid": dict(zip(points.names, values, strict=True)),
             "listed": points.axes is None, "own": own_of(scene), "versions": versions()}
     place, statement = folder / STATEMENT, json.dumps(said)

@@ -134,7 +134,7 @@ class SceneJob:
     def key(self) -> str:
         """A hash of the job, the same for equal jobs in every process."""
         options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines), self.of, \
-            self.to, stated_laws(self.scene)
+            self.to, dict(self.options), stated_laws(self.scene)
         return hashlib.sha256(pickle.dumps((self.scene.name, self.scene.statements, *options))).hexdigest()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -165,8 +165,9 @@ class SceneJob:
 def planned(job: SceneJob, values: Array) -> SceneJob:
     """The job, prepared for native batches where these give the same as scenes of their own at points (k, names); else with the
     reason why not."""
-    if job.of:
-        return replace(job, why="quantities (of=) are read of every run, with their peaks inside its steps")
+    if job.of or job.options:
+        return replace(job, why="quantities (of=) are read of every run, with their peaks inside its steps" if job.of else
+                       "the relaxed start (start=) of every point is found for itself")
     try:
         middle = tuple(float(np.median(values[:, i])) * BESIDE for i in range(len(job.names)))
         base = job.at(middle)
@@ -295,8 +296,7 @@ def solved(job: SceneJob, values: Array) -> dict[str, Any]:
 def _each(job: SceneJob, values: Array) -> dict[str, Any]:
     """The same results as of `solved`, by one scene and one run per point."""
     names: tuple[str, ...] = ()
-    errors, warned = list[str | None](), dict[str, str]()
-    y: list[Any] = []
+    errors, warned, y = list[str | None](), dict[str, str](), list[Any]()
     estimate, peaks = np.full(len(values), np.nan), np.full((len(values), len(job.of), 3), np.nan)
     read: dict[str, list[Any]] = {name: [] for name in (*job.of, *(by(q, p, x) for q in job.of for p in job.to for x in SLOPES))}
     for i, point in enumerate(values):
@@ -309,7 +309,7 @@ def _each(job: SceneJob, values: Array) -> dict[str, Any]:
                 r = job.at(point).simulate(job.t_end, job.accuracy, outputs=job.outputs,  # type: ignore[attr-defined]
                                            of=list(job.of) or None, derivatives=bool(job.to), **job.options)
                 for k, name in enumerate(job.of):
-                    read[name][i], peak = r.value(name), r.peak(name)
+                    read[name][i], peak = r.value(name), r.peak(name, t=r.solution.t[[0, -1]])  # of the whole run
                     peaks[i, k] = peak.value, peak.t, np.nan if peak.error is None else peak.error
             slopes, told = _slopes(r, job) if job.to else ({}, [])
             for name in slopes:

@@ -29,7 +29,7 @@ from mbdae.system.sampling import Sampling
 from mbdae.system.start import ChangedVelocity, Start
 from mbdae.system.start_with_contacts import multiplier_scales, state_scale, stress_scale
 from mbdae.threads import alone, single_threaded
-from mbdae.values import largest
+from mbdae.values import largest, option, word
 
 if TYPE_CHECKING:
     from mbdae.system.start_of_beams import Slow, slowest, strainless
@@ -232,6 +232,12 @@ class SceneSystem(System):
     def _positions(self, t: float, y: Array) -> Array:
         """Positions q (nq,) of all nodes."""
         return np.asarray(self._prepared.states(np.array([t]), y[None])[0][0])
+
+
+def begun(start: Any) -> str | None:
+    """The option `start` of what makes several runs: RELAXED or None; OptionError for anything else."""
+    return None if start is None else option("start", start, word, f"give '{RELAXED}' (elastic bodies strained by the loads of "
+                                             "the start), or None for the start of the scene", words=(RELAXED,))
 
 
 def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array]]) -> Start:

@@ -19,7 +19,7 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.deferred import as_full
-from mbdae.errors import AccuracyWarning, OptionError
+from mbdae.errors import AccuracyWarning, OptionError, SolverError
 from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
@@ -61,6 +61,10 @@ class Accelerations(Rates):
         if not self.linear:
             return None
         return acceleration_kernel(self.full, as_full(self.full.constant_mass), self.full.row_of, self._start)
+
+
+class BranchingError(SolverError):
+    """A run that is to stop at singular positions came to one: another method may help, another tolerance does not."""
 
 
 class WithoutMultipliers(SceneSystem):
@@ -152,7 +156,7 @@ class WithoutMultipliers(SceneSystem):
         weakest = int(np.argmin(shares))
         if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
-                raise singular(t, self.full.numbering.rows[weakest].name)
+                raise singular(t, self.full.numbering.rows[weakest].name, BranchingError)
             self._warned = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: constraint {name} depends on the others there; "

@@ -132,3 +132,39 @@ def test_what_it_cannot_do_is_refused_and_rigid_scenes_start_as_drawn() -> None:
     rigid.revolute("A", rigid.ground, rigid.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
     a, b = (rigid.simulate(0.1, start=start) for start in (None, "relaxed"))
     np.testing.assert_array_equal(a["A"].angle, b["A"].angle)
+
+
+def test_runs_of_a_comparison_begin_relaxed_with_every_joint_model() -> None:
+    """Unstrained the rod's force is off by nearly its size at first; a pin with play is refused in its row, by name."""
+    s = engine(angle=100 * np.pi * mb.t)
+    waves = mb.GGL(waves=True)
+    runs = [mb.Run(mb.RadauIIA(3), form=waves), mb.Run(mb.RadauIIA(3), form=waves, model=mb.Recursive()),
+            mb.Run(mb.RadauIIA(3), model={"B": mb.Clearance(0.0101, 0.01, mb.Hertz(1e9))})]
+    found = mb.compare(s, 0.002, runs, accuracies=[1e-4], measure="B.force", start="relaxed")
+    size = np.linalg.norm(s.simulate(0.002, 1e-3, start="relaxed", outputs=5)["B"].force, axis=1).max()
+    assert [run.failure is None for run in found.runs] == [True, True, False]
+    assert all(run.error < 1e-2 * size for run in found.runs[:2])
+    assert "where the pin of B would touch is not known" in found.runs[2].failure
+
+
+def test_comparisons_refuse_starts_that_other_programs_and_equations_do_not_take() -> None:
+    s = engine(angle=100 * np.pi * mb.t)
+    with pytest.raises(mb.OptionError, match="other programs begin as stated"):
+        mb.compare(s, 0.01, start="relaxed", engines=["scipy"])
+    with pytest.raises(mb.OptionError, match="'strained' is not one of 'relaxed'"):
+        mb.compare(s, 0.01, start="strained")
+    with pytest.raises(mb.OptionError, match="a System begins as stated"):
+        mb.compare(s.system(), 0.01, start="relaxed")
+
+
+def test_every_point_of_a_sweep_begins_relaxed() -> None:
+    """As a call of its own: the first peak of the rod's force follows the mass of the ram."""
+    s = engine(angle=100 * np.pi * mb.t)
+    w = mb.sweep(s, {"ram.mass": [0.4, 0.5]}, t_end=0.002, accuracy=1e-3, of=["B.force"], start="relaxed", workers=1)
+    alone = s.simulate(0.002, 1e-3, start="relaxed", of=["B.force"]).peak("B.force")
+    assert w.peaks("B.force").value[1] == pytest.approx(alone.value, rel=1e-9)
+    assert w.peaks("B.force").value[0] < 0.95 * alone.value
+    plain = mb.sweep(s, {"ram.mass": [0.5]}, t_end=0.002, accuracy=1e-3, start="relaxed", workers=1)
+    assert "relaxed start" in plain.why
+    with pytest.raises(mb.OptionError, match="begin relaxed have no derivatives"):
+        mb.sweep(s, {"ram.mass": [0.5]}, t_end=0.002, of=["B.force"], derivatives=["ram.mass"], start="relaxed")

@@ -40,7 +40,8 @@ def test_models_are_compared_on_a_sensor_too():
 
 def test_every_model_is_prepared_once(monkeypatch):
     calls = []
-    monkeypatch.setattr(problem, "prepare", lambda *a, prepare=problem.prepare, **k: (calls.append(a), prepare(*a, **k))[1])
+    prepare = problem.prepared_from
+    monkeypatch.setattr(problem, "prepared_from", lambda *given: (calls.append(given), prepare(*given))[1])
     runs = [mb.Run(s, model=m) for s in (mb.IDA(), mb.RadauIIA(3)) for m in (None, mb.Classical(), {"B": mb.Classical()})]
     mb.compare(four_bar(), 0.1, runs, [1e-3, 1e-4])
     assert len(calls) == 3

@@ -289,7 +289,7 @@ CALLS: dict[str, Call] = {
         "workers": 1, **RUNS}, "mbdae.arena._compared"),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
-        "reference": None, **RUNS, "engines": None, "of": ["hinge.force"]}, "mbdae.compare.identity"),
+        "reference": None, **RUNS, "engines": None, "of": ["hinge.force"], "start": None}, "mbdae.compare.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
         "measure": "hinge.angle", **RUNS, "budget": 60.0}, "mbdae.extremes._Execution"),
@@ -300,7 +300,8 @@ CALLS: dict[str, Call] = {
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
-        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None, "derivatives": None}, "mbdae.sweep.with_processes"),
+        "t_end": None, "accuracy": 1e-6, "outputs": None, "of": None, "derivatives": None, "start": None},
+        "mbdae.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),

@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 
 import mbdae as mb
 from mbdae.integrators.stepped import _order as shown_order
-from mbdae.run.estimate import FALL, SLOW, companions, estimated
+from mbdae.run.estimate import FALL, FARTHEST, SLOW, companions, estimated, with_rtol
 from mbdae.run.estimate import fall_shown as fall
 
-SMOOTH, TOUCHING = SimpleNamespace(guards=None), SimpleNamespace(guards=object())
+SMOOTH, TOUCHING = SimpleNamespace(guards=None, label="GGL"), SimpleNamespace(guards=object(), label="GGL")
 
 
 def run_that_is_off(error):
@@ -26,7 +26,7 @@ def run_that_is_off(error):
 
 def told(system, solver, errors):
     """The estimate from runs with errors by tolerance, as many of them as the system has companions."""
-    runs = [(rtol, run_that_is_off(e)) for rtol, e in errors.items()][-1 - len(companions(system, solver)) :]
+    runs = [(rtol, run_that_is_off(e)) for rtol, e in errors.items()][-1 - len(companions(system, with_rtol(solver, 1e-6))) :]
     return estimated(system, solver, runs, lambda t, a, b: np.abs(a - b)[:, 0], np.zeros(0))
 
 
@@ -35,7 +35,8 @@ def told(system, solver, errors):
 def test_errors_that_fall_by_the_law_are_estimated_exactly(solver, ratio):
     """Runs that are off to the same side differ by less than the error of the looser one: that counts."""
     fine = 1e-5
-    coarse = fine * ratio**-solver.error_fall
+    beyond = min(ratio * solver.companion, 1.0)  # the scatter of two runs does not grow any more
+    coarse = fine * (ratio / beyond) ** -solver.error_fall * beyond**-FALL
     assert told(SMOOTH, solver, {1e-6 / ratio: coarse, 1e-6: fine}) == pytest.approx(fine, rel=1e-9)
 
 
@@ -44,7 +45,15 @@ def test_errors_that_happen_to_be_alike_are_not_trusted_with_impacts():
     solver, errors = mb.RadauIIA(3), {5.3e-5: 7.4e-2, 5.3e-6: 3.4e-4, 1.7e-6: 4.8e-4}
     assert told(TOUCHING, solver, errors) > 4.8e-4
     assert told(SMOOTH, solver, errors) < 4.8e-4 / 3
-    assert [len(companions(system, solver)) for system in (SMOOTH, TOUCHING)] == [1, 2]
+    assert [len(companions(system, with_rtol(solver, 1e-6))) for system in (SMOOTH, TOUCHING)] == [1, 2]
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853()])
+def test_companions_are_farther_where_errors_fall_regularly(solver):
+    """At coarse accuracies runs scatter, and a far companion would be no cheaper."""
+    far = [companions(SMOOTH, solver.at_accuracy(accuracy, "GGL")) for accuracy in (1e-2, 1e-4, 1e-5, 1e-8)]
+    assert far == [pytest.approx([ratio]) for ratio in (solver.companion, solver.companion, FARTHEST, FARTHEST)]
+    assert companions(TOUCHING, solver.at_accuracy(1e-8, "GGL")) == pytest.approx([solver.companion**1.5, solver.companion**0.5])
 
 
 def test_errors_that_fall_more_slowly_than_assumed_are_at_least_the_differences():

@@ -239,9 +239,32 @@ def test_reactions_of_a_verified_run_contain_what_the_mesh_makes_of_them():
     r, fine = (clamped(n, p).simulate(0.05, solver=solver) for n, p in ((2, 1), (6, 4)))
     exact = OtherRun(fine.solution, np.linspace(0, 0.05, 201), 1.0, fine.prepared)
     error = Errors(r.prepared, r.solution, (exact,))()
-    _, finer = mesh_error(r.prepared, mb.GGL(), solver, r.solution, Asked(0.05))
+    *_, finer = mesh_error(r.prepared, mb.GGL(), solver, r.solution, Asked(0.05))
     assert error > 0.01
     assert Errors(r.prepared, r.solution, (finer,))() == pytest.approx(error, rel=0.5)
+
+
+@pytest.mark.parametrize("of", ["clamp.torque", "beam.at(1.0).position"])
+def test_the_mesh_that_is_named_serves_what_was_asked_for(of):
+    """The moment of the clamp needs a finer mesh than the motion; the same run on the mesh named is within the accuracy."""
+    r = dropped(2, 2).simulate(0.1, 1e-3, of=[of], verify=True)
+    assert set(r.accuracy.meshes) == {"beam"}
+    named = r.accuracy.meshes["beam"]
+    assert any(f"elements={named['elements']}, order={named['order']}" in note for note in r.warnings)
+    times = np.linspace(0, 0.1, 201)
+    coarse, found, exact = (scene.simulate(0.1, 1e-4, of=[of])(times).value(of)
+                            for scene in (dropped(2, 2), dropped(**named), dropped(8, 4)))
+    size = np.abs(exact).max()
+    assert np.abs(found - exact).max() < 1e-3 * size
+    assert of != "clamp.torque" or np.abs(coarse - exact).max() > 1e-2 * size
+
+
+def test_no_mesh_is_named_where_the_mesh_serves_or_none_was_found(monkeypatch):
+    assert not dropped(4, 4).simulate(0.02, 1e-3, verify=True).accuracy.meshes
+    monkeypatch.setattr(verification, "FINER", 0)
+    r = dropped(1, 2).simulate(0.02, 1e-3, verify=True)
+    assert not r.accuracy.meshes
+    assert any("more elements or a higher order" in note for note in r.warnings)
 
 
 def test_a_fine_mesh_is_covered():
@@ -330,6 +353,7 @@ def test_what_is_covered_is_stored(tmp_path: Path):
     assert (again.accuracy, again.accuracy.reactions, again.accuracy.mesh) == (r.accuracy, r.accuracy.reactions, r.accuracy.mesh)
     assert (again.accuracy.covers, again.accuracy.not_covered) == (r.accuracy.covers, r.accuracy.not_covered)
     assert repr(again) == repr(r)
+    assert again.accuracy.meshes == r.accuracy.meshes == {"beam": {"elements": 1, "order": 3}}
 
 
 def test_files_of_before_do_not_claim_reactions_and_mesh(tmp_path: Path):

@@ -192,12 +192,13 @@ def factorised(matrix: Matrix, full: Assembly, t: float) -> Callable[[Array], Ar
     return solution
 
 
-def singular(t: float, row: str) -> SolverError:
-    """The error where constraints depend on each other, or a motion has no inertia; row: name of a dependent row, or ""."""
+def singular(t: float, row: str, kind: type[SolverError] = SolverError) -> SolverError:
+    """The error, of a `kind`, where constraints depend on each other, or a motion has no inertia; row: name of a dependent row,
+    or ""."""
     cause = (f"constraint {row} depends on the others there (singular position)" if row else
              "constraints depend on each other there (singular position), or a motion has no inertia")
-    return SolverError(f"accelerations and reactions are not determined at t = {t:.9g} s: {cause}; form=mb.GGL() with "
-                       "mb.RadauIIA(3) may pass a singular position", t, row)
+    return kind(f"accelerations and reactions are not determined at t = {t:.9g} s: {cause}; form=mb.GGL() with "
+                "mb.RadauIIA(3) may pass a singular position", t, row)
 
 
 def right_hand_side(system: Assembly, t: float, y: Array, out: Array) -> None:
