@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +35,7 @@ SLOW = 0.1
 #: force at an interface towards the centre, over the stiffness of the lowest vibration with an interface held and its size, that
 #: is not told: a cantilever buckles at 0.8
 LIGHT = 0.008
+STEPS = 1000  #: largest number of steps of a run at which forces at interfaces are looked at
 MORE = 6  #: further modes, beside twice as many, of the body by which the error of its modes is measured
 
 
@@ -123,10 +125,10 @@ class ReducedBody(NamesAttributes):
 
     def doubts(self, result: Any, item: Any) -> list[str]:
         """What a run may have left out, a sentence each; item: that of its modes in the scene."""
-        found, t = [], result.t
-        modes = np.array([getattr(result[item.name], mode) for mode in list(item.scalars)[: len(self.modal_mass)]])
+        found, t, scalars = [], result.t, item.scalars[: len(self.modal_mass)]
+        nodes = [result.prepared.model.coordinate_node(item.name, mode).q for mode in scalars]
         speed = np.linalg.norm(result[item.k.name].angular_velocity, axis=1)
-        sizes, bound = np.max(np.abs(modes), axis=0, initial=0), SMALL * self.size
+        sizes, bound = np.max(np.abs(result.q[:, nodes]), axis=1, initial=0), SMALL * self.size
         if (beyond := np.flatnonzero(sizes > bound)).size:
             found.append(f"at t = {t[beyond[0]]:.6g} s: a mode displaces by up to {np.max(sizes):.3g} m, more than {bound:.3g} "
                          f"m: the body moves as with small deformations, whose error is then about 1 % or more and grows with "
@@ -138,11 +140,17 @@ class ReducedBody(NamesAttributes):
             found.append(f"at t = {t[beyond[0]]:.6g} s: it turns at up to {np.max(speed):.3g} rad/s, more than {bound:.3g} "
                          f"rad/s, a tenth of its lowest angular frequency with an interface held: stiffening by centrifugal "
                          f"forces, of 1 % or more of its stiffness, is left out; reduce it with stiffening=True, or use s.beam")
-        bound = LIGHT * self._lowest_held[1] * self.size
+        bound, run = LIGHT * self._lowest_held[1] * self.size, result.solution
+        rows = {name: [f"lambda({item.k.name}.interface {name}.{a})" for a in "xyz"] for name in self.interfaces}
+        if by_run := run.names is not None and {*chain(*rows.values())} <= {*run.names}:  # its forces are unknowns of the run
+            result = result(t := run.t[:: len(run.t) // STEPS + 1])
+            y = run(t)
+        turned = result[item.k.name].rotation
         for name, place in self.interfaces.items():
             arm = place - self.center
-            along = result[item.k.name].rotation @ (arm / max(float(np.linalg.norm(arm)), 1e-300))
-            pulled = np.abs(np.sum(result[f"{item.k.name}.interface {name}"].force * along, axis=-1))
+            along = turned @ (arm / max(float(np.linalg.norm(arm)), 1e-300))
+            force = y[:, [run.names.index(row) for row in rows[name]]] if by_run else result[rows[name][0][7:-3]].force
+            pulled = np.abs(np.sum(force * along, axis=-1))
             if (beyond := np.flatnonzero(pulled > bound)).size:
                 found.append(f"at t = {t[beyond[0]]:.6g} s: a force of up to {np.max(pulled):.3g} N pulls or presses at its "
                              f"interface '{name}' towards its centre, more than {bound:.3g} N: what this changes of its "

@@ -151,9 +151,12 @@ def _listed(names: list[str]) -> str:
 
 
 def _loops(result: Result) -> list[str]:
-    """Names of the joints that close loops; none where nothing constrains the motion."""
-    prepared = result.prepared
-    return [joint.name for joint in spanning_tree(prepared.model.scene).closing if not joint.loose] if prepared.rows else []
+    """Names of the joints that close loops, those through elastic bodies from interface to interface too; none where nothing
+    constrains the motion."""
+    prepared, scene = result.prepared, result.prepared.model.scene
+    # the modes of a body are coordinates of its own: they connect nothing
+    items = [c for c in scene.connections if c.kind == "interface" or (c.is_joint and c.k is not c.l)]
+    return [item.name for item in spanning_tree(scene, items).closing if not item.loose] if prepared.rows else []
 
 
 def _dependencies(result: Result, t: float, below: float = 0.0) -> list[Dependency]:

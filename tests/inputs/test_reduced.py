@@ -267,3 +267,32 @@ def test_a_soft_pendulum_keeps_its_energy_with_every_solver_and_is_told(solver: 
     np.testing.assert_allclose(r["rod.tip"].position[-1, :2], TIP, atol=3e-4)
     assert np.max(np.abs(r.energy.total - r.energy.total[0])) < 3e-3 * np.max(r.energy.kinetic)
 
+
+
+def test_a_loop_through_an_elastic_body_closes_from_interface_to_interface_and_a_pendulum_closes_none() -> None:
+    """Singular positions are looked for in loops alone; the modes of a body connect nothing."""
+    from mbdae.run.assessment import _loops
+
+    def hung(slider: bool) -> mb.Scene:
+        s = mb.Scene("crank" if slider else "pendulum", gravity=(0, -9.81, 0))
+        s.reduced_body("rod", reduced(1))
+        s.revolute("hinge", s.ground, "rod.root", at=(0, 0, 0), axis=(0, 0, 1))
+        if slider:
+            block = s.rigid_body("block", 1.0, (0.1, 0.1, 0.1), at=(1, 0, 0))
+            s.revolute("pin", "rod.tip", block, at=(1, 0, 0), axis=(0, 0, 1))
+            s.prismatic("guide", s.ground, block, at=(1, 0, 0), axis=(1, 0, 0))
+        return s
+
+    for slider in (False, True):
+        found = _loops(hung(slider).simulate(1e-3, 1e-3))
+        assert len(found) == slider, found
+
+
+def test_a_pull_between_two_times_of_the_result_is_told() -> None:
+    """Forces at interfaces are looked at in the steps of the run, not where the result shows it."""
+    s = mb.Scene("column")
+    s.reduced_body("beam", reduced(1), damping=0.1)
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (-200 * sympy.exp(-(((mb.t - 0.05) / 5e-3) ** 2)), 0, 0))
+    with pytest.warns(mb.AccuracyWarning, match="pulls or presses at its interface"):
+        assert len(s.simulate(0.1, 1e-3, outputs=2).t) == 2
