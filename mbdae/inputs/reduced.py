@@ -41,7 +41,8 @@ MORE = 6  #: further modes, beside twice as many, of the body by which the error
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReducedBody(NamesAttributes):
-    """A flexible body by its modes, made by `craig_bampton`; lengths m, masses kg, in the axes of the finite-element model.
+    """A flexible body by its modes, made by `craig_bampton` or `free_interface`; lengths m, masses kg, in the axes of the
+    finite-element model.
 
     Modes are scaled so that the largest displacement of a node is 1 (rotations count times the size of the body): their
     coordinates are in m."""
@@ -68,6 +69,7 @@ class ReducedBody(NamesAttributes):
     interface_bends: dict[str, Array] = field(default_factory=dict)
     #: (k, 6, n) stresses at the nodes by the modes, Pa/m, xx yy zz yz xz xy; none where they are not known
     stresses: Array = field(default_factory=lambda: np.zeros((0, 6, 0)))
+    free: bool = False  #: made by `free_interface`: the modes kept, and `held_frequencies`, are those with free interfaces
 
     def __post_init__(self) -> None:
         n, k, s = np.size(self.modal_mass), len(self.nodes), len(self.bends)
@@ -163,9 +165,11 @@ class ReducedBody(NamesAttributes):
         f = self.frequencies
         if not len(f):
             return "no modes: it is rigid"
+        held = "free; with these static deformations are complete" if self.free else (
+            f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
         return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
                 f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
-                f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration; loads "
+                f"{held}; loads "
                 f"{'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
 
     def displacement(self, coordinates: Any) -> Array:
@@ -190,7 +194,24 @@ class ReducedBody(NamesAttributes):
         internal force of the second order (f k,), N, symmetric in both: K of the body strained by a small u, times v, is K v +
         that; stress: function of displacements (f k,) that returns the stresses at the nodes (k, 6), Pa, xx yy zz yz xz xy, or
         None. OptionError where the matrices are not those of such a body, with the reason."""
-        body = FiniteElements(M, K, nodes, interfaces)
+        return cls._reduced(False, (M, K, nodes, interfaces), modes, accelerations, stiffening, stress, accuracy, up_to)
+
+    @classmethod
+    def free_interface(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
+                       stiffening: Any = False, stress: Any = None, accuracy: float = 1e-3,
+                       up_to: float | None = None) -> ReducedBody:
+        """Reduce a free body to modes of vibration of the free body and, for every interface, what these leave out of the
+        deformations by its forces and torques (residual flexibility): forces at interfaces and weight deform it statically as all
+        of its freedoms would. The right modes where interfaces are held softly or not at all.
+
+        M, K, nodes, interfaces, stiffening, stress: as in `craig_bampton`; modes: number of modes of the free body, None: those
+        below up_to (Hz, the highest frequency of the loads) over the root of accuracy."""
+        return cls._reduced(True, (M, K, nodes, interfaces), modes, False, stiffening, stress, accuracy, up_to)
+
+    @classmethod
+    def _reduced(cls, free: bool, given: tuple[Any, ...], modes: Any, accelerations: Any, stiffening: Any, stress: Any,
+                 accuracy: Any, up_to: Any) -> ReducedBody:
+        body = FiniteElements(*given)
         count = None if modes is None else option("modes", modes, whole, "give the number of modes to be kept, or None",
                                                   least=0, most=body.inner.shape[1])
         stiffening = stiffening if callable(stiffening) else option("stiffening", stiffening, flag,
@@ -198,12 +219,12 @@ class ReducedBody(NamesAttributes):
         least = option("accuracy", accuracy, number, "give the largest share to be left out, such as 1e-3", above=0, most=1)
         highest = optional("up_to", up_to, number, "give the highest frequency of the loads, Hz, or None", above=0)
         found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening,
-                             (least, np.inf if highest is None else highest))
+                             (least, np.inf if highest is None else highest), free)
         if stress is not None:
             found["stresses"] = _stresses(stress, found["shapes"])
-        made = cls(**found, points=inertia_points(body.M, **found))
+        made = cls(**found, points=inertia_points(body.M, **found), free=free)
         most = min(2 * len(made.held_frequencies) + MORE, body.inner.shape[1])
-        vars(made)["finer"] = lambda: cls.craig_bampton(M, K, nodes, interfaces, most, True, stiffening, stress)
+        vars(made)["finer"] = lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to)
         return made
 
     def finer(self) -> ReducedBody:
