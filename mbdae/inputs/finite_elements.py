@@ -14,7 +14,7 @@ from mbdae.deferred import sp
 from mbdae.errors import NamesAttributes, OptionError, naming_arguments
 from mbdae.inputs.reduced import ReducedBody
 from mbdae.inputs.solids import Solid, assembled, package
-from mbdae.values import Array, array, number, option, shown, text, whole
+from mbdae.values import Array, array, flag, number, option, shown, text, whole
 
 NASTRAN = {"K": ("KAAX", "KGG", "KAA", "K"), "M": ("MAAX", "MGG", "MAA", "M")}  #: names under which DMIG writes the matrices
 
@@ -45,16 +45,18 @@ class FiniteElementModel(NamesAttributes):
         return np.flatnonzero(found)
 
     def reduced(self, interfaces: Mapping[str, Any], modes: int | None = None, accelerations: bool = False,
-                stiffening: Any = False, accuracy: float = 1e-3, up_to: float | None = None) -> ReducedBody:
-        """`ReducedBody.craig_bampton` of this model; interfaces: {name: set of nodes, see `select`}. With a mesh that was
-        assembled here stresses are known, and stiffening=True needs no function."""
+                stiffening: Any = False, accuracy: float = 1e-3, up_to: float | None = None, free: bool = False) -> ReducedBody:
+        """`ReducedBody.craig_bampton` of this model, or with free=True its `free_interface`; interfaces: {name: set of nodes, see
+        `select`}. With a mesh that was assembled here stresses are known, and stiffening=True needs no function."""
         if not isinstance(interfaces, Mapping):
             raise OptionError(f"interfaces = {shown(interfaces)}: give a dict {{'root': 'name of a set'}}")
         at = {name: self.select(where) for name, where in interfaces.items()}
         if self.solid is not None and stiffening is True:
             stiffening = self.solid.second_force
-        return ReducedBody.craig_bampton(self.M, self.K, self.nodes, at, modes, accelerations, stiffening,
-                                         None if self.solid is None else self.solid.stress, accuracy, up_to)
+        stress, given = None if self.solid is None else self.solid.stress, (self.M, self.K, self.nodes, at, modes)
+        if option("free", free, flag, "give True or False"):  # static deformations by accelerations are among its own
+            return ReducedBody.free_interface(*given, stiffening, stress, accuracy, up_to)
+        return ReducedBody.craig_bampton(*given, accelerations, stiffening, stress, accuracy, up_to)
 
 
 @naming_arguments

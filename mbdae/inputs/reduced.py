@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,12 +35,14 @@ SLOW = 0.1
 #: force at an interface towards the centre, over the stiffness of the lowest vibration with an interface held and its size, that
 #: is not told: a cantilever buckles at 0.8
 LIGHT = 0.008
+STEPS = 1000  #: largest number of steps of a run at which forces at interfaces are looked at
 MORE = 6  #: further modes, beside twice as many, of the body by which the error of its modes is measured
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReducedBody(NamesAttributes):
-    """A flexible body by its modes, made by `craig_bampton`; lengths m, masses kg, in the axes of the finite-element model.
+    """A flexible body by its modes, made by `craig_bampton` or `free_interface`; lengths m, masses kg, in the axes of the
+    finite-element model.
 
     Modes are scaled so that the largest displacement of a node is 1 (rotations count times the size of the body): their
     coordinates are in m."""
@@ -66,6 +69,7 @@ class ReducedBody(NamesAttributes):
     interface_bends: dict[str, Array] = field(default_factory=dict)
     #: (k, 6, n) stresses at the nodes by the modes, Pa/m, xx yy zz yz xz xy; none where they are not known
     stresses: Array = field(default_factory=lambda: np.zeros((0, 6, 0)))
+    free: bool = False  #: made by `free_interface`: the modes kept, and `held_frequencies`, are those with free interfaces
 
     def __post_init__(self) -> None:
         n, k, s = np.size(self.modal_mass), len(self.nodes), len(self.bends)
@@ -123,10 +127,10 @@ class ReducedBody(NamesAttributes):
 
     def doubts(self, result: Any, item: Any) -> list[str]:
         """What a run may have left out, a sentence each; item: that of its modes in the scene."""
-        found, t = [], result.t
-        modes = np.array([getattr(result[item.name], mode) for mode in list(item.scalars)[: len(self.modal_mass)]])
+        found, t, scalars = [], result.t, item.scalars[: len(self.modal_mass)]
+        nodes = [result.prepared.model.coordinate_node(item.name, mode).q for mode in scalars]
         speed = np.linalg.norm(result[item.k.name].angular_velocity, axis=1)
-        sizes, bound = np.max(np.abs(modes), axis=0, initial=0), SMALL * self.size
+        sizes, bound = np.max(np.abs(result.q[:, nodes]), axis=1, initial=0), SMALL * self.size
         if (beyond := np.flatnonzero(sizes > bound)).size:
             found.append(f"at t = {t[beyond[0]]:.6g} s: a mode displaces by up to {np.max(sizes):.3g} m, more than {bound:.3g} "
                          f"m: the body moves as with small deformations, whose error is then about 1 % or more and grows with "
@@ -138,11 +142,17 @@ class ReducedBody(NamesAttributes):
             found.append(f"at t = {t[beyond[0]]:.6g} s: it turns at up to {np.max(speed):.3g} rad/s, more than {bound:.3g} "
                          f"rad/s, a tenth of its lowest angular frequency with an interface held: stiffening by centrifugal "
                          f"forces, of 1 % or more of its stiffness, is left out; reduce it with stiffening=True, or use s.beam")
-        bound = LIGHT * self._lowest_held[1] * self.size
+        bound, run = LIGHT * self._lowest_held[1] * self.size, result.solution
+        rows = {name: [f"lambda({item.k.name}.interface {name}.{a})" for a in "xyz"] for name in self.interfaces}
+        if by_run := run.names is not None and {*chain(*rows.values())} <= {*run.names}:  # its forces are unknowns of the run
+            result = result(t := run.t[:: len(run.t) // STEPS + 1])
+            y = run(t)
+        turned = result[item.k.name].rotation
         for name, place in self.interfaces.items():
             arm = place - self.center
-            along = result[item.k.name].rotation @ (arm / max(float(np.linalg.norm(arm)), 1e-300))
-            pulled = np.abs(np.sum(result[f"{item.k.name}.interface {name}"].force * along, axis=-1))
+            along = turned @ (arm / max(float(np.linalg.norm(arm)), 1e-300))
+            force = y[:, [run.names.index(row) for row in rows[name]]] if by_run else result[rows[name][0][7:-3]].force
+            pulled = np.abs(np.sum(force * along, axis=-1))
             if (beyond := np.flatnonzero(pulled > bound)).size:
                 found.append(f"at t = {t[beyond[0]]:.6g} s: a force of up to {np.max(pulled):.3g} N pulls or presses at its "
                              f"interface '{name}' towards its centre, more than {bound:.3g} N: what this changes of its "
@@ -155,9 +165,11 @@ class ReducedBody(NamesAttributes):
         f = self.frequencies
         if not len(f):
             return "no modes: it is rigid"
+        held = "free; with these static deformations are complete" if self.free else (
+            f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
         return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
                 f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
-                f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration; loads "
+                f"{held}; loads "
                 f"{'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
 
     def displacement(self, coordinates: Any) -> Array:
@@ -182,7 +194,24 @@ class ReducedBody(NamesAttributes):
         internal force of the second order (f k,), N, symmetric in both: K of the body strained by a small u, times v, is K v +
         that; stress: function of displacements (f k,) that returns the stresses at the nodes (k, 6), Pa, xx yy zz yz xz xy, or
         None. OptionError where the matrices are not those of such a body, with the reason."""
-        body = FiniteElements(M, K, nodes, interfaces)
+        return cls._reduced(False, (M, K, nodes, interfaces), modes, accelerations, stiffening, stress, accuracy, up_to)
+
+    @classmethod
+    def free_interface(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
+                       stiffening: Any = False, stress: Any = None, accuracy: float = 1e-3,
+                       up_to: float | None = None) -> ReducedBody:
+        """Reduce a free body to modes of vibration of the free body and, for every interface, what these leave out of the
+        deformations by its forces and torques (residual flexibility): forces at interfaces and weight deform it statically as all
+        of its freedoms would. The right modes where interfaces are held softly or not at all.
+
+        M, K, nodes, interfaces, stiffening, stress: as in `craig_bampton`; modes: number of modes of the free body, None: those
+        below up_to (Hz, the highest frequency of the loads) over the root of accuracy."""
+        return cls._reduced(True, (M, K, nodes, interfaces), modes, False, stiffening, stress, accuracy, up_to)
+
+    @classmethod
+    def _reduced(cls, free: bool, given: tuple[Any, ...], modes: Any, accelerations: Any, stiffening: Any, stress: Any,
+                 accuracy: Any, up_to: Any) -> ReducedBody:
+        body = FiniteElements(*given)
         count = None if modes is None else option("modes", modes, whole, "give the number of modes to be kept, or None",
                                                   least=0, most=body.inner.shape[1])
         stiffening = stiffening if callable(stiffening) else option("stiffening", stiffening, flag,
@@ -190,12 +219,12 @@ class ReducedBody(NamesAttributes):
         least = option("accuracy", accuracy, number, "give the largest share to be left out, such as 1e-3", above=0, most=1)
         highest = optional("up_to", up_to, number, "give the highest frequency of the loads, Hz, or None", above=0)
         found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening,
-                             (least, np.inf if highest is None else highest))
+                             (least, np.inf if highest is None else highest), free)
         if stress is not None:
             found["stresses"] = _stresses(stress, found["shapes"])
-        made = cls(**found, points=inertia_points(body.M, **found))
+        made = cls(**found, points=inertia_points(body.M, **found), free=free)
         most = min(2 * len(made.held_frequencies) + MORE, body.inner.shape[1])
-        vars(made)["finer"] = lambda: cls.craig_bampton(M, K, nodes, interfaces, most, True, stiffening, stress)
+        vars(made)["finer"] = lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to)
         return made
 
     def finer(self) -> ReducedBody:

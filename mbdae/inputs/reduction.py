@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import Later, eigsh, issparse, sp, splu
+from mbdae.deferred import eigsh, issparse, later, sp, splu
 from mbdae.errors import OptionError
 from mbdae.values import Array, BadValueError, array, option, sequence, shown, whole
 
-second_displacements = Later("mbdae.inputs.stiffening", "second_displacements")
+second_displacements, free_basis = later("mbdae.inputs.stiffening", "second_displacements", "free_basis")
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")  #: freedoms of a node, in their order
 #: relative size up to which entries and forces that ought to vanish count as rounding: matrices of FE programs are written with
 #: 6 to 16 digits
@@ -131,27 +131,33 @@ class FiniteElements:
         return sp.csc_matrix(held), inner
 
     def reduced(self, modes: int | None, accelerations: bool = False, stiffening: Any = False,
-                enough: tuple[float, float] = (1e-3, np.inf)) -> dict[str, Any]:
+                enough: tuple[float, float] = (1e-3, np.inf), free: bool = False) -> dict[str, Any]:
         """The fields of `ReducedBody` with a number of modes with held interfaces; accelerations: with the static deformations by
         uniform accelerations too; stiffening: with displacements of the second order, by this function, or with True by K;
-        enough: share that modes=None may leave out, and the highest frequency (Hz) of the loads."""
+        enough: share that modes=None may leave out, and the highest frequency (Hz) of the loads; free: with modes of the free
+        body and residual flexibility, see `free_basis`, in place of modes with held interfaces."""
         held, inner = self.held, self.inner
         solve: Any = lambda forces: forces  # noqa: E731 - of no inner freedoms
         _positive("M", self.M, self._freedom)
-        basis, frequencies, left_out = held.toarray(), np.zeros(0), 0.0
+        statics, frequencies, left_out = held.toarray(), np.zeros(0), 0.0
+        basis, moved, rigid = statics, np.eye(held.shape[1]), self.rigid_interfaces
         if inner.shape[1]:
             K, M = (sp.csc_matrix(inner.T @ A @ inner) for A in (self.K, self.M))
             factors = self._stiffness(K)
             solve = factors.solve
-            static = -solve((inner.T @ (self.K @ held)).toarray())
+            statics[self.kept] -= solve((inner.T @ (self.K @ held)).toarray())
+        if inner.shape[1] and free:
+            basis, moved, rigid, frequencies = free_basis(self, solve, statics, modes, enough)
+        elif inner.shape[1]:
             values, vectors, left_out = self._held_modes(K, M, factors, modes, enough if accelerations else (enough[0], np.inf))
             frequencies = np.sqrt(values) / (2 * np.pi)
             if accelerations:
                 vectors, left_out = self._with_accelerations(M, factors, vectors), 0.0
-            basis[self.kept] += static
-            basis = np.hstack([basis, inner @ vectors])
+            basis = np.hstack([statics, inner @ vectors])
+            moved, rigid = (np.pad(a, ((0, rows), (0, columns))) for a, rows, columns in (
+                (moved, 0, vectors.shape[1]), (rigid, vectors.shape[1], 0)))
         M, K = (basis.T @ (A @ basis) for A in (self.M, self.K))
-        values, turned = self._free_modes(M, K)
+        values, turned = self._free_modes(M, K, rigid)
         shapes = (basis @ turned).reshape(len(self.nodes), self.freedoms, -1)
         largest = np.max(np.linalg.norm(shapes[:, :3], axis=1), axis=0, initial=0)
         if self.freedoms == 6:
@@ -159,15 +165,20 @@ class FiniteElements:
         # the sign of a mode is that in which the largest of its components is positive
         flat = turned / largest
         signs = np.sign(flat[[int(np.argmax(np.abs(c) > 0.999 * np.max(np.abs(c)))) for c in flat.T], np.arange(len(values))])
-        shapes, turned, mass = shapes * signs / largest, turned * signs / largest, 1 / largest**2
+        shapes, turned, mass = shapes * signs / largest, moved @ (turned * signs / largest), 1 / largest**2
         at = {name: turned[6 * i : 6 * i + 6] for i, name in enumerate(self.names)}
         found = {"mass": self.mass, "center": self.center, "inertia": self.inertia, "nodes": self.nodes,
                  "interfaces": dict(zip(self.names, self.places, strict=True)), "shapes": shapes, "modal_mass": mass,
                  "modal_stiffness": values * mass, "interface_shapes": at, "held_frequencies": frequencies, "left_out": left_out}
         if stiffening is not False:
             force = None if stiffening is True else stiffening
-            found |= second_displacements(self, found, solve, basis[:, : held.shape[1]], force)
+            found |= second_displacements(self, found, solve, statics, force)
         return found
+
+    @property
+    def rigid_interfaces(self) -> Array:
+        """(6 interfaces, 6) motions of the interfaces as the body moves as a rigid one."""
+        return np.vstack([rigid_motions(place[None], self.center, 6) for place in self.places])
 
     def _stiffness(self, K: Any) -> Any:
         """LU factors of the stiffness with held interfaces, which is positive definite."""
@@ -249,13 +260,11 @@ class FiniteElements:
         values, vectors = eigsh(K, count, M, sigma=0.0, OPinv=solve, v0=start)
         return values, vectors
 
-    def _free_modes(self, M: Array, K: Array) -> tuple[Array, Array]:
+    def _free_modes(self, M: Array, K: Array, rigid: Array) -> tuple[Array, Array]:
         """Squared angular frequencies (n,) and modes (reduced, n), of modal mass 1, of the reduced free body without its six
-        rigid motions, to which the modes are orthogonal exactly."""
+        rigid motions (reduced, 6), to which the modes are orthogonal exactly."""
         from scipy.linalg import eigh, null_space
 
-        rigid = np.zeros((len(M), 6))
-        rigid[: 6 * len(self.places)] = np.vstack([rigid_motions(place[None], self.center, 6) for place in self.places])
         size = np.sqrt(np.maximum(M.diagonal(), 0))
         if not np.min(size) > 0:
             raise OptionError("M gives a motion of an interface no inertia: give consistent masses, or its nodes rotary inertia")

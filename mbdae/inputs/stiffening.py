@@ -1,4 +1,5 @@
-"""What a body displaces by in the second order of its modes, from which loads stiffen or soften it.
+"""Displacements of a body besides those of Craig and Bampton: of the second order of its modes, from which loads stiffen or
+soften it, and those of the body with free interfaces.
 
 A beam that bends becomes shorter. Where a force or a turning frame pulls at it, this shortening does work, which is the geometric
 stiffness. A body moves by u = sum c_i shape_i + 1/2 sum c_i c_k second_ik, and its elastic energy in the coordinates c of the
@@ -17,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp
+from mbdae.deferred import eigsh, sp
 from mbdae.errors import OptionError
-from mbdae.inputs.reduction import FiniteElements, rigid_motions
+from mbdae.inputs.reduction import DENSE, MANY, SHOWN, FiniteElements, rigid_motions
 from mbdae.values import Array, array, option
 
 #: (f k,) and (f k,) displacements u and v -> (f k,) N: the internal force of the second order, symmetric in u and v; with both
@@ -192,3 +193,70 @@ def _axes(line: Array) -> Array:
     y = np.cross(np.eye(3)[np.argmin(np.abs(x))], x)
     y /= np.linalg.norm(y)
     return np.stack([x, y, np.cross(x, y)])
+
+
+def free_basis(body: FiniteElements, solve: Callable[[Array], Array], statics: Array, modes: int | None,
+               enough: tuple[float, float]) -> tuple[Array, Array, Array, Array]:
+    """Rigid motions, modes of the free body, and what these leave out of its deformation by forces at the interfaces: residual
+    flexibility, by which static deformations are complete. Inertia forces of uniform accelerations balance these forces, so that
+    weight and slow motion are shown too.
+
+    solve, statics: as in `second_displacements`; modes: number of modes, None: all below enough[1] Hz over the root of enough[0],
+    since loads shake the first mode left out by the square of their frequency over its own. Returns the basis (f k, n), the
+    motions of the interfaces by it (6 interfaces, n), the coordinates of the rigid motions (n, 6), the frequencies kept, Hz."""
+    T, b, static = sp.hstack([body.held, body.inner]).tocsc(), body.held.shape[1], statics[body.kept]
+    K, M = (sp.csc_matrix(T.T @ A @ T) for A in (body.K, body.M))
+    rigid = np.vstack([body.rigid_interfaces, body.rigid[body.kept]])
+    inertia, stiffness = M @ rigid, (statics.T @ (body.K @ statics))[6:, 6:]
+    relief = np.linalg.inv(rigid.T @ inertia)
+
+    def deformed(forces: Array) -> Array:
+        """Deformation, without rigid motion, by forces and the inertia forces of the rigid motion that they cause."""
+        f = forces - inertia @ (relief @ (rigid.T @ forces))
+        moved = np.zeros((b, *f.shape[1:]))
+        moved[6:] = np.linalg.solve(stiffness, (f[:b] + static.T @ f[b:])[6:])  # the first interface is held
+        x = np.concatenate([moved, solve(f[b:]) + static @ moved])
+        return np.asarray(x - rigid @ (relief @ (inertia.T @ x)))
+
+    values, vectors = _modes_of_free(K, M, inertia, deformed, modes, enough[1] / np.sqrt(enough[0]))
+    unit = np.eye(K.shape[0], b) / np.tile(np.repeat([1.0, body.size], 3), len(body.names))
+    whole = deformed(unit)
+    residual = whole - vectors @ (vectors.T @ unit / values[:, None])
+    energy, turned = np.linalg.eigh(residual.T @ (K @ residual))
+    kept = energy > SHOWN * np.max(np.einsum("ia,ia->a", unit, whole))
+    basis = np.hstack([rigid, vectors, residual @ turned[:, kept] / np.sqrt(energy[kept])])
+    return T @ basis, basis[:b], np.eye(basis.shape[1], 6), np.sqrt(values) / (2 * np.pi)
+
+
+def _modes_of_free(K: Any, M: Any, inertia: Array, deformed: Callable[[Array], Array], modes: int | None,
+                   below: float) -> tuple[Array, Array]:
+    """Squared angular frequencies (m,) and modes (n, m), of modal mass 1, of a free body, lowest first: `modes` of them, or with
+    None those below a frequency, Hz. inertia: M times the rigid motions; deformed: see `free_basis`."""
+    from scipy.linalg import eigh, null_space
+    from scipy.sparse.linalg import LinearOperator
+
+    n, count = K.shape[0], 12 if modes is None else modes
+    most = n - 6
+    if modes is None and not np.isfinite(below):
+        raise OptionError("modes = None: give up_to=, the highest frequency of the loads (Hz), or the number of modes")
+    while True:
+        if not count:
+            return np.zeros(0), np.zeros((n, 0))
+        if n <= DENSE or count >= most:
+            elastic = null_space((inertia / np.linalg.norm(inertia, axis=0)).T)
+            inverse, vectors = eigh(elastic.T @ M @ elastic, elastic.T @ K @ elastic)
+            order = np.argsort(-inverse)[: min(count, most)]
+            order = order[inverse[order] > 1e-14 * np.max(inverse)]
+            values, vectors = 1 / inverse[order], elastic @ vectors[:, order] / np.sqrt(inverse[order])
+        else:
+            start = deformed(np.random.default_rng(0).standard_normal(n))
+            values, vectors = eigsh(K, count, M, sigma=0.0, OPinv=LinearOperator((n, n), matvec=deformed), v0=start)
+        if modes is not None:
+            return values, vectors
+        kept = int(np.sum(values < (2 * np.pi * below) ** 2))
+        if kept < len(values) or len(values) < count:
+            if kept > MANY:
+                raise OptionError(f"modes = None: {kept} modes are below {below:g} Hz, more than {MANY}: give a larger accuracy, "
+                                  f"a smaller up_to, or the number of modes")
+            return values[:kept], vectors[:, :kept]
+        count *= 2

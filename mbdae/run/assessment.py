@@ -151,15 +151,15 @@ def _listed(names: list[str]) -> str:
 
 
 def _loops(result: Result) -> list[str]:
-    """Names of the joints that close loops; none where nothing constrains the motion."""
-    prepared = result.prepared
-    return [joint.name for joint in spanning_tree(prepared.model.scene).closing if not joint.loose] if prepared.rows else []
+    """Names of the joints that close loops, and of interfaces of elastic bodies that do; none where nothing constrains motion."""
+    prepared, scene = result.prepared, result.prepared.model.scene
+    items = [c for c in scene.connections if c.kind == "interface" or (c.is_joint and c.k is not c.l)]
+    return [item.name for item in spanning_tree(scene, items).closing if not item.loose] if prepared.rows else []
 
 
 def _dependencies(result: Result, t: float, below: float = 0.0) -> list[Dependency]:
     """The dependencies of all rows at the time t (s) of a run."""
-    at = result([t])
-    return dependencies(result.prepared.with_all_rows, len(result.prepared.rank.kept), t, at.q[0], below)
+    return dependencies(result.prepared.with_all_rows, len(result.prepared.rank.kept), t, result([t]).q[0], below)
 
 
 def _named(result: Result, near: list[Dependency]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from reduced_bodies.beam import LENGTH, PER_LENGTH, SECOND, beam_matrices, on_a_hub
+from reduced_bodies.beside import EXAMPLES, apart, exudyn
 from reduced_bodies.draw import seen
 from runner import Case, Claim, Found
 from scenes import data
@@ -69,6 +70,12 @@ def solid(shape: str, share: float) -> Found:
     return Found(off, quantity="force at the foot", note=note)
 
 
+def beside(name: str) -> list[Found]:
+    """Beside Exudyn on the same matrices; its floating frame is another one, so that places agree for small deformations."""
+    frequencies, places, note = apart(name)
+    return [Found(frequencies, 1e-8, quantity="frequencies with held interfaces"), Found(places, quantity="places", note=note)]
+
+
 def judge(seeds: Sequence[int]) -> Found:
     """How many drawn bodies the error told misses by more than a factor 3."""
     found = [seen(seed) for seed in seeds]
@@ -87,5 +94,7 @@ def cases() -> list[Case]:
             *(Case(f"{shape}, load at {share:g} of its lowest frequency", "Radau IIA",
                    lambda shape=shape, share=share: solid(shape, share), slow=True)
               for shape in ("plate", "bracket") for share in (0.1, 0.3)),
+            *(Case(f"Exudyn's example, {name}", "Radau IIA", lambda name=name: beside(name), slow=True)
+              for name in (EXAMPLES if exudyn() else ())),
             Case(f"{len(QUICK)} drawn bodies", "verify=True", lambda: judge(list(QUICK)), slow=True),
             Case("drawn bodies", "verify=True", judge, slow=True, parts=list(WHOLE))]

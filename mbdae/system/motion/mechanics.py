@@ -46,8 +46,8 @@ class Mechanics(States):
 
     @cached_property
     def sparse(self) -> bool:
-        """Whether the equations for u' and lambda are solved with sparse matrices: with beams, and for many bodies."""
-        return bool(self.model.lines) or self.large
+        """Whether the equations for u' and lambda are solved with sparse matrices: with elastic bodies, and for many bodies."""
+        return self.model.elastic or self.large
 
     @property
     def large(self) -> bool:

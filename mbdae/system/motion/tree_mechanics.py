@@ -163,6 +163,8 @@ class TreeMechanics(Mechanics):
         qr, ur = e.reduced(q, u)
         if e.moved.alone:
             return self._by_passes(t, q, qr, ur)
+        if self.model.elastic:  # many velocities for few recursive joints: the rows of these are solved with all others
+            return super()._constrained(t, q, u)
         T = e.velocity_map(t, qr)
         bias = e.accelerations(t, qr, ur, np.zeros_like(ur))
         G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), as_full(self.mass), self.closing
