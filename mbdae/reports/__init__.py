@@ -25,7 +25,7 @@ from mbdae.reports.joint_page import CONVENTION, JointReport, effort, want_effor
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.lecture import lecture, taught
 from mbdae.reports.letters import Letter, letters
-from mbdae.reports.line_page import LinePage
+from mbdae.reports.line_element import LineReport
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, Page, described, document, provenance, title_of
 from mbdae.reports.parts_page import PartPage, part_section
 from mbdae.reports.recursive_page import recursive_report
@@ -217,7 +217,7 @@ _TYPICAL: dict[type[Part], Part] = {
     LuGre: LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.4),
     Hertz: Hertz(1e9, damping=0.3),
 }
-_PAGES: dict[Any, Any] = {Joint | Coupling: JointReport, Force: ForceReport, LineLaw: LinePage, Element: ElementPage}
+_PAGES: dict[Any, Any] = {Joint | Coupling: JointReport, Force: ForceReport, LineLaw: LineReport, Element: ElementPage}
 
 
 def exported() -> dict[str, type]:
