@@ -14,6 +14,7 @@ from mbdae.documents.blocks import Equation, every, numbered
 from mbdae.laws.beam import mass_points, node_positions
 from mbdae.reports import line_element, page
 from mbdae.reports.states import interpolation
+from mbdae.system.prepare import prepare
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -82,3 +83,27 @@ def test_a_motion_that_is_not_rigid_is_told(monkeypatch):
     plain = line_element.columns
     monkeypatch.setattr(line_element, "columns", lambda P: plain(P) * (1.0 + 1e-6 * (len(P) == 20)))
     assert re.search(r"NOT EQUAL: \(\d+\) both sides", mb.report("beam").to_markdown())
+
+
+@pytest.mark.slow
+def test_laws_and_scenes_of_reduced_bodies_are_reported():
+    """Masses in space on springs: the modes, their elasticity, the interfaces and the points of inertia, each read back."""
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1]])
+    K = np.zeros((18, 18))
+    for i in range(6):
+        for j in range(i):
+            e = (nodes[i] - nodes[j]) / np.linalg.norm(nodes[i] - nodes[j])
+            g = np.zeros(18)
+            g[3 * i : 3 * i + 3], g[3 * j : 3 * j + 3] = e, -e
+            K += 1e5 * np.outer(g, g)
+    frame = mb.ReducedBody.craig_bampton(np.eye(18), K, nodes, interfaces={"foot": [0, 1, 2]}, modes=1)
+    s = mb.Scene("frame on a hinge", gravity=(0, -9.81, 0))
+    s.reduced_body("frame", frame, at=(0, 0, 0), damping=0.01)
+    s.revolute("hinge", s.ground, "frame.foot", at=(0, 0, 0))
+    laws = {type(group.instances[0].law).__name__: group.instances[0].law for group in prepare(s).model.groups}
+    assert {"InterfaceOfBody", "InertiaPoint", "ModalElasticity"} <= laws.keys()
+    for name, law in laws.items():
+        holds_and_defines(mb.report(law), name)
+    text = mb.report(s).to_markdown()
+    assert "frame.foot" in text
+    assert "NOT EQUAL" not in text
