@@ -44,23 +44,32 @@ PACKAGES = r"""\usepackage[T1]{fontenc}
 \usepackage[utf8]{inputenc}
 \usepackage{lmodern}
 """
+LOOSE = r"\setlength{\tabcolsep}{3pt}\raggedright\sloppy" + "\n"  #: names of classes do not break
 HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepackage[margin=22mm]{geometry}
 \usepackage{amsmath,amssymb,bm,graphicx,longtable,array,tikz}
 \setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
-\setlength{\tabcolsep}{3pt}\raggedright\sloppy\allowdisplaybreaks
-"""
+\allowdisplaybreaks
+""" + LOOSE
 #: text between two consecutive equations: a line end replaces it, so that they share one display
 _NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"
 _SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: regular expression of the blanks between words, outside of `$...$`
 WIDEST = 44.0  #: width of a line in em above which the whole formula is scaled to 0.9 of the text width
 LETTERS = 76.0  #: largest width of a line in letters; wider formulas are broken between terms
+NARROW = 54.0  #: the same for pieces of other documents, of which not even the text width of LaTeX's article is sure
 _LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
 
 
 def latex(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
     """The LaTeX text of a document; `files`: name of the file of a picture by the picture's id."""
-    body = "\n\n".join(_tex_block(block, 2, files or {}) for block in blocks).replace(_NEXT, " \\\\\n")
+    body = _close("\n\n".join(_tex_block(block, 2, files or {}) for block in blocks).replace(_NEXT, " \\\\\n"))
     return f"{HEAD}\\begin{{document}}\n{{\\LARGE\\bfseries {_text(title)}\\par}}\n\\medskip\n\n{body}\n\\end{{document}}\n"
+
+
+def _close(body: str) -> str:
+    """Displays belong to the paragraph above them; below a heading the empty line is taken back that TeX puts over a display."""
+    display = r"\n(?=\\begin\{gather\*\})"
+    headed = re.sub(rf"(\\(?:sub)*section\*\{{.*\}}\n){display}", r"\1\\vspace{-\\baselineskip}\n\n", body)
+    return re.sub(rf"(?<!baselineskip\}})\n{display}", "\n", headed)
 
 
 def _text(text: str) -> str:
@@ -74,15 +83,16 @@ def _text(text: str) -> str:
     return "".join(out)
 
 
-def _tex_block(block: Block, level: int, files: Mapping[int, str]) -> str:
+def _tex_block(block: Block, level: int, files: Mapping[int, str], letters: float = LETTERS) -> str:
     if isinstance(block, Section):
         level = block.level or level
         command = _LEVELS.get(level, "paragraph")
-        return "\n\n".join([f"\\{command}*{{{_text(block.title)}}}", *(_tex_block(b, level + 1, files) for b in block.blocks)])
+        inside = (_tex_block(b, level + 1, files, letters) for b in block.blocks)
+        return "\n\n".join([f"\\{command}*{{{_text(block.title)}}}", *inside])
     if isinstance(block, Paragraph):
         return _text(block.text)
     if isinstance(block, Equation):
-        tag, body = f" \\tag{{{block.number}}}" if block.number is not None else "", displayed(block.latex)
+        tag, body = f" \\tag{{{block.number}}}" if block.number is not None else "", displayed(block.latex, letters)
         note = f"\n\n{{\\small {_text(block.note)}}}" if block.note else ""
         return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
     if isinstance(block, Table):
@@ -91,7 +101,8 @@ def _tex_block(block: Block, level: int, files: Mapping[int, str]) -> str:
         return f"{{\\small\n\\begin{{verbatim}}\n{verbatim(block.text)}\n\\end{{verbatim}}}}"
     name = files.get(id(block))
     if isinstance(block.content, Drawing):
-        return f"\\begin{{center}}\n{signs(block.content.tikz())}\n\n{_text(block.caption)}\n\\end{{center}}"
+        fitting = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}"
+        return f"\\begin{{center}}\n{fitting}{{{signs(block.content.tikz())}}}\n\n{_text(block.caption)}\n\\end{{center}}"
     shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
     return f"{shown}{_text(block.caption)}"
 
@@ -110,22 +121,26 @@ def pieces_of(name: str, blocks: Sequence[Block]) -> dict[str, str]:
         places[text] = places.get(text, 0) + 1
         return text if places[text] == 1 else f"{text}-{places[text]}"
 
-    labels, left = dict[Any, str](), ""
-    for e in every(Equation, blocks):
-        left = e.latex.partition("=")[0].strip() or left
-        labels[e.number] = once(f"eq:{name}:{slug(left) or 'display'}")
     first = [b for b in blocks if not isinstance(b, Section)]
     parts = [("introduction", first), *((slug(b.title), b.blocks) for b in blocks if isinstance(b, Section))]
-    return {once(f"{name}-{part}"): _piece(inside, labels) for part, inside in parts if inside}
+    own, left = list[dict[Any, str]](), ""
+    for _, inside in parts:  # in a document of several reports each counts its equations
+        own.append({})
+        for e in every(Equation, inside):
+            left = e.latex.partition("=")[0].strip() or left
+            own[-1][e.number] = once(f"eq:{name}:{slug(left) or 'display'}")
+    labels = {number: label for found in own for number, label in found.items()}
+    return {once(f"{name}-{part}"): _piece(inside, labels | found) for (part, inside), found in zip(parts, own, strict=True)
+            if inside}
 
 
 def _piece(blocks: Sequence[Block], labels: Mapping[Any, str]) -> str:
     """Blocks of a section; displays as `equation` with their labels, numbers in tables as references."""
-    body = "\n\n".join(_tex_block(block, 4, {}) for block in blocks)
+    body = _close("\n\n".join(_tex_block(block, 4, {}, NARROW) for block in blocks))
     display = re.compile(r"\\begin\{gather\*\}\n(.*?) \\tag\{(\d+)\}\n\\end\{gather\*\}", re.DOTALL)
     body = display.sub(lambda m: f"\\begin{{equation}}\\label{{{labels[int(m[2])]}}}\n{m[1]}\n\\end{{equation}}", body)
     body = re.sub(r"(?m)^\((\d+)\)(?= )", lambda m: f"\\eqref{{{labels[int(m[1])]}}}", body)
-    return f"% needs the packages {NEEDED}\n{body}\n"
+    return f"% needs the packages {NEEDED}\n{{{LOOSE}\n{body}\n\\par}}\n"
 
 
 def slug(latex: str) -> str:
@@ -134,11 +149,12 @@ def slug(latex: str) -> str:
     return "-".join(re.findall(r"[a-z0-9]+", latex.lower())) if len(latex) < 200 else ""
 
 
-def displayed(formula: str) -> str:
-    """A formula that fits the text width: broken between its terms, scaled down where a single term is wider."""
-    lines = folded(signs(formula), LETTERS, lambda part: max(width(part), 2 * extent(part)))
+def displayed(formula: str, letters: float = LETTERS) -> str:
+    """A formula that fits a text width of so many letters: broken between its terms, scaled down where a term is wider."""
+    lines = folded(signs(formula), letters, lambda part: max(width(part), 2 * extent(part)))
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
-    return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if max(map(extent, lines)) > WIDEST else body
+    wide = max(map(extent, lines)) > WIDEST * letters / LETTERS
+    return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if wide else body
 
 
 def _tex_table(table: Table) -> str:

@@ -198,6 +198,8 @@ BINARY = {"+", "-", r"\pm"}
 #: commands that are as wide as their argument
 AROUND = {rf"\{name}" for name in ["mathbf", "boldsymbol", "mathsf", "mathrm", "text", "dot", "ddot", "tilde", "bar", "sqrt"]}
 SPACES = {r"\quad", r"\qquad"}
+#: functions, which are as wide as their names
+NAMED = {r"\sin", r"\cos", r"\tan", r"\exp", r"\ln", r"\arcsin", r"\arccos", r"\arctan", r"\sinh", r"\cosh", r"\tanh"}
 
 
 def tokens(latex: str) -> list[str]:
@@ -308,6 +310,8 @@ class _Extent:
             return 0.5
         if token in AROUND:
             return self.atom()
+        if token in NAMED:
+            return 0.45 * len(token)
         if token in RELATIONS | BINARY | {r"\times", r"\cdot"}:
             return 1.25
         return 0.2 if token in (r"\,", "(", ")", ",") else 0.17 * len(token) if token in (r"\quad",) else 0.56

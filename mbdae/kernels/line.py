@@ -330,10 +330,11 @@ def _reference_strains(mesh: LineMesh, kind: NodeKind) -> dict[str, Array]:
     return {f"reference_{name}": strains[:, :, i] for i, name in enumerate(d.stresses)}
 
 
-def mass_blocks(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind) -> Array:
-    """(m, (p + 1) nu, (p + 1) nu) consistent mass of every element in the velocities of its nodes, constant."""
+def mass_blocks(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, d: LineDerived | None = None) -> Array:
+    """(m, (p + 1) nu, (p + 1) nu) consistent mass of every element in the velocities of its nodes, constant. d: the law, by
+    default that of beams."""
     density = np.zeros((kind.sizes[1], kind.sizes[1]))
-    for place, e in derived_beam(numbers, kind).mass.items():
+    for place, e in (d or derived_beam(numbers, kind)).mass.items():
         density[place] = float(e.subs({se.Symbol(name): value for name, value in numbers.items()}))
     U = to_sections(mesh, kind)
     M = np.einsum("mab,maik,ij,mbjl->makbl", mesh.shared(mass_points(mesh.order)), U, density, U, optimize=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import symengine as se
@@ -126,7 +127,8 @@ class _ByModes(TwoBodyLaw):
     joint `of`: c1, c2, ..., m. options: their numbers, count and bends."""
 
     options: ClassVar[tuple[str, ...]] = ("count", "bends")
-    vectors: ClassVar[tuple[str, ...]] = ()  #: names of its vectors by modes: parameters "<name>_<axis>_<mode>"
+    #: names and units of its vectors by modes: parameters "<name>_<axis>_<mode>"
+    vectors: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     def __init__(self, name: str, of: str, numbers: Mapping[str, float], **values: Any) -> None:
         super().__init__(name, **values)
@@ -140,8 +142,8 @@ class _ByModes(TwoBodyLaw):
 
     def by_numbers(self) -> dict[str, Parameter]:
         """The parameters whose number is that of modes."""
-        return {f"{v}_{a}_{n + 1}": Parameter("1", "shape of a mode") for v in self.vectors for a in "xyz"
-                for n in range(self.count + self.bends)}
+        return {f"{v}_{a}_{n + 1}": Parameter(unit, f"{v} of a mode along {a}") for v, unit in self.vectors.items()
+                for a in "xyz" for n in range(self.count + self.bends)}
 
     @property
     def own_coordinates(self) -> tuple[str, ...]:
@@ -159,7 +161,7 @@ class _ByModes(TwoBodyLaw):
 class InertiaPoint(_ByModes):
     """A point mass l that moves with the floating frame k and as the body deforms."""
 
-    vectors: ClassVar[tuple[str, ...]] = ("shape",)
+    vectors: ClassVar[Mapping[str, str]] = MappingProxyType({"shape": "1"})
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:
         k, l = frames[:2]
@@ -171,7 +173,7 @@ class InertiaPoint(_ByModes):
 class InterfaceOfBody(InertiaPoint):
     """An interface l of a reduced body: it moves with the floating frame k and by the displacement and rotation of the modes."""
 
-    vectors = ("shape", "turn")
+    vectors: ClassVar[Mapping[str, str]] = MappingProxyType({"shape": "1", "turn": "rad/m"})
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:
         k, l = frames[:2]

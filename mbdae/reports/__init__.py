@@ -25,7 +25,7 @@ from mbdae.reports.joint_page import CONVENTION, JointReport, effort, want_effor
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.lecture import lecture, taught
 from mbdae.reports.letters import Letter, letters
-from mbdae.reports.line_page import LinePage
+from mbdae.reports.line_element import LineReport
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, Page, described, document, provenance, title_of
 from mbdae.reports.parts_page import PartPage, part_section
 from mbdae.reports.recursive_page import recursive_report
@@ -41,7 +41,7 @@ from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Coupling, Joint
-from mbdae.symbolic.law import Element, Force, Law, Structure
+from mbdae.symbolic.law import Element, Force, Law, Structure, TwoBodyLaw
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.outputs import dynamics
 from mbdae.symbolic.part import Part
@@ -107,7 +107,7 @@ class ForceReport(LawPage):
         if self.s.coordinates:
             text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
         blocks = self.told(text, *lines)
-        if not self.external:
+        if not self.external and self.s.sides:
             sums, _ = self.balance({side: (-pair[0], -pair[1]) for side, pair in total.items()}, must=True)
             blocks += [Paragraph("Balance:"), *sums]
         return Section("Forces on the bodies", blocks)
@@ -217,7 +217,8 @@ _TYPICAL: dict[type[Part], Part] = {
     LuGre: LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.4),
     Hertz: Hertz(1e9, damping=0.3),
 }
-_PAGES: dict[Any, Any] = {Joint | Coupling: JointReport, Force: ForceReport, LineLaw: LinePage, Element: ElementPage}
+_PAGES: dict[Any, Any] = {Joint | Coupling: JointReport, Force: ForceReport, LineLaw: LineReport, Element: ElementPage,
+                          TwoBodyLaw: JointReport}
 
 
 def exported() -> dict[str, type]:

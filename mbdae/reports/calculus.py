@@ -18,6 +18,7 @@ from mbdae.symbolic.rebuild import nodes, rebuilt
 from mbdae.symbolic.vectors import Expr
 
 _ZERO = se.Integer(0)
+Quaternion = tuple[Expr, Vector]  #: scalar and vector part
 Pair = tuple[Vector, Vector]  #: force at the point of the frame, moment about that point
 
 
@@ -286,3 +287,31 @@ def _replaced(record: NamedQuantities, atom: Any, atoms: dict[Base, Vector], sym
         value = inserted(record.vectors[atom.number], atoms, symbols)
         return plain if value.terms == record.vectors[atom.number].terms else value
     return atoms.get(atom, plain)
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The quaternion product a o b."""
+    (p, u), (q, v) = a, b
+    return p * q - dot(u, v), v * p + u * q + cross(u, v)
+
+
+def cross(u: Vector, v: Vector) -> Vector:
+    """The vector product, term by term."""
+    return sum((distributed(u, atom) * c for atom, c in v.terms.items()), u.record.zero())
+
+
+def dot(u: Vector, v: Vector) -> Expr:
+    """The inner product, term by term."""
+    return sum((p * q * u.record.dot(a, b) for a, p in u.terms.items() for b, q in v.terms.items()), _ZERO)
+
+
+def factor(a: Vector, of: Vector, move: Base) -> Vector:
+    """The vector x with a . of = x . move, for a vector a that is linear in `move`."""
+    total = a.record.zero()
+    for atom, c in a.terms.items():
+        if atom == move:
+            total = total + of * c
+        elif isinstance(atom, Product) and move in (atom.left, atom.right):
+            fixed, sign = (atom.right, 1) if atom.left == move else (atom.left, -1)
+            total = total + cross(Vector(a.record, {fixed: se.Integer(sign) * c}), of)
+    return total

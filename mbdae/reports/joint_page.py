@@ -65,6 +65,8 @@ class JointReport(LawPage):
         super().__init__(statement)
         _ = statement.gradients
         self.kernel = self.compiled(report_outputs)
+        if not statement.rows and not statement.speeds:
+            return
         self._want_rows()
         for letter, side, i in self.letters():
             self.want(letter, self.covector(self.state, side)[i], DERIVED)

@@ -161,7 +161,7 @@ class LawPage(Page):
             return (r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes")
         meaning, unit = (_TURNED if base.side in self.s.turning.values() else _BASES)[base.kind]
         side = subscript(base.side)
-        return (f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", side).replace("{what}", self.what))
+        return (f"${self.writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", side).replace("{what}", self.what))
 
     # -- values at the random states
 
@@ -174,7 +174,7 @@ class LawPage(Page):
         state, found = self.state, inertial_axes(self.state.points)
         found |= {letter.latex: (lambda name=name: state.symbol(name)) for name, letter in self.known.items()}
         bases = [Base(kind, side) for side in self.s.record.sides for kind in _BASES]
-        return found | {Writer.plain(base): (lambda base=base: state.atom(base)) for base in bases}
+        return found | {self.writer.plain(base): (lambda base=base: state.atom(base)) for base in bases}
 
     def compiled(self, outputs: Outputs) -> dict[Any, Any]:
         """Outputs of the compiled kernel (LLVM) at the states, by target."""

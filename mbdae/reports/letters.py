@@ -284,3 +284,51 @@ def _meanings(new: Mapping[str, tuple[str, str]]) -> str:
         shown = ", ".join(f"${latex}$" for _, each in parts for latex in each)
         said.append(f"{shown}{f' ({unit})' if unit != '1' else ''}: {kind if len(parts) > 1 else parts[0][0]}")
     return "; ".join(said)
+
+
+# -- letters of elements of lines: index i for their nodes, none for their integration points
+
+_ALONG, _OF = "derivative by the length", "change of ${}$"
+#: of an element of a law on a line
+SCALARS_OF_ELEMENTS = {
+    "L": Letter("L_i", "1", "shape function of node i: 1 there, 0 at all others"), "Ls": Letter("L_i'", "1/m", _ALONG),
+    "weight": Letter("w", "m", "weight of the integration point: that of Gauss times the length per unit of the element"),
+    "p0i": Letter("p_{0i}", "1", "scalar part of the quaternion of node i"), "p0": Letter("p_0", "1", "value at the point"),
+    "p0s": Letter("p_0'", "1/m", _ALONG), "nu": Letter(r"\nu", "1", "square of the quaternion's length"),
+    "u0": Letter("u_0", "1", "scalar part of the inverse quaternion"), "k0": Letter("k_0", "1/m", "stretch of the quaternion"),
+    "a0": Letter(r"\alpha_i", "1", "scalar part of the quaternion that turns the section to node i"),
+    "b0": Letter(r"\beta_i", "1", "part of the rotation of node i that the section takes as it is"),
+    "b0s": Letter(r"\beta_i'", "1/m", _ALONG), "s0": Letter(r"\Lambda_0", "1", "relative change of the quaternion's length"),
+    "s0s": Letter(r"\Lambda_0'", "1/m", _ALONG), "db0": Letter(r"\Delta\beta_i", "1", _OF.format(r"\beta_i")),
+    "db0s": Letter(r"\Delta\beta_i'", "1/m", _OF.format(r"\beta_i'")),
+}
+VECTORS_OF_ELEMENTS = {
+    Base("r", "i"): (r"\mathbf{r}_i", "m", "position of node i"),
+    Base("p", "i"): (r"\mathbf{p}_i", "1", "vector part of the quaternion of node i"),
+    Base("p", "b"): (r"\mathbf{p}", "1", "value at the point"), Base("ps", "b"): (r"\mathbf{p}'", "1/m", _ALONG),
+    Base("u", "b"): (r"\mathbf{u}", "1", "vector part of the inverse quaternion"),
+    Base("k", "b"): (r"\mathbf{k}", "1/m", "half the curvature, inertial"),
+    Base("a", "i"): (r"\mathbf{a}_i", "1", "vector part of the quaternion that turns the section to node i"),
+    Base("b", "i"): (r"\mathbf{b}_i", "1", "part of the rotation of node i that the section takes crosswise"),
+    Base("bs", "i"): (r"\mathbf{b}_i'", "1/m", _ALONG),
+    Base("dr", "i"): (r"\delta\mathbf{r}_i", "m", "virtual displacement of node i"),
+    Base("dpsi", "i"): (r"\delta\boldsymbol{\psi}_i", "rad", "virtual rotation of node i"),
+    Base("Dr", "i"): (r"\Delta\mathbf{r}_i", "m", "displacement of node i"),
+    Base("Dpsi", "i"): (r"\Delta\boldsymbol{\psi}_i", "rad", "rotation of node i"),
+    Base("Drs", "b"): (r"\Delta\mathbf{r}'", "1", _OF.format(r"\mathbf{r}'")),
+    Base("Dpsi", "b"): (r"\Delta\boldsymbol{\psi}", "rad", "rotation of the section"),
+    Base("Dpsis", "b"): (r"\Delta\boldsymbol{\psi}'", "rad/m", _ALONG),
+    Base("Db", "i"): (r"\Delta\mathbf{b}_i", "1", _OF.format(r"\mathbf{b}_i")),
+    Base("Dbs", "i"): (r"\Delta\mathbf{b}_i'", "1/m", _OF.format(r"\mathbf{b}_i'")),
+    Base("dv", "i"): (r"\dot{\mathbf{v}}_i", "m/s^2", "acceleration of node i"),
+    Base("dv", "b"): (r"\dot{\mathbf{v}}", "m/s^2", "acceleration of the axis"),
+    Base("W", "i"): (r"\boldsymbol{\Omega}_i", "rad/s", "angular velocity of the section at node i, in its own axes"),
+    Base("W", "b"): (r"\boldsymbol{\Omega}", "rad/s", "angular velocity of the section, in its own axes"),
+    Base("dW", "i"): (r"\dot{\boldsymbol{\Omega}}_i", "rad/s^2", "rate of $\\boldsymbol{\\Omega}_i$"),
+    Base("dW", "b"): (r"\dot{\boldsymbol{\Omega}}", "rad/s^2", "rate of $\\boldsymbol{\\Omega}$"),
+    Base("H", "i"): (r"\mathbf{H}_i", "N m s", "angular momentum of node i, in its own axes"),
+}
+for _x, _unit, _by in (("n", "N", r"\delta\mathbf{r}'"), ("q", "N", r"\delta\boldsymbol{\psi}"),
+                       ("m", "N m", r"\delta\boldsymbol{\psi}'")):
+    VECTORS_OF_ELEMENTS[Base(_x, "b")] = rf"\mathbf{{{_x}}}", _unit, f"factor of ${_by}$ in the virtual work per length"
+    VECTORS_OF_ELEMENTS[Base(f"D{_x}", "b")] = rf"\Delta\mathbf{{{_x}}}", _unit, _OF.format(rf"\mathbf{{{_x}}}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -48,16 +49,25 @@ CONVENTION = (
 class LineWriter(Writer):
     """LaTeX writer for the vectors of a line."""
 
-    @staticmethod
-    def plain(base: Base) -> str:
-        return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else _BASES[base][0]
+    told = _BASES  #: of every vector LaTeX, unit and meaning
+
+    def plain(self, base: Base) -> str:
+        return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else self.told[base][0]
+
+    def rows(self) -> list[list[str]]:
+        """Rows of a table of symbols for the vectors written so far."""
+        axes = [[r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"]]
+        rows = [Letter(*letter).row for base, letter in self.told.items() if base in self.bases]
+        return [*rows, *(axes if any(base.kind == "E" for base in self.bases) else [])]
 
 
 class LinePage(Page):
     """The page of a law stated at a point of a line."""
 
+    writer: LineWriter
+
     def __init__(self, law: type[LineLaw], structure: Structure) -> None:
-        self.cls, self.law, self.record = law, law.symbolic(structure), NamedQuantities()
+        self.cls, self.structure, self.law, self.record = law, structure, law.symbolic(structure), NamedQuantities()
         self.d: LineDerived = derive_line(law, structure, NodeKind.SPATIAL)
         self.flat: LineDerived = derive_line(law, structure, NodeKind.PLANAR)
         K, W = (Vec(*(se.Symbol(f"{name}{i + 1}") for i in range(3))) for name in ("kappa", "spin"))
@@ -86,19 +96,18 @@ class LinePage(Page):
             self.known[f"kappa{i + 1}"] = Letter(f"\\kappa_{i + 1}", "1/m", what)
             self.known[f"spin{i + 1}"] = Letter(f"\\Omega_{i + 1}", "rad/s", f"angular velocity about axis {i + 1}")
 
-    def document(self) -> Document:
-        """The whole report."""
+    def written(self, elements: Sequence[tuple[Page, list[Block]]]) -> Document:
+        """The whole report. elements: pages on what elements make of the law, with their blocks."""
         pages: list[tuple[Any, list[Block]]] = [(self, self.blocks())]
         if self.strains:
             linear = LinearPage(self)
             pages.append((linear, linear.blocks()))
+        pages += elements
         convention = CONVENTION if self.strains else ""
         return document(title_of(self.cls), described(self.cls), pages, convention, [self._origin()])
 
     def symbols(self) -> list[list[str]]:
-        rows = [Letter(*letter).row for base, letter in _BASES.items() if base in self.writer.bases]
-        axes = [[r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"]]
-        return [*rows, *super().symbols(), *(axes if any(base.kind == "E" for base in self.writer.bases) else [])]
+        return [*self.writer.rows(), *super().symbols()]
 
     def given(self) -> dict[str, Any]:
         known: dict[str, Any] = {letter.latex: (lambda name=name: self.symbol(name)) for name, letter in self.known.items()}
@@ -176,14 +185,17 @@ class LinePage(Page):
             found[name] = (move, turn, slope)
         return found
 
+    @cached_property
+    def resultants(self) -> list[Vector]:
+        """The factors of delta r', delta psi and delta psi' in the virtual work of the stress resultants per length."""
+        parts = [[part * se.Symbol(name) for part in each] for name, each in self.variations.items()]
+        return [sum(of, self.record.zero()) for of in zip(*parts, strict=True)]
+
     def _balance(self) -> Section:
         """Virtual work of the stress resultants, and the balance equations that follow by partial integration."""
-        w, record = self.writer, self.record
-        work, sums = se.Integer(0), [record.zero()] * 3
-        for name, parts in self.variations.items():
-            change = sum((part @ self.a[kind] for part, kind in zip(parts, ("drs", "dpsi", "dpsis"), strict=True)), se.Integer(0))
-            work += se.Symbol(name) * change
-            sums = [total + part * se.Symbol(name) for total, part in zip(sums, parts, strict=True)]
+        w, record, sums = self.writer, self.record, self.resultants
+        work = sum((se.Symbol(name) * (part @ self.a[kind]) for name, parts in self.variations.items()
+                    for part, kind in zip(parts, ("drs", "dpsi", "dpsis"), strict=True)), se.Integer(0))
         letters = (r"\mathbf{n}", r"\mathbf{q}", r"\mathbf{m}")
         along = "the forces that are integrated, along a virtual displacement of the fields"
         lines = [self.line(r"\delta W", work, self._work(), along)]
@@ -229,18 +241,24 @@ class LinePage(Page):
         line = self.line(r"\mathbf{p}_f", load, np.stack(values, -1), "the force that is integrated")
         return [self.section("Load", "Force per reference length on the axis, N/m:", line)]
 
-    def _inertia(self) -> list[Section]:
-        """Kinetic energy per length and the momenta derived from it."""
-        kinetic, record = se.sympify(self.law.kinetic_energy(self.x)), self.record
-        if kinetic == 0:
-            return []
-        momentum, spin = record.zero(), record.zero()
+    @cached_property
+    def momenta(self) -> tuple[Vector, dict[str, Any]]:
+        """Momentum per length, and the derivatives of the kinetic energy by the angular velocities."""
+        kinetic, momentum, spins = se.sympify(self.law.kinetic_energy(self.x)), self.record.zero(), dict[str, Any]()
         for symbol in sorted(kinetic.free_symbols, key=str):
             p = se.diff(kinetic, symbol)
-            if symbol in record.dots:
+            if symbol in self.record.dots:
                 momentum = momentum + self.a["v"] * (2 * p)
             elif str(symbol).startswith("spin"):
-                spin = spin + self.x.axes[int(str(symbol)[-1]) - 1] * p
+                spins[str(symbol)] = p
+        return momentum, spins
+
+    def _inertia(self) -> list[Section]:
+        """Kinetic energy per length and the momenta derived from it."""
+        kinetic, (momentum, spins) = se.sympify(self.law.kinetic_energy(self.x)), self.momenta
+        if kinetic == 0:
+            return []
+        spin = sum((self.x.axes[int(name[-1]) - 1] * p for name, p in spins.items()), self.record.zero())
         u = np.concatenate([self.random["v"], np.stack([self.symbol(f"spin{i}") for i in (1, 2, 3)], -1)], 1)
         mass = np.zeros((POINTS, 6, 6))
         for (i, j), e in self.d.mass.items():

@@ -30,7 +30,7 @@ BALANCE = "the energy balance of a run"
 NEXT_TO_ZERO = 1e-4
 SYMBOLS = ["symbol", "unit", "meaning"]  #: headings of a table of symbols
 #: tokens that occur in formulas but in no single symbol
-_FORMULA = {"+", "-", r"\times", r"\cdot", r"\frac", r"\begin", r"\left"}
+_FORMULA = {"+", "-", r"\times", r"\cdot", r"\frac", r"\begin", r"\left", r"\sum"}
 _ZEROS = (("0",), tuple(key_of(r"\mathbf{0}")))
 
 

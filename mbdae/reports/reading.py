@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,8 +85,19 @@ class Symbols:
         return max(found, key=len) if found else None
 
 
-#: what a value is, by its number of dimensions (0 to 3), of which the first counts the states
-_KINDS = ("a number", "a number", "a vector", "a matrix")
+class Summed(NamedTuple):
+    r"""The value of a sign such as `\sum_i`: states, points and nodes of arrays of this shape are summed along an axis."""
+
+    shape: tuple[int, int, int]
+    axis: int
+
+    def of(self, values: Array) -> Array:
+        """The sum of what follows the sign, at every state, point and node."""
+        each = values.reshape(*self.shape, *values.shape[1:])
+        return np.asarray(np.broadcast_to(each.sum(axis=self.axis, keepdims=True), each.shape).reshape(values.shape))
+
+
+_KINDS = ("a number", "a number", "a vector", "a matrix")  #: what a value is, by its number of dimensions, the first of states
 
 
 class LatexReader:
@@ -186,7 +197,8 @@ class LatexReader:
             if self.peek() in ("_", "'"):
                 index = "".join(self.line[self.i : self.i + 6])
                 raise self._fault_of_mbdae(f"{''.join(key)} has a value, but not with the index or accent after it: {index}")
-            return self.symbols.value(key)
+            found = self.symbols.value(key)
+            return found.of(self.product()) if isinstance(found, Summed) else found
         token = self.take()
         if token.isdigit() or token == ".":
             return self._number(token)

@@ -64,6 +64,7 @@ def parameter_unit(instance: Instance, name: str) -> str:
 
 
 LARGEST_SCENE = 60  #: largest number of multipliers for which a closed form is sought; with more the page says that there is none
+SLIGHTLY = 1e-6  #: factor of the displacements of beams' nodes in random states: forces of their elements would drown all others
 SHORT = 2  #: largest number of symbols in an entry of G that is written out instead of getting a letter
 
 
@@ -125,8 +126,7 @@ class SceneEquations:
     def _refuse(self) -> None:
         model = self.prepared.model
         joints = "its joints have no constraint rows" if model.scene.joints else "the scene has no joints"
-        reasons = {joints: not self.m.m, "its beams are flexible": bool(model.lines),
-                   "its reactions are not unique": bool(self.prepared.rank.dropped),
+        reasons = {joints: not self.m.m, "its reactions are not unique": bool(self.prepared.rank.dropped),
                    "friction follows from the reactions": bool(self.m.reactive),
                    f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}
         for reason, holds in reasons.items():
@@ -161,7 +161,9 @@ class SceneEquations:
 
     def mass_letter(self, i: int, j: int) -> str:
         """The letter of an entry of the mass matrix."""
-        v, name = self.velocities[i], self.velocities[i].below
+        v, name, other = self.velocities[i], self.velocities[i].below, self.velocities[j].below
+        if name.partition(",")[0].strip("{}") != other.partition(",")[0].strip("{}"):
+            return f"{v.mass}_{{{name[1:-1]};{other[1:-1]}}}"
         if i != j:
             return f"{v.mass}_{{{name[1:-1]}{self.velocities[j].below[-2]}}}"
         return f"{v.mass}_{name.rpartition(',')[0]}}}" if v.mass == "m" and "," in name else f"{v.mass}_{name}"
@@ -173,11 +175,8 @@ class SceneEquations:
         return {i: {int(j): float(row[j]) for j in np.flatnonzero(row)} for i, row in enumerate(full)}
 
     def _equations(self) -> dict[int, Coefficients]:
-        """Every row of the equations of motion, by its place in u."""
-        rows: dict[int, Coefficients] = {
-            at: {None: self.letter(f"p{at}", f"p^{v.letter}_{v.below}", v.effort.of_force, f"inertia less forces along: {v.of}")}
-            for at, v in self.velocities.items()
-        }
+        """The rows of the equations of motion, by their places in u: of beams those of nodes on which joints act."""
+        rows: dict[int, Coefficients] = {at: {} for at in self.velocities}
         groups = self.prepared.model.groups
         for n, row in enumerate(self.m.rows):
             d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
@@ -185,7 +184,10 @@ class SceneEquations:
                 first = node.u if node is not None else 0
                 for (_, _, i), e in scatter_pair(f, d.G[row.row][f.side]) if node is not None else []:
                     rows[first + i][self.unknowns[n]] = self._entry(n, first + i, e)
-        return rows
+        inside = {node.u + i for line in self.prepared.model.lines for node in line.nodes for i in range(node.kind.sizes[1])}
+        return {at: row | {None: self.letter(f"p{at}", f"p^{v.letter}_{v.below}", v.effort.of_force,
+                                             f"inertia less forces along: {v.of}")}
+                for (at, v), row in zip(self.velocities.items(), rows.values(), strict=True) if row or at not in inside}
 
     def _entry(self, n: int, at: int, e: Expr) -> Expr:
         """An entry of G in letters of the scene; one letter for an entry of more than `SHORT` symbols."""
@@ -261,15 +263,20 @@ class SceneEquations:
 
     # -- values at states
 
-    def values(self, t: Any, q: Any, u: Any, s: Any = None) -> tuple[dict[str, Any], Any]:
-        """Values of all letters by their LaTeX, and the multipliers (nt, m), at states of the scene."""
-        change, multipliers = self.m.accelerations(t, q, u, s)
-        load, known = self.m.load(t, q, u, s), dict[str, Any]()
-        for at, v in self.velocities.items():
-            acceleration, force = f"\\ddot{{{v.letter}}}_{v.below}", f"f^{v.letter}_{v.below}"
-            known |= {acceleration: change[:, at], force: load[:, at]}
-            known |= {self.mass_letter(at, j): np.full(len(t), m) for j, m in self.mass[at].items()}
+    def values(self, t: Any, q: Any, u: Any, s: Any = None, z: Any = None) -> tuple[dict[str, Any], Any]:
+        """Values of all letters by their LaTeX, and the multipliers (nt, m), at states of the scene. z: stresses of its beams,
+        by default those that follow from the strains."""
+        change, multipliers = self.m.accelerations(t, q, u, s, z)
+        load, known = self.m.load(t, q, u, s, z), dict[str, Any]()
+        for at in dict.fromkeys(j for i in self.rows for j in (i, *self.mass[i])):
+            v = self.velocities[at]
+            acceleration = f"\\ddot{{{v.letter}}}_{v.below}"
+            known[acceleration] = change[:, at]
             self.said[acceleration] = Said(f"{v.unit}/s^2", f"second rate: {v.of}")
+        for at in self.rows:
+            v, force = self.velocities[at], f"f^{self.velocities[at].letter}_{self.velocities[at].below}"
+            known[force] = load[:, at]
+            known |= {self.mass_letter(at, j): np.full(len(t), m) for j, m in self.mass[at].items()}
             self.said[force] = Said(v.effort.of_force, f"all forces but reactions along: {v.of}")
             for j in self.mass[at]:
                 meaning = "inertia: " + " and ".join(dict.fromkeys((v.of, self.velocities[j].of)))
@@ -285,7 +292,10 @@ class SceneEquations:
     def states(self) -> tuple[Any, Any, Any, Any]:
         """Random states around the start; loops may be open, as the balances hold there too, recursive joints are satisfied."""
         start, rng = self.prepared.start, np.random.default_rng(8)
-        q = start.q + 1e-3 * self.prepared.length * rng.normal(size=(POINTS, len(start.q)))
+        size = np.full(len(start.q), 1e-3 * self.prepared.length)
+        for node in (node for line in self.prepared.model.lines for node in line.nodes):
+            size[node.q : node.q + node.kind.sizes[0]] *= SLIGHTLY
+        q = start.q + size * rng.normal(size=(POINTS, len(start.q)))
         t, u = np.full(POINTS, start.t), rng.normal(size=(POINTS, len(start.u)))
         return t, *self.m.admissible(t, q, u), np.tile(start.s, (POINTS, 1))
 

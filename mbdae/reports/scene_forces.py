@@ -119,6 +119,9 @@ class ClosedForms(SceneEquations, Page):
             " can be solved one after the other, by determinants; where a block has more rows than multipliers, every choice of"
             " as many counts by the square of its determinant. A block has no solution where its divisor, marked $\\ne 0$, is 0:"
         )
+        if self.prepared.model.lines:
+            told += (" Of beams, the nodes at which joints act: their inertia is that of the mass matrix, their forces are those"
+                     " of their elements and loads, as `mb.report(\"beam\")` derives them.")
         told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
         on_l = "The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there:"
         return [
@@ -132,7 +135,8 @@ class ClosedForms(SceneEquations, Page):
         """For every velocity of the bodies the equation that defines p, mass times acceleration less applied force, and the
         balance of p with the joint forces."""
         w, lines = self.writer, []
-        for at, v in self.velocities.items():
+        for at in self.rows:
+            v = self.velocities[at]
             terms = [f"{self.mass_letter(at, j)}\\,\\ddot{{{self.velocities[j].letter}}}_{self.velocities[j].below}"
                      for j in self.mass[at]]
             lines.append(f"{self.latex[f'p{at}']} = {' + '.join(terms)} - f^{v.letter}_{v.below}")

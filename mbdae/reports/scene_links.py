@@ -73,6 +73,8 @@ class Links(ClosedForms):
         self.letters_of: dict[Node, list[tuple[Expr, Expr, Expr]]] = {}  #: of bodies to which a dyad has given an angle
         self._coordinates: dict[Expr, Node] = {}  #: symbols of coordinates in couplings that are not known yet
         super().__init__(prepared)
+        if prepared.model.lines:
+            raise ValueError("its beams are flexible, so that more than one coordinate moves it")
         if not prepared.model.planar:
             raise ValueError("it moves in space")
         odd = [n.name for n in prepared.model.nodes if n.kind not in (NodeKind.PLANAR, NodeKind.COORDINATE)]

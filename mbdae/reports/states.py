@@ -9,6 +9,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.reports.reading import Summed
 from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Vector
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
@@ -19,6 +20,7 @@ from mbdae.system.model.nodes import quaternion, rotation_matrices, turned
 POINTS = 20  #: number of random states in every check that states no other number
 STEP = 1e-30  #: size of the complex step
 _RELATIONS = {"LessThan": np.less_equal, "StrictLessThan": np.less, "Equality": np.equal, "Unequality": np.not_equal}
+Array = NDArray[Any]
 Values = dict[str, NDArray[Any]]
 
 
@@ -264,7 +266,7 @@ class LineState:
         """Values of a vector of the cross-section (points, 3)."""
         _, P = self._fields()
         slope, _ = self._fields("_xi")
-        return slope / self.given["ds"][:, None] if base.kind == "rs" else _columns(P)[..., "xyz".index(base.kind)]
+        return slope / self.given["ds"][:, None] if base.kind == "rs" else columns(P)[..., "xyz".index(base.kind)]
 
     def symbol(self, name: str) -> Any:
         """Value of a curvature, parameter or stress resultant by its name (points,)."""
@@ -299,9 +301,49 @@ class LineState:
         return LineState(None, None, given)
 
 
-def _columns(P: Any) -> Any:
+def columns(P: Any) -> Any:
     """Rotation matrices (points, 3, 3) of quaternions, real or complex."""
     n = np.sum(P * P, axis=-1)[:, None, None]
     p0, p = P[:, 0, None, None], P[:, 1:]
     tilde = np.stack([np.cross(p, np.broadcast_to(e, p.shape)) for e in np.eye(3)], axis=-1)
     return np.eye(3) + 2 * (p0 * tilde + tilde @ tilde) / n
+
+
+class Layout:
+    """Values of nodes and integration points as one long array over states, points and nodes."""
+
+    def __init__(self, points: int, nodes: int) -> None:
+        self.shape = (POINTS, points, nodes)
+
+    def node(self, values: Array) -> Array:
+        """Nodal values (states, nodes, ...)."""
+        return self._flat(np.broadcast_to(values[:, None], (*self.shape, *values.shape[2:])))
+
+    def point(self, values: Array) -> Array:
+        """Values at the integration points (states, points, ...)."""
+        return self._flat(np.broadcast_to(values[:, :, None], (*self.shape, *values.shape[2:])))
+
+    def whole(self, values: Array) -> Array:
+        """Values of the element (states, ...)."""
+        return self._flat(np.broadcast_to(values[:, None, None], (*self.shape, *values.shape[1:])))
+
+    def both(self, values: Array) -> Array:
+        """Values of nodes at points (points, nodes), or (states, points, nodes)."""
+        return self._flat(np.broadcast_to(values, self.shape))
+
+    def sums(self) -> dict[str, Any]:
+        """The sums over nodes and points by their LaTeX."""
+        return {rf"\sum_{letter}": Summed(self.shape, axis) for letter, axis in (("i", 2), ("g", 1))}
+
+    def _flat(self, values: Array) -> Array:
+        return values.reshape(-1, *values.shape[3:])
+
+
+def interpolation(order: int, points: int) -> tuple[Array, Array, Array]:
+    """Gauss weights (points,) on the unit interval, values and slopes (points, nodes) of the polynomials that are 1 at one node
+    and 0 at the others: the ends, and between them the extrema of the Legendre polynomial of this order."""
+    gauss, weights = np.polynomial.legendre.leggauss(points)
+    inner: Any = np.polynomial.legendre.Legendre.basis(order).deriv().roots()
+    at, nodes = (gauss + 1) / 2, np.r_[0, (np.sort(inner) + 1) / 2, 1]
+    found = [np.poly1d(np.delete(nodes, i), r=True) / np.prod(x - np.delete(nodes, i)) for i, x in enumerate(nodes)]
+    return weights / 2, np.stack([p(at) for p in found], -1), np.stack([p.deriv()(at) for p in found], -1)

@@ -37,8 +37,7 @@ class Writer:
         #: called before a formula is written; gives letters to newly named quantities
         self.renew: Callable[[], None] = lambda: None
 
-    @staticmethod
-    def plain(base: Base) -> str:
+    def plain(self, base: Base) -> str:
         """LaTeX of a frame vector."""
         return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else f"{_VECTORS[base.kind]}_{subscript(base.side)}"
 

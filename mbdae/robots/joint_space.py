@@ -14,8 +14,7 @@ from mbdae.disk.entries import key_of
 from mbdae.errors import LawError, OptionError, SceneError, unknown_name
 from mbdae.kernels import Kernel
 from mbdae.laws.joint_rows import Free
-from mbdae.robots.couplings import FLOATS, Coordinate, Folded, folded_of
-from mbdae.robots.pivots import NOTHING_MOVED, first_of, refuse_singular, singular
+from mbdae.robots.couplings import FLOATS, NOTHING_MOVED, Coordinate, Folded, first_of, folded_of, refuse_singular, singular
 from mbdae.robots.tree import UNIT, JointSpaceProgram
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.record import item_name, without

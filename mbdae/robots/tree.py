@@ -20,8 +20,7 @@ from mbdae.kernels.tree_passes import Place, TreePasses
 from mbdae.kernels.tree_plan import Inline
 from mbdae.laws.bodies import RigidBody
 from mbdae.laws.forces import Gravity
-from mbdae.robots.couplings import Coordinate, Folded
-from mbdae.robots.pivots import rounding
+from mbdae.robots.couplings import Coordinate, Folded, rounding
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.links import directions

@@ -16,8 +16,7 @@ from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.laws.on_coordinates import Gear, JointStop, Rack, WeightedSum
 from mbdae.robots import GROUND, Pose, library
 from mbdae.robots.bounds import add, all_digits, geom_of, quiet
-from mbdae.robots.couplings import FLOATS, acting, couples, differences, unusual
-from mbdae.robots.pivots import solid
+from mbdae.robots.couplings import FLOATS, acting, couples, differences, solid, unusual
 from mbdae.scene.models import spanning_tree
 from mbdae.scene.shapes import joint_axes
 from mbdae.symbolic.motion import Step, symbolic_steps

@@ -217,6 +217,8 @@ class JointShapes(Collected):
 
     def _joint(self, item: Connection) -> None:
         free = freedom(item)
+        if free is None and item.joint.freedoms() == 6:
+            return  # it holds nothing, as the modes of a reduced body
         if free is None:
             self._by_rows(item, item.joint)
         else:
