@@ -146,7 +146,8 @@ class Solids:
 
         self.shapes = [(shape, seen.polyline(shape)) for shape in shapes]
         self.colours = np.array([np.array(to_rgb(x.colour)) * (1 - DARKER * shade) for x in shapes for shade in x.shades])
-        self.light = symbols.unit(np.roll(LIGHT, "xyz".index(upwards(seen)) - 2))
+        k, down = upwards(seen)
+        self.light = symbols.unit(np.roll(LIGHT, k - 2) * np.where([down and i != (k + 1) % 3 for i in range(3)], -1, 1))
         self.faces = axes.add_collection3d(Poly3DCollection(self._corners(0)), autolim=False)
         self.faces.set(zorder=LOOKS["solid"].layer, linewidth=0.3)
 
@@ -164,9 +165,10 @@ class Solids:
         self.faces.set_edgecolor(colours)
 
 
-def upwards(seen: Geometry) -> str:
-    """Name of the axis that is drawn upright in space."""
-    return "xyz"[int(np.argmax(np.abs(seen.gravity)))] if np.any(seen.gravity) else "z"
+def upwards(seen: Geometry) -> tuple[int, bool]:
+    """Number of the axis that is drawn upright in space, and whether it points down, along gravity."""
+    k = int(np.argmax(np.abs(seen.gravity))) if np.any(seen.gravity) else 2
+    return k, bool(seen.gravity[k] > 0)
 
 
 def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
@@ -184,11 +186,13 @@ def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
     axes = figure.add_subplot(position, projection="3d", computed_zorder=False)
     axes.set_proj_type("ortho")
     half = np.maximum((high - low) / 2 + pad, 0.3 * float(np.max(high - low)))
-    for name, c, h in zip("xyz", (low + high) / 2, half, strict=True):
+    k, down = upwards(seen)
+    for i, (name, c, h) in enumerate(zip("xyz", (low + high) / 2, half, strict=True)):
+        h = -h if down and i != (k + 1) % 3 else h  # with the one that points down another axis is reversed: no mirror image
         axes.set(**{f"{name}lim": (c - h, c + h), f"{name}label": f"{name} [m]"})
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
     axes.set_box_aspect(half, zoom=0.95)
-    axes.view_init(elev=22, azim=-55, vertical_axis=upwards(seen))
+    axes.view_init(elev=22, azim=-55, vertical_axis="xyz"[k])
     return axes
 
 

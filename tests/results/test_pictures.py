@@ -142,3 +142,15 @@ def test_plots_have_a_band_of_the_error() -> None:
             np.testing.assert_allclose([middle.min(), middle.max()], wanted, rtol=1e-12)
     bare = s.simulate(0.5, solver=mb.RadauIIA(3, rtol=1e-4))
     assert not bare.plot("A.angle").axes[0].collections  # no error is known
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, 9.81), (0, 9.81, 0), (9.81, 0, 0), (0, 0, -9.81), (0, -9.81, 0)])
+def test_in_space_the_weight_pulls_down_in_the_picture_which_is_no_mirror_image(gravity: tuple[float, ...]) -> None:
+    s = mb.Scene("ball on a rod", gravity=gravity)
+    s.rigid_body("body", 1.0, (0.1, 0.2, 0.3), at=(0.1, 0.2, 0.3))
+    axes = s.draw().axes[0]
+    seen = axes.get_proj()[:2, :3]  # directions of the picture, to the right and up, over the axes of the scene
+    down = seen @ gravity
+    assert down[1] < 0
+    assert abs(down[0]) < 1e-9 * abs(down[1])
+    assert np.linalg.det(axes.get_proj()[:3, :3]) < 0  # right, up, and away from the viewer; above 0 in a mirror
