@@ -138,7 +138,7 @@ class Picture:
 
 
 class Solids:
-    """Faces of all solids in space in one collection, so that nearer faces hide those behind."""
+    """Faces of all solids in space in one collection, so that nearer faces hide those behind; those turned away are left out."""
 
     def __init__(self, axes: Any, seen: Geometry, shapes: list[Outline]) -> None:
         from matplotlib.colors import to_rgb
@@ -148,8 +148,9 @@ class Solids:
         self.colours = np.array([np.array(to_rgb(x.colour)) * (1 - DARKER * shade) for x in shapes for shade in x.shades])
         k, down = upwards(seen)
         self.light = symbols.unit(np.roll(LIGHT, k - 2) * np.where([down and i != (k + 1) % 3 for i in range(3)], -1, 1))
+        self.axes = axes
         self.faces = axes.add_collection3d(Poly3DCollection(self._corners(0)), autolim=False)
-        self.faces.set(zorder=LOOKS["solid"].layer, linewidth=0.3)
+        self.faces.set(zorder=LOOKS["solid"].layer, linewidth=0.8)
 
     def _corners(self, i: int) -> list[Array]:
         return [points[i][list(face)] for shape, points in self.shapes for face in shape.faces]
@@ -158,9 +159,10 @@ class Solids:
         """Move every face to the i-th time."""
         corners = self._corners(i)
         out = np.array([np.cross(c[2] - c[0], c[-1] - c[1]) for c in corners])
-        lit = out @ self.light / np.maximum(np.linalg.norm(out, axis=1), 1e-300)
-        colours = self.colours * (0.62 + 0.38 * np.clip(lit, 0, 1))[:, None]
-        self.faces.set_verts(corners)
+        seen = np.flatnonzero(out @ np.cross(*self.axes.get_proj()[:2, :3]) > 0)
+        lit = out[seen] @ self.light / np.maximum(np.linalg.norm(out[seen], axis=1), 1e-300)
+        colours = self.colours[seen] * (0.62 + 0.38 * np.clip(lit, 0, 1))[:, None]
+        self.faces.set_verts([corners[k] for k in seen])
         self.faces.set_facecolor(colours)
         self.faces.set_edgecolor(colours)
 

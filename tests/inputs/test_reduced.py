@@ -12,6 +12,8 @@ from reduced_bodies.beam import DENSITY, LENGTH, PER_LENGTH, SECOND, beam_matric
 from scipy.linalg import eigh
 
 import mbdae as mb
+from mbdae.show.shapes import geometry
+from mbdae.show.symbols import skin
 
 ENDS = {"root": [0], "tip": [10]}
 TIP = (0.958541919, -0.285008145)  #: m, of the soft pendulum after 0.2 s, by a run to an accuracy of 1e-7
@@ -267,3 +269,29 @@ def test_a_soft_pendulum_keeps_its_energy_with_every_solver_and_is_told(solver: 
     np.testing.assert_allclose(r["rod.tip"].position[-1, :2], TIP, atol=3e-4)
     assert np.max(np.abs(r.energy.total - r.energy.total[0])) < 3e-3 * np.max(r.energy.kinetic)
 
+
+def test_a_body_of_modes_is_drawn_as_it_bends(tmp_path: Any) -> None:
+    """A soft pendulum of nodes on a line is a bar whose end is where its tip is; the points of its inertia are not drawn."""
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.reduced_body("blade", reduced(4, E=1e8), at=(0, 0, 0))
+    s.revolute("hinge", s.ground, "blade.root", at=(0, 0, 0))
+    r = s.simulate(0.2, accuracy=1e-4, outputs=5)
+    seen = geometry(r)
+    (bar,) = (shape for shape in seen.shapes if shape.kind == "bar")
+    assert bar.item == "blade"
+    np.testing.assert_allclose(seen.polyline(bar)[:, -1], r["blade.tip"].position, atol=1e-6)
+    assert np.max(np.ptp(np.diff(seen.polyline(bar)[-1], axis=0), axis=0)) > 1e-3  # it is bent
+    assert not [label.text for label in seen.labels if "inertia" in label.text]
+    r.animate(tmp_path / "blade.html")
+
+
+@pytest.mark.parametrize("sides", [(1.0, 0.2, 0.1), (0.3, 0.3, 0.3), (1.0, 1.0, 0.0)])
+def test_the_skin_of_nodes_is_closed_and_has_the_volume_of_the_body(sides: tuple[float, ...]) -> None:
+    nodes = np.array([(x, y, z) for x in range(5) for y in range(5) for z in range(5)]) / 4 * sides + [3.0, -1.0, 2.0]
+    numbers, faces = skin(nodes)
+    corners = nodes[numbers][np.array(faces)]
+    edges = sorted((face[i], face[i - 2]) for face in faces for i in range(3))
+    assert edges == sorted((b, a) for a, b in edges)  # each edge lies between two triangles, once in each direction
+    volume = np.linalg.det(corners - [3.0, -1.0, 2.0]).sum() / 6
+    assert volume == pytest.approx(np.prod(sides), abs=1e-12)
+    assert len(numbers) > 20

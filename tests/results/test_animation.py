@@ -42,7 +42,8 @@ def test_a_gif_has_the_colours_of_bodies_that_others_hide_for_a_while(tmp_path: 
     from PIL import Image
 
     s = mb.Scene("crank behind its rod")
-    crank, rod = s.link("crank", (0, 0), (0, 1), mass=1.0, color="#0072B2"), s.link("rod", (0, 1), (3, 0), mass=1.0, color="#D55E00")
+    crank = s.link("crank", (0, 0), (0, 1), mass=1.0, color="#0072B2")
+    rod = s.link("rod", (0, 1), (3, 0), mass=1.0, color="#D55E00")
     s.revolute("A", s.ground, crank, at=(0, 0), angle=np.pi * mb.t)
     s.revolute("B", crank, rod, at=(0, 1))
     s.point_on_line("C", s.ground, rod, at=(3, 0), axis=(1, 0, 0))
