@@ -65,3 +65,18 @@ def published_angles(result):
     a = {name: result[name].angle for name in ("O", "F", "B", "G", "A5", "H", "A7")}
     changes = (a["O"], a["F"], a["B"], -a["G"], a["A5"], -a["H"], a["A7"])
     return np.stack(changes, axis=1) + START
+
+
+def run():
+    """The 30 ms of the test set."""
+    return scene().simulate(t_end, accuracy=1e-7)
+
+
+def number(r):
+    """Angle beta of the crank at the end, rad."""
+    return published_angles(r)[-1, 0], 15.81077119629904
+
+
+def picture(r):
+    """Angle of the crank, and the force in its bearing."""
+    return r.plot("O.angle", "O.force")

@@ -50,17 +50,15 @@ def computed_torque(s):
     torques, force, moment = [], sp.zeros(3, 1), sp.zeros(3, 1)
     for arm, axis, own_moment, own_force in reversed(loads):
         moment, force = named(moment + own_moment), named(force + own_force)
-        torques.insert(0, axis.dot(moment))
-        moment = moment + arm.cross(force)
+        torques, moment = [axis.dot(moment), *torques], moment + arm.cross(force)
     return torques
 
 
 def pid(t, *values):
     """A PID for every joint; memory: the integrals of the errors."""
-    angles, rates, integral = np.array(values[:6]), np.array(values[6:12]), values[12]
-    error = START - angles
-    integral = integral + 0.001 * error
-    return GAINS * (100 * error - 20 * rates + 200 * integral), integral
+    error = START - np.array(values[:6])
+    integral = values[12] + 0.001 * error
+    return GAINS * (100 * error - 20 * np.array(values[6:12]) + 200 * integral), integral
 
 
 GAINS = np.array([4, 6, 2, 0.1, 0.02, 0.003])  # kg m^2

@@ -19,6 +19,7 @@ LAW = mb.Hertz(1e11, 0.5)
 
 t_end = 1.4  # s
 measure = "ball.position"
+WITHIN = 2e-3  # relative, of the number: elastic contact ends a little later
 
 
 def scene(mu=100.0):
@@ -42,3 +43,18 @@ def left(result):
     """The angle (rad) at which the first contact of a run ends."""
     x, y, _ = result(result["drum"].contacts.end[0])["ball"].position[0]
     return math.atan2(x, y)
+
+
+def run():
+    """The ball that rolls."""
+    return scene().simulate(t_end, accuracy=1e-4)
+
+
+def number(r):
+    """Angle at which it leaves, rad."""
+    return left(r), leaves()
+
+
+def picture(r):
+    """Force of the contact, and spin."""
+    return r.plot("drum.normal_force", "ball.angular_velocity")

@@ -13,6 +13,8 @@ Run it:  mbdae run examples/bouncing_ball.py --out out
 
 import math
 
+import numpy as np
+
 import mbdae as mb
 
 RADIUS, MASS, HEIGHT, SPEED, G = 0.1, 1.0, 1.0, 0.7, 9.81  # m, kg, m under the ball, m/s, m/s^2
@@ -20,6 +22,7 @@ LAW = mb.Hertz(1e10, damping=0.05)
 
 t_end = 3.0  # s
 measure = "ball.position"
+WITHIN = 1e-3  # relative, of the number: an impact takes a millisecond
 
 
 def scene():
@@ -39,3 +42,20 @@ def hops(count):
         found.append((time, speed**2 / (2 * G)))
         time += 2 * speed / G
     return found
+
+
+def run():
+    """Three seconds."""
+    return scene().simulate(t_end, accuracy=1e-6)
+
+
+def number(r):
+    """Height of the first hop, m."""
+    impacts = r["floor"].contacts
+    between = np.linspace(impacts.end[0], impacts.begin[1], 400)
+    return np.max(r(between)["ball"].position[:, 2]) - RADIUS, hops(1)[0][1]
+
+
+def picture(r):
+    """Height and speed."""
+    return r.plot("ball.position[2]", "ball.velocity[0]")

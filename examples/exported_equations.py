@@ -53,6 +53,21 @@ def by_scipy(mass=1.0):
     return float(run.y[[entry.name for entry in export.inputs["y"]].index("elbow.angle"), -1])
 
 
+def run():
+    """Two seconds by mbdae."""
+    return scene().simulate(t_end, accuracy=1e-9)
+
+
+def number(r):
+    """Angle of the elbow after two seconds by SciPy, rad; expected by mbdae."""
+    return by_scipy(), r["elbow"].angle[-1]
+
+
+def picture(r):
+    """Angles of shoulder and elbow."""
+    return r.plot("shoulder.angle", "elbow.angle")
+
+
 if __name__ == "__main__":
     for mass in (1.0, 0.2):
         own = scene(mass).simulate(t_end, accuracy=1e-9)["elbow"].angle[-1]

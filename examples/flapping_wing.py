@@ -16,8 +16,8 @@ clearance), "recursive" (all of elastic links, of rigid ones those that close no
 5-12 a beam too (then all hinges lie on nodes, and the model in space has 42 multipliers); `stiffness` scales the
 section; `sense` -1 turns back.
 
-The closed form of the rigid wing, `tip`, takes one circle after the other: point 4 is at its distances from 2 and 12, then 7 from
-3 and 6, then 9 from 7 and 8; bodies B, D and H carry the other points along.
+The closed form of the rigid wing, `tip` in flapping_wing_study.py, takes one circle after the other: point 4 is at its distances
+from 2 and 12, then 7 from 3 and 6, then 9 from 7 and 8; bodies B, D and H carry the other points along.
 
 Run it:  mbdae run examples/flapping_wing.py --out out          (with --solver hht: HHT, its step found from the accuracy)
 """
@@ -78,38 +78,15 @@ def scene(flexible=False, case="I", elements=1, frame=False, stiffness=1.0, sens
     return s
 
 
-def carried(p, q, drawn_p, drawn_q, drawn):
-    """Where a point of a body is whose points p and q have moved; points in the plane as complex numbers."""
-    return p + (q - p) * (drawn - drawn_p) / (drawn_q - drawn_p)
-
-
-def corner(p, q, drawn_p, drawn_q, drawn):
-    """The point at its drawn distances from p and q, on the side of p-q on which it is drawn."""
-    a, b, d = abs(drawn - drawn_p), abs(drawn - drawn_q), abs(q - p)
-    along = (a**2 - b**2 + d**2) / (2 * d)
-    side = np.sign(((drawn - drawn_p) / (drawn_q - drawn_p)).imag)
-    return p + (q - p) / d * (along + 1j * side * np.sqrt(a**2 - along**2))
-
-
-def tip(t):
-    """Height of the left tip (nt,), m, at times t (nt,) s: the rigid wing in closed form."""
-    z = {n: 0.01 * complex(*xy) for n, xy in POINTS.items()}
-    p2 = z[1] + (z[2] - z[1]) * np.exp(1j * OMEGA * t)
-    p4 = corner(p2, z[12], z[2], z[12], z[4])
-    p3 = carried(p2, p4, z[2], z[4], z[3])
-    p6, p8 = (carried(p4, z[12], z[4], z[12], z[n]) for n in (6, 8))
-    p7 = corner(p3, p6, z[3], z[6], z[7])
-    p9 = corner(p7, p8, z[7], z[8], z[9])
-    return carried(p8, p9, z[8], z[9], z[11]).imag
-
-
 def run():
     """One turn of the cranks, rigid links."""
     return scene().simulate(t_end, accuracy=1e-7, outputs=501)
 
 
 def number(r):
-    """Stroke of the tip, m."""
+    """Stroke of the tip, m; expected in closed form."""
+    from flapping_wing_study import tip
+
     return np.ptp(r["LH"].at(1.0).position[:, 1]), np.ptp(tip(r.t))
 
 

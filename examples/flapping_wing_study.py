@@ -20,13 +20,38 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from flapping_wing import INNER, OUTER, measure, t_end
+from flapping_wing import INNER, OMEGA, OUTER, POINTS, measure, t_end
 from flapping_wing import scene as wing
 
 import mbdae as mb
 
 __all__ = ["measure", "scene", "t_end"]
 scene = partial(wing, flexible=True)
+
+
+def carried(p, q, drawn_p, drawn_q, drawn):
+    """Where a point of a body is whose points p and q have moved; points in the plane as complex numbers."""
+    return p + (q - p) * (drawn - drawn_p) / (drawn_q - drawn_p)
+
+
+def corner(p, q, drawn_p, drawn_q, drawn):
+    """The point at its drawn distances from p and q, on the side of p-q on which it is drawn."""
+    a, b, d = abs(drawn - drawn_p), abs(drawn - drawn_q), abs(q - p)
+    along = (a**2 - b**2 + d**2) / (2 * d)
+    side = np.sign(((drawn - drawn_p) / (drawn_q - drawn_p)).imag)
+    return p + (q - p) / d * (along + 1j * side * np.sqrt(a**2 - along**2))
+
+
+def tip(t):
+    """Height of the left tip (nt,), m, at times t (nt,) s: the rigid wing in closed form."""
+    z = {n: 0.01 * complex(*xy) for n, xy in POINTS.items()}
+    p2 = z[1] + (z[2] - z[1]) * np.exp(1j * OMEGA * t)
+    p4 = corner(p2, z[12], z[2], z[12], z[4])
+    p3 = carried(p2, p4, z[2], z[4], z[3])
+    p6, p8 = (carried(p4, z[12], z[4], z[12], z[n]) for n in (6, 8))
+    p7 = corner(p3, p6, z[3], z[6], z[7])
+    p9 = corner(p7, p8, z[7], z[8], z[9])
+    return carried(p8, p9, z[8], z[9], z[11]).imag
 
 
 def pictures(out, accuracy=1e-4, **options):

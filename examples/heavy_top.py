@@ -45,3 +45,18 @@ def centre(t):
 
     y = solve_ivp(rate, (0, t[-1]), np.r_[np.eye(3).ravel(), SPIN], method="DOP853", rtol=1e-12, atol=1e-12, t_eval=t).y
     return np.einsum("ijt,j->ti", y[:9].reshape(3, 3, -1), X)
+
+
+def run():
+    """One second."""
+    return scene().simulate(t_end, accuracy=1e-7)
+
+
+def number(r):
+    """Height of the centre of mass after half a second, m."""
+    return r(0.5)["top"].position[0, 2], centre(np.array([0.0, 0.5]))[-1, 2]
+
+
+def picture(r):
+    """The path of the centre of mass, seen from above."""
+    return r.orbit("top")

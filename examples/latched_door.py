@@ -46,3 +46,19 @@ def rebound():
     """Speed after the stop over that before it, without the latch."""
     z = DAMPING / (2 * math.sqrt(INERTIA * (STOP + CLOSER)))
     return math.exp(-2 * z * math.acos(z) / math.sqrt(1 - z**2))
+
+
+def run():
+    """The door with its latch."""
+    return scene().simulate(t_end, accuracy=1e-6)
+
+
+def number(r):
+    """Rate with which a door without latch meets the stop, rad/s."""
+    free = scene(latch=False).simulate(t_end, accuracy=1e-7)
+    return -free(free["hinge"].contacts.begin[0])["hinge"].rate[0], speed_at_the_stop()
+
+
+def picture(r):
+    """The door is caught."""
+    return r.plot("hinge.angle", "latch.normal_force")

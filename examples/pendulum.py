@@ -51,3 +51,18 @@ def period_measured(result):
         there = result(t)["hinge"]
         t = t - there.angle / there.rate
     return 2 * float(t[-1] - t[0]) / (len(t) - 1)
+
+
+def run():
+    """Six seconds from 135 degrees."""
+    return scene().simulate(t_end, accuracy=1e-8)
+
+
+def number(r):
+    """Period, s."""
+    return period_measured(r), period_exact()
+
+
+def picture(r):
+    """Angle and rate."""
+    return r.plot("hinge.angle", "hinge.rate")

@@ -47,6 +47,21 @@ def torques(t):
     return scene(driven=False).tree().inverse_dynamics(*path(t))
 
 
+def run():
+    """The arm driven along its path."""
+    return scene().simulate(t_end, accuracy=1e-8)
+
+
+def number(r):
+    """Largest torque of the shoulder by the tree, N m; expected by the drive of the run."""
+    return np.max(np.abs(torques(r.t)[:, 1])), np.max(np.abs(r["shoulder"].drive))
+
+
+def picture(r):
+    """Torques of the drives."""
+    return r.plot(*(f"{name}.drive" for name in NAMES))
+
+
 if __name__ == "__main__":
     r = scene().simulate(t_end, accuracy=1e-8)
     tree, wanted = scene(driven=False).tree(), torques(r.t)

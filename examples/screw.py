@@ -33,7 +33,7 @@ class Screw(mb.Joint):
 def scene():
     """A nut on a vertical screw; the axis points down, so the travel is positive."""
     s = mb.Scene("screw", gravity=(0, 0, -G))
-    nut = s.rigid_body("nut", MASS, (INERTIA, INERTIA, INERTIA), at=(0, 0, 0))
+    nut = s.rigid_body("nut", MASS, (INERTIA, INERTIA, INERTIA), at=(0, 0, 0), shape=mb.Box(size=(0.08, 0.08, 0.03)))
     s.joint(Screw, "thread", s.ground, nut, at=(0, 0, 0), axis=(0, 0, -1), pitch=PITCH)
     return s
 
@@ -41,3 +41,18 @@ def scene():
 def travel(t):
     """Travel in m at time t in s, from rest."""
     return G / (1 + INERTIA / (MASS * PITCH**2)) * t**2 / 2
+
+
+def run():
+    """Two seconds of fall."""
+    return scene().simulate(t_end, accuracy=1e-7)
+
+
+def number(r):
+    """Travel in two seconds, m."""
+    return r["thread"].displacement[-1], travel(t_end)
+
+
+def picture(r):
+    """Travel and rate."""
+    return r.plot("thread.displacement", "nut.velocity")

@@ -38,7 +38,8 @@ def scene(speed=0.6 * CRITICAL):
     section = replace(section, GA2=1e3 * section.GA2, GA3=1e3 * section.GA3)
     hub = s.rigid_body("hub", 0.1, (1e-4, 1e-4, 1e-4), at=(0, 0, 0))
     shaft = s.beam("shaft", (0, 0, 0), (LENGTH, 0, 0), section=section, elements=2, order=3, axis2=(0, 1, 0))
-    disk = s.rigid_body("disk", DISK, INERTIA, at=(LENGTH / 2, OFF, 0))
+    disk = s.rigid_body("disk", DISK, INERTIA, at=(LENGTH / 2, OFF, 0),
+                        shape=mb.Cylinder(axis=(1, 0, 0), radius=0.1, length=0.03))
     s.revolute("drive", s.ground, hub, at=(0, 0, 0), axis=(1, 0, 0), angle=speed * mb.t)
     s.weld("coupling", hub, shaft, at=(0, 0, 0))
     s.weld("mount", shaft, disk, at=(LENGTH / 2, 0, 0))

@@ -121,15 +121,15 @@ class Scene(SceneData):
         begin = start if start is None or isinstance(start, Start) else option("start", start, of_class, START, base=Result)
         return system_for(prepare(self, begin.state_for(self) if isinstance(begin, Result) else begin), chosen)
 
-    def draw(self, path: Any = None, hide: Sequence[str] = ()) -> Any:
+    def draw(self, path: Any = None, hide: Sequence[str] = (), ax: Any = None) -> Any:
         """The scene as it starts: bodies, joints, forces, ground and names, in the plane or in space; a matplotlib figure.
 
-        path: .png, .svg or .pdf to write. hide: names of items that are left out, one or a list. Raises SceneError with every
-        problem found."""
+        path: .png, .svg or .pdf to write. hide: names of items that are left out, one or a list. ax: axes of matplotlib to draw
+        in, with projection="3d" for a scene in space. Raises SceneError with every problem found."""
         from mbdae.show.drawing import draw
         from mbdae.show.plots import checked, names_of
 
-        return draw(prepare(self), checked(path, what="draw") if path is not None else None, names_of("hide", hide))
+        return draw(prepare(self), checked(path, what="draw") if path is not None else None, names_of("hide", hide), ax)
 
     def __repr__(self) -> str:
         forces = len(self._items) - len(self.bodies) - len(self.joints)

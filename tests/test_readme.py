@@ -48,7 +48,7 @@ def is_printed(said: str, printed: str) -> bool:
 def test_python_blocks_run_and_print_what_they_say(text, line, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(compile("\n" * line + text, "README.md", "exec"), {"__name__": "readme"})  # errors name the line of the README
-    assert not list(tmp_path.iterdir())
+    assert sorted(file.name for file in tmp_path.iterdir()) == re.findall(r'animate\("(.*?)"', text)
     comments = [statement.split("  # ")[1] for statement in text.splitlines() if statement.startswith("print(")]
     printed = capsys.readouterr().out.splitlines()
     assert len(printed) == len(comments)
@@ -102,11 +102,15 @@ def test_commands_are_understood(command, monkeypatch, tmp_path):
 def test_first_screen_is_short_and_marked():
     lines = README.splitlines()
     shown = [i for i, text in enumerate(lines) if "![" in text]
-    assert shown[0] < 12, "a picture and a moving mechanism before anything else"
-    assert lines[shown[0]].count("![") == 2
+    assert shown[0] < 12, "a moving mechanism before anything else"
+    language, made, _ = BLOCKS[0]
+    assert language == "python"
+    assert "docs/img/" + re.findall(r'animate\("(.*?)"', made)[0] in lines[shown[0]], "the picture that the first block makes"
+    assert len([line for line in made.splitlines() if line]) <= 10
     assert "](http" not in README, "no badges"
-    assert [language for language, _, line in BLOCKS if line <= 45][:3] == ["bash", "bash", "python"]
-    for mark, command in (("<!-- ci: main -->", "python3 -m venv "), ("<!-- ci: test -->", ".venv/bin/python -m pytest")):
+    assert [language for language, _, line in BLOCKS if line <= 60][:3] == ["python", "bash", "bash"]
+    assert "| Simulate | Derive | Compare |" in lines[:45]
+    for mark, command in (("<!-- ci: main -->", "python3 -m venv "), ("<!-- ci: test -->", ".venv/bin/python -m pip ")):
         at = [i for i, text in enumerate(lines) if text == mark]
         assert len(at) == 1
         assert lines[at[0] + 1] == "```bash"

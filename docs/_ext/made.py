@@ -9,6 +9,8 @@ A page is made again where the package or its example is newer than it.
 from __future__ import annotations
 
 import ast
+import contextlib
+import html
 import importlib
 import os
 import re
@@ -16,17 +18,14 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from cards import CARDS, GALLERY, moving, said
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES, MADE, IMAGES = ROOT / "examples", ROOT / "docs" / "made", ROOT / "docs" / "img"
-#: the gallery: a file of examples/ by its title; each has run(), number(run) -> (found, expected) and picture(run)
-GALLERY = {
-    "Four-bar": "four_bar", "Flapping wing": "flapping_wing", "Gyroscope": "gyroscope", "Robot arm": "arm_control",
-    "Rotor in ground resonance": "ground_resonance", "Planetary gear": "gearbox_torques", "Suspension": "quarter_car",
-    "Over-constrained loop": "over_constrained_loop", "Crane": "crane", "Stick-slip": "stick_slip",
-    "Whirling shaft": "whirling_shaft", "Slider-crank with clearance": "slider_crank_clearance",
-}
 #: pages of theory: title, and what `mb.report` is asked for (an expression)
 THEORY = {
     "revolute": "mb.Revolute", "prismatic": "mb.Prismatic", "spherical": "mb.Spherical", "universal": "mb.Universal",
@@ -57,26 +56,34 @@ def theory(name: str) -> None:
 
 
 def example(name: str) -> None:
-    """The page of an example: its picture, its number, its docstring and its code."""
-    module = importlib.import_module(name)
+    """The page of an example: a player, its number, its docstring, its code and its plot; and the moving picture of its card."""
+    module, card = importlib.import_module(name), CARDS[name]
     run = module.run()
-    found, expected = module.number(run)
+    number = said(module, module.number(run))
+    for folder in ("cards", "players"):
+        (MADE / "site" / folder).mkdir(parents=True, exist_ok=True)
     module.picture(run).savefig(MADE / f"{name}.png", dpi=110)
-    title = next(title for title, file in GALLERY.items() if file == name)
+    moving(card, run, MADE / "site" / "cards" / name)
+    card.of(run).animate(MADE / "site" / "players" / f"{name}.html", trail=list(card.trail) or None, hide=list(card.hide))
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
-    said = (module.number.__doc__ or "").splitlines()[0].rstrip(".")
-    (MADE / f"{name}.md").write_text(f"""# {title}
+    (MADE / f"{name}.md").write_text(f"""# {card.title}
 
-![{title}]({name}.png)
+{card.lesson}
+
+```{{raw}} html
+<iframe class="player" src="../players/{name}.html" title="{card.title} in motion" loading="lazy"></iframe>
+```
+
+**{number}.**
 
 {paragraphs(ast.get_docstring(ast.parse(text)) or "")}
-
-**{said}:** {found:.7g} computed, {expected:.7g} expected.
 
 ```{{literalinclude}} ../../examples/{name}.py
 :language: python
 :start-at: import
 ```
+
+![{module.picture.__doc__}]({name}.png)
 """, encoding="utf-8")
 
 
@@ -101,13 +108,17 @@ def paragraphs(text: str) -> str:
 
 
 def pictures() -> None:
-    """The pictures of the README: the wing in motion, the rotor's comparison that the first command draws, and its motion."""
+    """The pictures of the README: the mechanism of its first block, the wing in motion, the rotor's comparison that the first
+    command draws, and its motion."""
     import flapping_wing
     import ground_resonance
 
     import mbdae as mb
 
     IMAGES.mkdir(exist_ok=True)
+    first = re.search(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    with contextlib.chdir(IMAGES):
+        exec(first[1] if first else "")
     wing = flapping_wing.run()
     joints = [joint.name for joint in wing.prepared.model.scene.joints]
     wing.animate(IMAGES / "flapping_wing.gif", fps=16, speed=0.25, hide=joints)
@@ -127,7 +138,7 @@ def pages() -> None:
     """All pages that are stale, in as many processes as there are processors."""
     MADE.mkdir(exist_ok=True)
     copied()
-    sources = {("example", name): EXAMPLES / f"{name}.py" for name in GALLERY.values()} | {
+    sources = {("example", name): EXAMPLES / f"{name}.py" for name in CARDS} | {
         ("theory", name): EXAMPLES / "four_bar.py" for name in THEORY} | {("arena", "arena"): Path(__file__)}
     package = newest(ROOT / "mbdae", Path(__file__))
     wanted = [page for page, source in sources.items() if stale(page_of(*page), package, source)]
@@ -155,19 +166,32 @@ def relinked(app: Any, page: str, source: list[str]) -> None:
 
 
 def gallery() -> Any:
-    """The directive `gallery`: a picture of every example, which leads to its page."""
+    """The directive `gallery`: the cards of a group, or of the examples that are named; each picture moves under the pointer, or
+    where it has the focus, as by a tap."""
     from docutils import nodes
     from docutils.parsers.rst import Directive
-    from docutils.statemachine import StringList
 
     class Grid(Directive):
+        has_content = True
+        option_spec: ClassVar[dict[str, Any]] = {"only": str.split}
+        optional_arguments, final_argument_whitespace = 1, True
+
         def run(self) -> list[nodes.Node]:
-            grid = nodes.container(classes=["gallery"])
-            lines = [f"[![{title}](made/{name}.png) {title}](made/{name}.md)\n" for title, name in GALLERY.items()]
-            self.state.nested_parse(StringList("\n".join(lines).splitlines(), ""), self.content_offset, grid)
-            return [grid]
+            names = self.options["only"] if "only" in self.options else GALLERY[self.arguments[0]]
+            return [nodes.raw("", f'<div class="cards">{"".join(map(card_of, names))}</div>', format="html")]
 
     return Grid
+
+
+def card_of(name: str) -> str:
+    """A card as HTML."""
+    card = CARDS[name]
+    number = re.search(r"^\*\*(.*)\*\*$", (MADE / f"{name}.md").read_text(encoding="utf-8"), re.MULTILINE)
+    title, lesson, told = (html.escape(text) for text in (card.title, card.lesson, number[1] if number else ""))
+    pictures = "".join(f'<img class="{kind}" src="cards/{name}.{suffix}" alt="" width="320" height="240" loading="lazy">'
+                       for kind, suffix in (("still", "png"), ("moving", "gif")))
+    return (f'<figure><div class="film" tabindex="0" role="img" aria-label="{title} in motion">{pictures}</div><figcaption>'
+            f'<a href="made/{name}.html">{title}</a><p>{lesson}</p><p class="number">{told}</p></figcaption></figure>')
 
 
 def setup(app: Any) -> dict[str, bool]:

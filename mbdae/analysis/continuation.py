@@ -108,12 +108,12 @@ class Branch:
         columns = {self.name: self.values, "period": self.periods, "stable": self.stable}
         return pd.DataFrame(columns | {f"peak of {sensor}": self.peaks(sensor) for sensor in sensors})
 
-    def plot(self, sensor: str | None = None, path: Any = None) -> Any:
+    def plot(self, sensor: str | None = None, path: Any = None, ax: Any = None) -> Any:
         """The peaks of a sensor (default: the largest multiplier or root) over the number, solid where stable, with the places
-        located; a matplotlib figure. path: .png, .svg or .pdf to write."""
+        located; a matplotlib figure. path: .png, .svg or .pdf to write. ax: axes of matplotlib to draw in."""
         from mbdae.show.plots import plot_branch
 
-        return plot_branch(self, sensor, path)
+        return plot_branch(self, sensor, path, ax)
 
     def __repr__(self) -> str:
         found = "".join(f", {one.kind} at {one.value:.9g} +- {one.error:.1g}" for one in self.located)

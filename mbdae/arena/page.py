@@ -24,6 +24,7 @@ from mbdae.errors import OptionError
 from mbdae.files import write_file
 from mbdae.notation import counted
 from mbdae.show import Figure
+from mbdae.show.plots import given_axes
 from mbdae.study import Study, bullets, document, grid, headings, html_row, html_table, made_with, section
 from mbdae.values import option, path, shown
 
@@ -97,9 +98,9 @@ class Arena(Study):
     def _page(self) -> str:
         return page(self)
 
-    def plot(self) -> Any:
-        """Performance profiles of the programs, as a matplotlib figure."""
-        return figure(self.comparisons)
+    def plot(self, ax: Any = None) -> Any:
+        """Performance profiles of the programs, as a matplotlib figure. ax: axes of matplotlib to draw in, one for each level."""
+        return figure(self.comparisons, ax=ax)
 
     def save(self, folder: Any) -> Path:
         """Write the arena into a folder, which may be new: index.html, arena.json with all data, summary.txt, environment.json,
@@ -225,10 +226,13 @@ def colour(name: str, names: Sequence[str]) -> str:
     return COLOURS.get(name) or FURTHER[others.index(name) % len(FURTHER)]
 
 
-def figure(comparisons: Compared, stacked: bool = False) -> Any:
-    """Performance profiles of the programs at the levels, side by side or stacked."""
-    made = Figure(figsize=(4.2, 6.4) if stacked else (9.0, 3.4), layout="constrained")
-    axes = made.subplots(len(LEVELS), 1) if stacked else made.subplots(1, len(LEVELS), sharey=True)
+def figure(comparisons: Compared, stacked: bool = False, ax: Any = None) -> Any:
+    """Performance profiles of the programs at the levels, side by side or stacked, or on axes that are given."""
+    if ax is None:
+        made = Figure(figsize=(4.2, 6.4) if stacked else (9.0, 3.4), layout="constrained")
+        axes = made.subplots(len(LEVELS), 1) if stacked else made.subplots(1, len(LEVELS), sharey=True)
+    else:
+        axes = given_axes(ax, len(LEVELS))
     for axis, level in zip(axes, LEVELS, strict=True):
         found = profiles(comparisons, level, program)
         for name, ratios in sorted(found.items()):
@@ -242,6 +246,9 @@ def figure(comparisons: Compared, stacked: bool = False) -> Any:
     for axis in axes if stacked else axes[:1]:
         axis.set_ylabel("share of the scenes")
     handles = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    if ax is not None:
+        axes[-1].legend(handles.values(), handles, frameon=False)
+        return axes[0].figure
     made.legend(handles.values(), handles, loc="outside lower center", ncols=2 if stacked else 4, frameon=False)
     return clear(made)
 

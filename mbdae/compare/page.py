@@ -13,7 +13,7 @@ from mbdae.compare.measures import amount
 from mbdae.compare.table import COLUMNS, ComparisonData, Row, cells, failure_lines, pairwise_cells
 from mbdae.documents.blocks import escaped
 from mbdae.notation import counted, picture
-from mbdae.show.plots import COLOURS, checked, style, written
+from mbdae.show.plots import COLOURS, checked, given_axes, style, written
 from mbdae.study import bullets, document, headings, html_row, html_table, made_with, section
 
 #: sorts a table by the column whose heading is clicked, numbers by value and unknown ones last
@@ -115,8 +115,9 @@ BELOW = "below the reference's own uncertainty"
 LETTERS = 13.5  #: number of characters of small text per inch, by which legend entries are wrapped
 
 
-def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
-    """Two panels, side by side or stacked, one line per run; filled markers lie on the Pareto front of error and CPU time."""
+def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False, ax: Any = None) -> Any:
+    """Two panels, side by side, stacked, or axes that are given, one line per run; filled markers lie on the Pareto front of
+    error and CPU time."""
     from mbdae.show import Figure
 
     labels = list(dict.fromkeys(row.label for row in w.runs))
@@ -124,8 +125,12 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
     width = 3.9 if stacked else 9.0
     columns, names = _legend_shape([*names, BELOW], width)
     entry_lines = sum(name.count("\n") + 1 for name in names) / columns
-    figure = Figure(figsize=(width, (6.6 if stacked else 3.9) + 0.18 * entry_lines), layout="constrained")
-    axes = figure.subplots(2, 1) if stacked else figure.subplots(1, 2, sharey=True)
+    if ax is None:
+        figure = Figure(figsize=(width, (6.6 if stacked else 3.9) + 0.18 * entry_lines), layout="constrained")
+        axes = figure.subplots(2, 1) if stacked else figure.subplots(1, 2, sharey=True)
+    else:
+        axes = given_axes(ax, 2)
+        figure = axes[0].figure
     for axis, (work, title) in zip(axes, PANELS, strict=True):
         for i, label in enumerate(labels):
             _line(axis, [row for row in w.runs if row.label == label and not row.loose], work, i, names[i])
@@ -142,11 +147,15 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
     for axis in axes if stacked else axes[:1]:
         axis.set_ylabel("\n".join(textwrap.wrap(told, 48)))
     head = escaped(f"{w.scene}, to t = {w.t_end:g} s")
-    figure.suptitle("\n".join(textwrap.wrap(head, int(width * 11))), fontsize="medium")
+    entitle = axes[0].set_title if ax is not None else figure.suptitle
+    entitle("\n".join(textwrap.wrap(head, int(width * 11))), fontsize="medium")
     handles, texts = axes[0].get_legend_handles_labels()
     told = "\n".join(textwrap.wrap(FRONT, int(width * LETTERS)))
     look = {"frameon": False, "fontsize": "small", "title": told, "title_fontsize": "small"}
-    figure.legend(handles, texts, loc="outside lower center", ncols=columns, **look)
+    if ax is None:
+        figure.legend(handles, texts, loc="outside lower center", ncols=columns, **look)
+    else:
+        axes[1].legend(handles, texts, **look)
     return written(figure, path, "compare")
 
 
@@ -216,10 +225,10 @@ class Comparison(ComparisonData):
 
     kind = "comparison"
 
-    def plot(self, path: Any = None) -> Any:
+    def plot(self, path: Any = None, ax: Any = None) -> Any:
         """Error over CPU time and over residual evaluations, as a matplotlib figure, saved where `path` (.png, .svg, .pdf)
-        is given; OptionError for a path that cannot be used."""
-        return work_precision(self, checked(path, what="compare") if path is not None else None)
+        is given; OptionError for a path that cannot be used. ax: two axes of matplotlib to draw in."""
+        return work_precision(self, checked(path, what="compare") if path is not None else None, ax=ax)
 
     def __repr__(self) -> str:
         return f"<Comparison of '{self.scene}': {counted(len(self.runs), 'run')}; print it for the table>"

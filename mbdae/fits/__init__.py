@@ -88,9 +88,10 @@ class Fit(ListsAttributes):
         return {name: (value - factor * self.errors[name], value + factor * self.errors[name])
                 for name, value in self.values.items()}
 
-    def plot(self, path: Any = None) -> Any:
-        """A figure of the measurements and the run, one axis for every sensor; path: a file to write it to."""
-        figure, axes = new_figure(len(self.data))
+    def plot(self, path: Any = None, ax: Any = None) -> Any:
+        """A figure of the measurements and the run, one panel for every sensor; path: a file to write it to; ax: axes of
+        matplotlib to draw in, one or a list with one per panel."""
+        figure, axes = new_figure(len(self.data), ax=ax)
         for axis, (name, (t, measured)) in zip(axes, self.data.items(), strict=True):
             axis.plot(t, measured, ".", color="0.55", label="measured")
             axis.plot(self.result.t, self.result.value(name), label="fitted", **style(0))

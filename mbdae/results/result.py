@@ -282,22 +282,22 @@ class Result(OfRun, RunStates, ListsAttributes):
 
     # -- pictures and files (see `ATTACHED`)
 
-    def plot(self, *sensors: str, against: Any = None, labels: Sequence[str] | None = None, path: Any = None) -> Any:
+    def plot(self, *sensors: str, against: Any = None, labels: Any = None, path: Any = None, ax: Any = None) -> Any:
         """Draw sensors ("C.angle", "D.force") over time, one panel per quantity; returns the matplotlib figure.
 
-        against: a Result or a list of them drawn along; labels: one per result, this one first; path: .png, .svg, .pdf."""
-        return ATTACHED["plot"](self, sensors, against, labels, path)
+        against: Results drawn along; labels: one per result, this one first; path: .png, .svg, .pdf; ax: axes, one per panel."""
+        return ATTACHED["plot"](self, sensors, against, labels, path, ax)
 
-    def phase(self, x: str, y: str, against: Any = None, labels: Sequence[str] | None = None, path: Any = None) -> Any:
+    def phase(self, x: str, y: str, against: Any = None, labels: Any = None, path: Any = None, ax: Any = None) -> Any:
         """Draw one sensor over another ("C.angle", "C.rate"), start and end marked; options as for `plot`."""
-        return ATTACHED["phase"](self, x, y, against, labels, path)
+        return ATTACHED["phase"](self, x, y, against, labels, path, ax)
 
-    def orbit(self, place: Any, axes: str = "xy", against: Any = None, labels: Sequence[str] | None = None,
-              path: Any = None) -> Any:
+    def orbit(self, place: Any, axes: str = "xy", against: Any = None, labels: Any = None,
+              path: Any = None, ax: Any = None) -> Any:
         """Draw the path (m) of a place in a plane of the inertial frame, equal scales, start and end marked.
 
         place: a body, a joint or their name, "hub.position", body.at(point) or "beam.at(0.5)"; other options as for `plot`."""
-        return ATTACHED["orbit"](self, place, axes, against, labels, path)
+        return ATTACHED["orbit"](self, place, axes, against, labels, path, ax)
 
     def animate(self, path: Any = None, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
                 trail: Any = None, hide: Any = ()) -> Any:

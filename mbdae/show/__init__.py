@@ -94,7 +94,7 @@ class Namer:
         return [text for text in found if text.get_visible() and text.get_text()]
 
     def _extent(self, artist: Any) -> Box:
-        box = artist.get_window_extent(self.figure.canvas.get_renderer())
+        box = artist.get_window_extent()
         return float(box.x0), float(box.y0), float(box.x1), float(box.y1)
 
     def _pixels(self, points: Array) -> Array:

@@ -80,14 +80,25 @@ def _place(value: Any) -> Any:
 
 
 def write_gif(film: Film, file: Path, delay: float) -> None:
-    """Draw every frame, `delay` s apart (rounded to 0.01 s); all frames use the palette of the middle one."""
+    """Draw every frame, `delay` s apart (rounded to 0.01 s); all frames use one palette, that of five of them: what is hidden in
+    one is seen in another."""
     stage = _Stage(film)
     count = len(film.seen.t)
-    palette = stage.frame(count // 2).quantize()
+    palette = common_palette([stage.frame(i) for i in sorted({k * (count - 1) // 4 for k in range(5)})])
     frames = (stage.frame(i).quantize(palette=palette, dither=0) for i in range(count))
     shown = 10 * max(2, round(100 * delay))  # display time of a frame, ms
     with replacing(file) as part:
         next(frames).save(part, format="GIF", save_all=True, append_images=frames, duration=shown, loop=0)
+
+
+def common_palette(frames: Sequence[Any], colours: int = 256) -> Any:
+    """A picture of Pillow with a palette of the colours of several pictures of one size."""
+    from PIL import Image
+
+    stacked = Image.new("RGB", (frames[0].width, frames[0].height * len(frames)))
+    for i, frame in enumerate(frames):
+        stacked.paste(frame, (0, i * frame.height))
+    return stacked.quantize(colours)
 
 
 class _Stage:

@@ -11,7 +11,7 @@ import numpy as np
 from mbdae.results.stored_parts import started
 from mbdae.show import Namer, fitting, symbols
 from mbdae.show.geometry import INK, Geometry, Outline
-from mbdae.show.plots import dress, written
+from mbdae.show.plots import dress, given_axes, written
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import Prepared
 from mbdae.values import Array
@@ -138,7 +138,7 @@ class Picture:
 
 
 class Solids:
-    """Faces of all solids in space in one collection, so that nearer faces hide those behind."""
+    """Faces of all solids in space in one collection, so that nearer faces hide those behind; those turned away are left out."""
 
     def __init__(self, axes: Any, seen: Geometry, shapes: list[Outline]) -> None:
         from matplotlib.colors import to_rgb
@@ -146,9 +146,11 @@ class Solids:
 
         self.shapes = [(shape, seen.polyline(shape)) for shape in shapes]
         self.colours = np.array([np.array(to_rgb(x.colour)) * (1 - DARKER * shade) for x in shapes for shade in x.shades])
-        self.light = symbols.unit(np.roll(LIGHT, "xyz".index(upwards(seen)) - 2))
+        k, down = upwards(seen)
+        self.light = symbols.unit(np.roll(LIGHT, k - 2) * np.where([down and i != (k + 1) % 3 for i in range(3)], -1, 1))
+        self.axes = axes
         self.faces = axes.add_collection3d(Poly3DCollection(self._corners(0)), autolim=False)
-        self.faces.set(zorder=LOOKS["solid"].layer, linewidth=0.3)
+        self.faces.set(zorder=LOOKS["solid"].layer, linewidth=0.8)
 
     def _corners(self, i: int) -> list[Array]:
         return [points[i][list(face)] for shape, points in self.shapes for face in shape.faces]
@@ -157,38 +159,43 @@ class Solids:
         """Move every face to the i-th time."""
         corners = self._corners(i)
         out = np.array([np.cross(c[2] - c[0], c[-1] - c[1]) for c in corners])
-        lit = out @ self.light / np.maximum(np.linalg.norm(out, axis=1), 1e-300)
-        colours = self.colours * (0.62 + 0.38 * np.clip(lit, 0, 1))[:, None]
-        self.faces.set_verts(corners)
+        seen = np.flatnonzero(out @ np.cross(*self.axes.get_proj()[:2, :3]) > 0)
+        lit = out[seen] @ self.light / np.maximum(np.linalg.norm(out[seen], axis=1), 1e-300)
+        colours = self.colours[seen] * (0.62 + 0.38 * np.clip(lit, 0, 1))[:, None]
+        self.faces.set_verts([corners[k] for k in seen])
         self.faces.set_facecolor(colours)
         self.faces.set_edgecolor(colours)
 
 
-def upwards(seen: Geometry) -> str:
-    """Name of the axis that is drawn upright in space."""
-    return "xyz"[int(np.argmax(np.abs(seen.gravity)))] if np.any(seen.gravity) else "z"
+def upwards(seen: Geometry) -> tuple[int, bool]:
+    """Number of the axis that is drawn upright in space, and whether it points down, along gravity."""
+    k = int(np.argmax(np.abs(seen.gravity))) if np.any(seen.gravity) else 2
+    return k, bool(seen.gravity[k] > 0)
 
 
-def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
-    """Axes with equal scales, m, that contain the geometry at all times."""
+def axes_for(figure: Any, seen: Geometry, position: Any, axes: Any = None) -> Any:
+    """Axes with equal scales, m, that contain the geometry at all times; axes: those to be used, None for new ones."""
     low, high = seen.bounds
     pad = PAD * float(np.max(high - low))
     if seen.planar:
-        axes = figure.add_subplot(position)
+        given, axes = axes is not None, axes or figure.add_subplot(position)
         axes.set(xlim=(low[0] - pad, high[0] + pad), ylim=(low[1] - pad, high[1] + pad), xlabel="x [m]", ylabel="y [m]")
-        axes.set_aspect("equal", "datalim" if figure.get_layout_engine() is None else "box")
+        axes.set_aspect("equal", "datalim" if figure.get_layout_engine() is None and not given else "box")
         dress(axes)
         return axes
     from matplotlib.ticker import MaxNLocator
 
-    axes = figure.add_subplot(position, projection="3d", computed_zorder=False)
+    axes = axes or figure.add_subplot(position, projection="3d")
+    axes.computed_zorder = False
     axes.set_proj_type("ortho")
     half = np.maximum((high - low) / 2 + pad, 0.3 * float(np.max(high - low)))
-    for name, c, h in zip("xyz", (low + high) / 2, half, strict=True):
+    k, down = upwards(seen)
+    for i, (name, c, h) in enumerate(zip("xyz", (low + high) / 2, half, strict=True)):
+        h = -h if down and i != (k + 1) % 3 else h  # with the one that points down another axis is reversed: no mirror image
         axes.set(**{f"{name}lim": (c - h, c + h), f"{name}label": f"{name} [m]"})
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
     axes.set_box_aspect(half, zoom=0.95)
-    axes.view_init(elev=22, azim=-55, vertical_axis=upwards(seen))
+    axes.view_init(elev=22, azim=-55, vertical_axis="xyz"[k])
     return axes
 
 
@@ -201,27 +208,32 @@ def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:
     return width, float(np.clip(0.6 + width * extent[1] / extent[0], 2.6, 7.5))
 
 
-def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = ()) -> Any:
+def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = (), ax: Any = None) -> Any:
     """Drawing of the scene at its start, as a matplotlib figure: bodies, joints, forces, ground, names and gravity."""
     from mbdae.show import Figure
 
     seen = geometry(started(prepared), hide)
-    figure = Figure(figsize=figure_size(seen), layout="constrained" if seen.planar else None)
-    margins = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
-    axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **margins)[0])
+    if ax is None:
+        figure = Figure(figsize=figure_size(seen), layout="constrained" if seen.planar else None)
+        margins = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
+        axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **margins)[0])
+    else:
+        (ax,) = given_axes(ax, 1, spatial=not seen.planar)
+        figure, axes = ax.figure, axes_for(ax.figure, seen, None, ax)
     Picture(axes, seen)
-    entitled(axes, seen, f"{seen.name}, t = {seen.t[0]:g} s")
+    entitled(axes, seen, f"{seen.name}, t = {seen.t[0]:g} s", across=ax is None)
     show_gravity(axes, seen)
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    if ax is None:
+        figure.set_layout_engine("none")
     Namer(axes, seen).place()
     return written(figure, path, "draw")
 
 
-def entitled(axes: Any, seen: Geometry, title: str, **look: Any) -> Any:
+def entitled(axes: Any, seen: Geometry, title: str, across: bool = True, **look: Any) -> Any:
     """The artist of a title: above the axes in space, across the whole figure in the plane, where the axes can be narrow."""
     text = fitting(title, LETTERS)
-    if seen.planar:
+    if seen.planar and across:
         return axes.figure.suptitle(text, x=0.02, ha="left", fontsize="medium", **look)
     return axes.set_title(text, fontsize="medium", loc="left", **look)
 

@@ -240,7 +240,7 @@ class JointShapes(Collected):
         else:
             self._marked(item, "pin", item.k)
             if not self.planar:
-                self._add(item.name, "guide", law.at + np.outer([-5, 5], self.mark * law.axis), item.k)
+                self._add(item.name, "guide", law.at + self.mark * np.outer([-5, 5], law.axis), item.k)
 
     # -- joints drawn by their motion
 

@@ -30,15 +30,33 @@ PLACE = "name a body, a joint, a position sensor or a place such as body.at(poin
 PICTURES = (".png", ".svg", ".pdf")
 
 
-def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any, list[Any]]:
-    """A figure with `rows` axes one below the other; matplotlib's backend is left as it is."""
+def new_figure(rows: int, width: float = 7.0, height: float = 2.4, ax: Any = None) -> tuple[Any, list[Any]]:
+    """A figure with `rows` axes one below the other, or axes that the user has given, with their figure; matplotlib's backend is
+    left as it is."""
     from mbdae.show import Figure
 
-    figure = Figure(figsize=(width, 0.6 + height * rows), layout="constrained")
-    axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    if ax is None:
+        figure = Figure(figsize=(width, 0.6 + height * rows), layout="constrained")
+        axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    else:
+        axes = given_axes(ax, rows)
+        figure = axes[0].figure
     for a in axes:
         dress(a)
-    return figure, list(axes)
+    return figure, axes
+
+
+def given_axes(ax: Any, count: int, spatial: bool = False) -> list[Any]:
+    """The axes that were given to draw in; OptionError for another number of them, or where a picture in space is to be drawn on
+    axes in the plane, or the other way round."""
+    from matplotlib.axes import Axes
+
+    kind = "axes of matplotlib in space, subplot_kw={'projection': '3d'}" if spatial else "axes of matplotlib in the plane"
+    wanted = f"give {kind}" if count == 1 else f"give a list of {count} {kind}, one for each panel"
+    found = [ax] if isinstance(ax, Axes) else list(np.ravel(np.array(ax, dtype=object)))
+    if len(found) != count or not all(isinstance(one, Axes) and (one.name == "3d") == spatial for one in found):
+        raise OptionError(f"ax = {shown(ax)} cannot be drawn in: {wanted}")
+    return found
 
 
 def dress(axis: Any) -> None:
@@ -188,7 +206,8 @@ def _different_names(results: list[Any]) -> list[str]:
 # ---- pictures ----------------------------------------------------------------------------------------------------------
 
 
-def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: Sequence[str] | None, path: Any,
+                 ax: Any = None) -> Any:
     """Implements `Result.plot`: one panel per quantity; sensors of the same quantity share it, vectors show their components."""
     results = compared(result, against, labels)
     place = checked(path) if path is not None else None
@@ -200,7 +219,7 @@ def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: S
         known = [(letter, with_unit(name, unit)) for letter, name, unit in PANELS.get(split(sensor)[1], ())]
         for panel in known or [("", with_unit(*measured(first.prepared.model.scene, sensor)))]:
             panels.setdefault(panel, []).append(sensor)
-    figure, axes = new_figure(len(panels))
+    figure, axes = new_figure(len(panels), ax=ax)
     for axis, ((letter, label), names) in zip(axes, panels.items(), strict=True):
         _panel(axis, results, names, letter)
         axis.set_ylabel(label)
@@ -232,11 +251,11 @@ def _legend(axis: Any) -> None:
         axis.set_title(axis.lines[0].get_label(), fontsize="medium", loc="left")
 
 
-def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[str] | None, path: Any, ax: Any = None) -> Any:
     """Implements `Result.phase`: one sensor over another; components of vectors in pairs."""
     results = compared(result, against, labels)
     place = checked(path, what="phase") if path is not None else None
-    figure, (axis,) = new_figure(1, 6.0, 4.2)
+    figure, (axis,) = new_figure(1, 6.0, 4.2, ax)
     for label, result in results:
         across, up = components(result, x), components(result, y)
         if len(across) != len(up) and 1 not in (len(across), len(up)):
@@ -251,13 +270,14 @@ def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[st
     return written(figure, place, "phase")
 
 
-def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequence[str] | None, path: Any,
+               ax: Any = None) -> Any:
     """Implements `Result.orbit`: path of a place projected on a plane of two axes, equal scales, m."""
     results = compared(result, against, labels)
     if not (isinstance(axes, str) and len(axes) == 2 and axes[0] != axes[1] and set(axes) <= set("xyz")):
         raise OptionError(f"axes = {shown(axes)} is not a plane: give two of x, y and z, such as 'xy'")
     file = checked(path, what="orbit") if path is not None else None
-    figure, (axis,) = new_figure(1, 6.0, 4.8)
+    figure, (axis,) = new_figure(1, 6.0, 4.8, ax)
     i, j = "xyz".index(axes[0]), "xyz".index(axes[1])
     for label, result in results:
         name, r = track(result, place)
@@ -267,12 +287,12 @@ def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequ
     return written(figure, file, "orbit")
 
 
-def plot_branch(branch: Any, sensor: str | None, path: Any) -> Any:
+def plot_branch(branch: Any, sensor: str | None, path: Any, ax: Any = None) -> Any:
     """Implements `Branch.plot`: one value per point over the number, solid where stable; rings where located."""
     file = checked(path, what="plot") if path is not None else None
     largest = np.array([np.max(np.abs(roots), initial=0.0) for roots in branch.roots])
     height = largest if sensor is None else branch.peaks(sensor)
-    figure, (axis,) = new_figure(1, 6.0, 4.2)
+    figure, (axis,) = new_figure(1, 6.0, 4.2, ax)
     x, stable = branch.values, np.array([one is True for one in branch.stable])
     for k in range(len(x) - 1):
         axis.plot(x[k : k + 2], height[k : k + 2], "-" if stable[k] and stable[k + 1] else "--", color=style(0)["color"])

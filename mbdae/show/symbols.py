@@ -279,3 +279,48 @@ def same(one: Shape, other: Shape) -> bool:
     mine, others = vars(one).values(), vars(other).values()
     return all((a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
                for a, b in zip(mine, others, strict=True))
+
+
+# -- The skin of a cloud of points, such as the nodes of a finite-element model
+
+MOST = 120  #: largest number of points of a skin
+THIN = 1e-3  #: ratio of a thickness to the length below which points count as lying in a plane, or on a line
+
+
+def skin(places: Array) -> tuple[Array, tuple[tuple[int, ...], ...]]:
+    """Numbers (n,) of some of the points (k, 3), and triangles between these, as positions in `n`, counter-clockwise seen from
+    outside: the convex hull with what lies on its faces. Points in a plane have triangles on both sides, those on a line none,
+    and their numbers go along it."""
+    from scipy.spatial import ConvexHull, Delaunay
+
+    some = np.linspace(0, len(places) - 1, min(len(places), 4000)).astype(int)
+    centred = places[some] - np.mean(places[some], axis=0)
+    _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
+    if len(some) < 4 or sizes[1] < THIN * sizes[0]:
+        along = some[np.argsort(centred @ axes[0], kind="stable")]
+        return along[np.linspace(0, len(along) - 1, min(len(along), MOST)).astype(int)], ()
+    if sizes[2] < THIN * sizes[0]:
+        chosen = _spread(centred)
+        flat = [tuple(int(n) for n in face) for face in Delaunay((centred[chosen] @ axes.T)[:, :2]).simplices]
+        return some[chosen], (*flat, *(face[::-1] for face in flat))
+    low, high = np.min(centred, axis=0), np.max(centred, axis=0)
+    s = ((2 * centred - low - high) / (high - low)) ** 2  # of a cube, made a ball: points of its faces are corners of its hull
+    ball = np.sqrt(s * (1 - s[:, [1, 2, 0]] / 2 - s[:, [2, 0, 1]] / 2 + s[:, [1, 2, 0]] * s[:, [2, 0, 1]] / 3))
+    ball *= np.sign(2 * centred - low - high)
+    outside = ConvexHull(ball).vertices
+    chosen = outside[_spread(centred[outside])]
+    hull = ConvexHull(ball[chosen])
+    a, b, c = np.moveaxis(ball[chosen][hull.simplices], 1, 0)
+    turned = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    return some[chosen], tuple(tuple(int(n) for n in (face[::-1] if back else face))
+                               for face, back in zip(hull.simplices, turned, strict=True))
+
+
+def _spread(points: Array) -> Array:
+    """Numbers of at most `MOST` points, each as far from those before as can be."""
+    chosen = [int(np.argmax(np.linalg.norm(points - np.mean(points, axis=0), axis=1)))]
+    away = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < min(MOST, len(points)):
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)

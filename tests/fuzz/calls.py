@@ -221,7 +221,7 @@ TOLERANCES: dict[str, Any] = {"rtol": 1e-6, "atol": None}
 SOLVE = {"system": dae(), "t_end": 0.1, "outputs": 3, "max_wall": 60.0, "progress": tell, "h0": 0.01, "max_residuals": 1e5,
          "begin": 0.0, "share": 1.0}
 RUNS: dict[str, Any] = {"max_wall": 60.0, "progress": tell, "resume": None}
-PICTURE: dict[str, Any] = {"against": None, "labels": None, "path": None}
+PICTURE: dict[str, Any] = {"against": None, "labels": None, "path": None, "ax": None}
 FILE = {"path": None}
 INTEGRATE = "mbdae.integrators.base.StepLoop"
 
@@ -254,7 +254,7 @@ CALLS: dict[str, Call] = {
     "Switches": Call(lambda: mb.Switches, lambda: {"arguments": tell, "kinds": ("kink",), "weights": [1.0], "names": ("a",)}),
     "Scene.check": Call(lambda: scene().check, lambda: {"accuracy": 1e-6}, "mbdae.api.check_scene"),
     "Scene.system": Call(lambda: scene().system, lambda: {"form": None, "start": None}, "mbdae.api.system_for"),
-    "Scene.draw": Call(lambda: scene().draw, lambda: FILE | {"hide": ()}, "mbdae.show.drawing.draw"),
+    "Scene.draw": Call(lambda: scene().draw, lambda: FILE | {"hide": (), "ax": None}, "mbdae.show.drawing.draw"),
     "Scene.equilibrium": Call(lambda: scene().equilibrium, lambda: {"frame": None, "progress": tell, "out_of_plane": False},
                               "mbdae.analysis.equilibrium.Statics"),
     "Scene.linearize": Call(lambda: scene().linearize,
@@ -328,7 +328,7 @@ CALLS: dict[str, Call] = {
     "Study.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.study.write_file"),
     "Study.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
                           "mbdae.study.write_file"),
-    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE, "mbdae.compare.page.work_precision"),
+    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE | {"ax": None}, "mbdae.compare.page.work_precision"),
     "Block.at": Call(lambda: _block().at, lambda: {"label": "a", "value": 1.0}),
     "Sweep.array": Call(lambda: _sweep().array, lambda: {"key": "b"}),
     "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.study.write_file"),

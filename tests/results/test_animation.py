@@ -37,6 +37,23 @@ def _frame(image: Any, i: int) -> Any:
     return image.convert("RGB")
 
 
+def test_a_gif_has_the_colours_of_bodies_that_others_hide_for_a_while(tmp_path: Path) -> None:
+    """A crank that is behind its rod in the middle of the run, seen at the beginning and the end."""
+    from PIL import Image
+
+    s = mb.Scene("crank behind its rod")
+    crank = s.link("crank", (0, 0), (0, 1), mass=1.0, color="#0072B2")
+    rod = s.link("rod", (0, 1), (3, 0), mass=1.0, color="#D55E00")
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=np.pi * mb.t)
+    s.revolute("B", crank, rod, at=(0, 1))
+    s.point_on_line("C", s.ground, rod, at=(3, 0), axis=(1, 0, 0))
+    s.simulate(1.0).animate(tmp_path / "a.gif", fps=10)
+    with Image.open(tmp_path / "a.gif") as image:
+        first = np.array(image.convert("RGB"), dtype=float)
+    for colour in ((0, 0x72, 0xB2), (0xD5, 0x5E, 0)):
+        assert np.min(np.max(np.abs(first - colour), axis=2)) < 12
+
+
 def test_gif_in_space(tmp_path: Path) -> None:
     s = mb.Scene("top", gravity=(0, 0, -9.81))
     top = s.rigid_body("top", 1.0, (0.02, 0.04, 0.02), at=(0, 1, 0), angular_velocity=(0, 5, 0))

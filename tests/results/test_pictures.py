@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import mbdae as mb
 from mbdae.show.animation import _Stage
@@ -142,3 +143,46 @@ def test_plots_have_a_band_of_the_error() -> None:
             np.testing.assert_allclose([middle.min(), middle.max()], wanted, rtol=1e-12)
     bare = s.simulate(0.5, solver=mb.RadauIIA(3, rtol=1e-4))
     assert not bare.plot("A.angle").axes[0].collections  # no error is known
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, 9.81), (0, 9.81, 0), (9.81, 0, 0), (0, 0, -9.81), (0, -9.81, 0)])
+def test_in_space_the_weight_pulls_down_in_the_picture_which_is_no_mirror_image(gravity: tuple[float, ...]) -> None:
+    s = mb.Scene("ball on a rod", gravity=gravity)
+    s.rigid_body("body", 1.0, (0.1, 0.2, 0.3), at=(0.1, 0.2, 0.3))
+    axes = s.draw().axes[0]
+    seen = axes.get_proj()[:2, :3]  # directions of the picture, to the right and up, over the axes of the scene
+    down = seen @ gravity
+    assert down[1] < 0
+    assert abs(down[0]) < 1e-9 * abs(down[1])
+    assert np.linalg.det(axes.get_proj()[:3, :3]) < 0  # right, up, and away from the viewer; above 0 in a mirror
+
+
+def test_pictures_are_drawn_on_axes_that_are_given(bar: Any) -> None:
+    figure = Figure(figsize=(8, 8))
+    axes = figure.subplots(3, 2).ravel()
+    assert bar.plot("C.angle", "A.force", ax=axes[:2]) is figure
+    bar.phase("C.angle", "C.rate", ax=axes[2])
+    bar.orbit("C", ax=axes[3])
+    bar.prepared.model.scene.draw(ax=axes[4])
+    assert [axis.get_ylabel() for axis in axes[:5]] == ["angle [rad]", "force [N]", "C.rate [rad/s]", "C y [m]", "y [m]"]
+    assert all(axis.lines for axis in axes[:5])
+    assert not axes[5].lines
+    assert figure.axes == list(axes)  # no others
+    bar.plot("D.angle", ax=axes[0])
+    assert len({line.get_color() for line in axes[0].lines}) == 2  # behind what is there
+
+
+def test_axes_that_do_not_fit_are_refused(bar: Any, zoo_run: Any) -> None:
+    figure = Figure()
+    flat, space = figure.add_subplot(2, 1, 1), figure.add_subplot(2, 1, 2, projection="3d")
+    for call, told in ((lambda: bar.plot("C.angle", "A.force", ax=flat), "a list of 2 axes of matplotlib in the plane"),
+                       (lambda: bar.plot("C.angle", ax=space), "axes of matplotlib in the plane"),
+                       (lambda: bar.plot("C.angle", ax=figure), "axes of matplotlib"),
+                       (lambda: bar.orbit("C", ax="left"), "axes of matplotlib"),
+                       (lambda: bar.prepared.model.scene.draw(ax=space), "in the plane")):
+        with pytest.raises(mb.OptionError, match=told):
+            call()
+    if not zoo_run.prepared.model.planar:
+        with pytest.raises(mb.OptionError, match="in space"):
+            zoo_run.prepared.model.scene.draw(ax=flat)
+        assert zoo_run.prepared.model.scene.draw(ax=space) is figure
