@@ -270,58 +270,53 @@ def test_a_soft_pendulum_keeps_its_energy_with_every_solver_and_is_told(solver: 
     assert np.max(np.abs(r.energy.total - r.energy.total[0])) < 3e-3 * np.max(r.energy.kinetic)
 
 
-    "
-    found = {n: mb.ReducedBody.free_interface(*beam_matrices(n), {",
-    "
-    from mbdae.run.assessment import _loops
 
-    def hung(slider: bool) -> mb.Scene:
-        s = mb.Scene(", "
-    np.testing.assert_allclose(seen.polyline(bar)[:, -1], r[", "
-    s = mb.Scene(", " if slider else ", " in label.text]
-    r.animate(tmp_path / ", ")
+@pytest.mark.parametrize("modes", [0, 4, 20])
+def test_a_body_of_free_modes_is_statically_complete_and_has_the_free_frequencies(modes: int) -> None:
+    M, K, nodes = beam_matrices(10)
+    whole = np.sqrt(eigh(K.toarray(), M.toarray(), eigvals_only=True)[6:14]) / (2 * np.pi)
+    body, EI = mb.ReducedBody.free_interface(M, K, nodes, ENDS, modes), 2.1e11 * SECOND
+    assert "free; with these static deformations are complete" in body.summary
+    np.testing.assert_allclose(body.frequencies[: min(modes, 8)], whole[: min(modes, 8)], rtol=1e-9)
+    for load, gravity, want in ((1e-3 * EI, 0.0, 1e-3 / 3), (0.0, 1e-3, -1e-3 * PER_LENGTH / (8 * EI))):
+        s = mb.Scene("cantilever", gravity=(0, -gravity, 0))
+        s.reduced_body("beam", body)
+        s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+        s.force("F", "beam.tip", (0, load, 0))
+        assert s.equilibrium()["beam.tip"].position[0, 1] == pytest.approx(want, rel=1e-7)
 
 
-@pytest.mark.parametrize(", ")
-    assert bar.item == ", ")
-    s.reduced_body(",
-    "):
-        assert len(s.simulate(0.1, 1e-3, outputs=2).t) == 2
-def test_a_body_of_modes_is_drawn_as_it_bends(tmp_path: Any) -> None:
-    ",
-    "):
+def test_free_modes_of_many_freedoms_are_those_of_few_and_are_as_many_as_loads_need() -> None:
+    """Above DENSE freedoms the modes come by Lanczos' method; below up_to over the root of accuracy lie 316 Hz."""
+    found = {n: mb.ReducedBody.free_interface(*beam_matrices(n), {"root": [0], "tip": [n]}, up_to=10.0) for n in (20, 80)}
+    assert [len(body.held_frequencies) for body in found.values()] == [4, 4]
+    np.testing.assert_allclose(*(body.held_frequencies for body in found.values()), rtol=1e-4)
+    with pytest.raises(mb.OptionError, match="up_to="):
         mb.ReducedBody.free_interface(*beam_matrices(10), ENDS)
 
 
 def test_the_error_of_free_modes_is_measured_too() -> None:
-    s = mb.Scene(", ", ",
-    ", (-200 * sympy.exp(-(((mb.t - 0.05) / 5e-3) ** 2)), 0, 0))
-    with pytest.warns(mb.AccuracyWarning, match=",
-    ", (0, 5 * sympy.sin(200 * mb.t), 0))
+    s = mb.Scene("thrown", gravity=(0, -9.81, 0))
+    body = mb.ReducedBody.free_interface(*beam_matrices(6, 2e9), {"root": [0], "tip": [6]}, 0)
+    s.reduced_body("beam", body, damping=0.02)
+    s.force("F", "beam.tip", (0, 5 * sympy.sin(200 * mb.t), 0))
     r = s.simulate(0.02, 1e-4, verify=True)
     assert r.accuracy.mesh is not None
     assert 0 < r.accuracy.mesh < 1e-2
 
 
 def test_a_loop_through_an_elastic_body_closes_from_interface_to_interface_and_a_pendulum_closes_none() -> None:
-    ", ", 1.0, (0.1, 0.1, 0.1), at=(1, 0, 0))
-            s.revolute(",
-    ", at=(0, 0, 0))
-    r = s.simulate(0.2, accuracy=1e-4, outputs=5)
-    seen = geometry(r)
-    (bar,) = (shape for shape in seen.shapes if shape.kind == ", ", at=(0, 0, 0))
-    s.force(", ", at=(0, 0, 0), axis=(0, 0, 1))
+    """Singular positions are looked for in loops alone; the modes of a body connect nothing."""
+    from mbdae.run.assessment import _loops
+
+    def hung(slider: bool) -> mb.Scene:
+        s = mb.Scene("crank" if slider else "pendulum", gravity=(0, -9.81, 0))
+        s.reduced_body("rod", reduced(1))
+        s.revolute("hinge", s.ground, "rod.root", at=(0, 0, 0), axis=(0, 0, 1))
         if slider:
-            block = s.rigid_body(", ", block, at=(1, 0, 0), axis=(0, 0, 1))
-            s.prismatic(", ", body, damping=0.02)
-    s.force(", ", gravity=(0, -9.81, 0))
-        s.reduced_body(", ", gravity=(0, -9.81, 0))
-    body = mb.ReducedBody.free_interface(*beam_matrices(6, 2e9), {", ", gravity=(0, -9.81, 0))
-    s.reduced_body(", ", reduced(1))
-        s.revolute(", ", reduced(1), damping=0.1)
-    s.weld(", ", reduced(4, E=1e8), at=(0, 0, 0))
-    s.revolute(", ", s.ground, ",
-    ", s.ground, block, at=(1, 0, 0), axis=(1, 0, 0))
+            block = s.rigid_body("block", 1.0, (0.1, 0.1, 0.1), at=(1, 0, 0))
+            s.revolute("pin", "rod.tip", block, at=(1, 0, 0), axis=(0, 0, 1))
+            s.prismatic("guide", s.ground, block, at=(1, 0, 0), axis=(1, 0, 0))
         return s
 
     for slider in (False, True):
@@ -330,17 +325,35 @@ def test_a_loop_through_an_elastic_body_closes_from_interface_to_interface_and_a
 
 
 def test_a_pull_between_two_times_of_the_result_is_told() -> None:
-    ", ": [0], ", ": [6]}, 0)
-    s.reduced_body(",
-    ": [n]}, up_to=10.0) for n in (20, 80)}
-    assert [len(body.held_frequencies) for body in found.values()] == [4, 4]
-    np.testing.assert_allclose(*(body.held_frequencies for body in found.values()), rtol=1e-4)
-    with pytest.raises(mb.OptionError, match=",
-    "A soft pendulum of nodes on a line is a bar whose end is where its tip is; the points of its inertia are not drawn.",
-    "Above DENSE freedoms the modes come by Lanczos' method; below up_to over the root of accuracy lie 316 Hz.", "F",
-    "Forces at interfaces are looked at in the steps of the run, not where the result shows it.",
-    "Singular positions are looked for in loops alone; the modes of a body connect nothing.",
-    "].position, atol=1e-6)
+    """Forces at interfaces are looked at in the steps of the run, not where the result shows it."""
+    s = mb.Scene("column")
+    s.reduced_body("beam", reduced(1), damping=0.1)
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (-200 * sympy.exp(-(((mb.t - 0.05) / 5e-3) ** 2)), 0, 0))
+    with pytest.warns(mb.AccuracyWarning, match="pulls or presses at its interface"):
+        assert len(s.simulate(0.1, 1e-3, outputs=2).t) == 2
+def test_a_body_of_modes_is_drawn_as_it_bends(tmp_path: Any) -> None:
+    """A soft pendulum of nodes on a line is a bar whose end is where its tip is; the points of its inertia are not drawn."""
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.reduced_body("blade", reduced(4, E=1e8), at=(0, 0, 0))
+    s.revolute("hinge", s.ground, "blade.root", at=(0, 0, 0))
+    r = s.simulate(0.2, accuracy=1e-4, outputs=5)
+    seen = geometry(r)
+    (bar,) = (shape for shape in seen.shapes if shape.kind == "bar")
+    assert bar.item == "blade"
+    np.testing.assert_allclose(seen.polyline(bar)[:, -1], r["blade.tip"].position, atol=1e-6)
     assert np.max(np.ptp(np.diff(seen.polyline(bar)[-1], axis=0), axis=0)) > 1e-3  # it is bent
-    assert not [label.text for label in seen.labels if ", "beam", "beam.root", "beam.tip", "cantilever",
-    "free; with these static deformations are complete", "modes", "wall",
+    assert not [label.text for label in seen.labels if "inertia" in label.text]
+    r.animate(tmp_path / "blade.html")
+
+
+@pytest.mark.parametrize("sides", [(1.0, 0.2, 0.1), (0.3, 0.3, 0.3), (1.0, 1.0, 0.0)])
+def test_the_skin_of_nodes_is_closed_and_has_the_volume_of_the_body(sides: tuple[float, ...]) -> None:
+    nodes = np.array([(x, y, z) for x in range(5) for y in range(5) for z in range(5)]) / 4 * sides + [3.0, -1.0, 2.0]
+    numbers, faces = skin(nodes)
+    corners = nodes[numbers][np.array(faces)]
+    edges = sorted((face[i], face[i - 2]) for face in faces for i in range(3))
+    assert edges == sorted((b, a) for a, b in edges)  # each edge lies between two triangles, once in each direction
+    volume = np.linalg.det(corners - [3.0, -1.0, 2.0]).sum() / 6
+    assert volume == pytest.approx(np.prod(sides), abs=1e-12)
+    assert len(numbers) > 20
