@@ -98,20 +98,23 @@ def test_every_public_name_is_in_the_reference() -> None:
     assert named == set(mb.__all__)
 
 
-def test_the_gallery_lists_twelve_examples() -> None:
+def test_the_gallery_lists_its_examples() -> None:
     listed = made().GALLERY
-    assert len(listed) == 12
     text = (DOCS / "gallery.md").read_text(encoding="utf-8")
     assert re.findall(r"^made/(\w+)$", text, re.MULTILINE) == list(listed.values())
 
 
-@pytest.mark.parametrize("name", sorted(made().GALLERY.values()))
+LONG = ("clearance_forces", "suspension_design")  #: derivatives of many runs, or at thousands of instants
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG))
+                                  for name in sorted(made().GALLERY.values())])
 def test_an_example_of_the_gallery_gives_its_number(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "examples"))
     example = importlib.import_module(name)
     run = example.run()
-    found, expected = example.number(run)
-    assert found == pytest.approx(expected, rel=getattr(example, "WITHIN", 1e-4))
+    found, expected, *error = example.number(run)
+    assert found == pytest.approx(expected, rel=0 if error else getattr(example, "WITHIN", 1e-4), abs=error[0] if error else 0)
     assert example.picture(run).axes
 
 

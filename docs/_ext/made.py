@@ -20,12 +20,16 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES, MADE, IMAGES = ROOT / "examples", ROOT / "docs" / "made", ROOT / "docs" / "img"
-#: the gallery: a file of examples/ by its title; each has run(), number(run) -> (found, expected) and picture(run)
+#: the gallery: a file of examples/ by its title; each has run(), number(run) -> (found, expected), which may be followed by the
+#: error of what is found, and picture(run)
 GALLERY = {
     "Four-bar": "four_bar", "Flapping wing": "flapping_wing", "Gyroscope": "gyroscope", "Robot arm": "arm_control",
     "Rotor in ground resonance": "ground_resonance", "Planetary gear": "gearbox_torques", "Suspension": "quarter_car",
     "Over-constrained loop": "over_constrained_loop", "Crane": "crane", "Stick-slip": "stick_slip",
     "Whirling shaft": "whirling_shaft", "Slider-crank with clearance": "slider_crank_clearance",
+    "A fitted door closer": "door_closer",
+    "A suspension for a road": "suspension_design", "The boundary of ground resonance": "ground_resonance_boundary",
+    "Joint forces by clearance": "clearance_forces",
 }
 #: pages of theory: title, and what `mb.report` is asked for (an expression)
 THEORY = {
@@ -60,7 +64,7 @@ def example(name: str) -> None:
     """The page of an example: its picture, its number, its docstring and its code."""
     module = importlib.import_module(name)
     run = module.run()
-    found, expected = module.number(run)
+    found, expected, *error = module.number(run)
     module.picture(run).savefig(MADE / f"{name}.png", dpi=110)
     title = next(title for title, file in GALLERY.items() if file == name)
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
@@ -71,7 +75,7 @@ def example(name: str) -> None:
 
 {paragraphs(ast.get_docstring(ast.parse(text)) or "")}
 
-**{said}:** {found:.7g} computed, {expected:.7g} expected.
+**{said}:** {found:.7g} computed{"".join(f", within {one:.2g}" for one in error)}, {expected:.7g} expected.
 
 ```{{literalinclude}} ../../examples/{name}.py
 :language: python
