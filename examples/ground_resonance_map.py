@@ -37,15 +37,15 @@ t_end = 1.0  # s
 measure = "lag 1.angle"
 
 
-def scene(speed=20.01, dampers=(400.0,) * BLADES, isotropic=True, lag0=0.0):
+def scene(speed=20.01, dampers=(400.0,) * BLADES, isotropic=True, lag0=0.0, damping=DAMPING):
     """Block, hub and blades; the block on a bushing, or on a slide along x."""
     s = mb.Scene("ground resonance with lag dampers")
     block = s.rigid_body("block", BLOCK, 1.0, at=(0, 0))
     if isotropic:
         s.fixed_orientation("level", s.ground, block)
-        s.bushing("support", s.ground, block, (0, 0), (STIFFNESS, STIFFNESS, 0), (DAMPING, DAMPING, 0))
+        s.bushing("support", s.ground, block, (0, 0), (STIFFNESS, STIFFNESS, 0), (damping, damping, 0))
     else:
-        s.prismatic("support", s.ground, block, at=(0, 0), axis=(1, 0, 0), spring=STIFFNESS, damper=DAMPING)
+        s.prismatic("support", s.ground, block, at=(0, 0), axis=(1, 0, 0), spring=STIFFNESS, damper=damping)
     hub = s.rigid_body("hub", 0.0, 0.0, at=(0, 0))
     s.revolute("shaft", block, hub, at=(0, 0), angle=speed * mb.t)
     for i, damper in enumerate(dampers):

@@ -67,6 +67,7 @@ GALLERY: dict[str, dict[str, Card]] = {
         "latched_door": Card("Door with a latch", "A stop, a rebound and a latch, each a contact."),
         "slider_crank_clearance": Card("Slider-crank with clearance", "Play at two pins is more than the sum of the single ones.",
                                        of=lambda run: run["BC"][0]),
+        "clearance_forces": Card("Joint forces by clearance", "What a wider race does to the force, impact by impact."),
         "stick_slip": Card("Stick-slip", "Two laws of friction beside each other, one of them with a memory.",
                            of=lambda run: run["lugre"]),
         "door_closer": Card("Door closer, fitted", "Spring, damper and dry friction from measurements, with their errors."),
@@ -89,6 +90,10 @@ GALLERY: dict[str, dict[str, Card]] = {
         "kapitza": Card("Kapitza's pendulum", "It stands on its head as long as its pivot is shaken."),
         "trebuchet": Card("Trebuchet", "The derivative of the throw by every mass and place, from one run."),
         "quarter_car": Card("Suspension", "A measured road, whose every kink a step meets."),
+        "suspension_design": Card("Suspension for a road", "Spring and damper between comfort, grip and room, by derivatives.",
+                                  of=lambda run: run.result),
+        "ground_resonance_boundary": Card("Boundary of ground resonance", "The gradient of one root says which damper moves it.",
+                                          of=lambda run: importlib.import_module("ground_resonance").run()),
     },
 }
 CARDS = {name: card for group in GALLERY.values() for name, card in group.items()}

@@ -14,7 +14,7 @@ import numpy as np
 
 from mbdae.derivatives import names_of
 from mbdae.errors import AccuracyWarning, ListsAttributes, MbdaeError, OptionError, naming_arguments, warn
-from mbdae.fits.functions import SceneFunction, deviations, limits, measurements, scene_given, varied
+from mbdae.fits.functions import SceneFunction, deviations, limits, measurements, scene_given, varied, within_scene
 from mbdae.integrators.base import end_after
 from mbdae.notation import counted
 from mbdae.results.quantities import named, unit_of
@@ -244,7 +244,7 @@ def fit(scene: Any, data: Any, to: Any, sigma: Any = None, bounds: Any = None, a
     times = np.unique(np.concatenate([t for t, _ in measured.values()]))
     known, errors = sigma is not None, deviations(sigma, measured)
     f = SceneFunction(scene, names, list(measured), end_after(0.0, times[-1]), times, plausible(accuracy))
-    low, high = limits(bounds, names)
+    low, high = within_scene(f, *limits(bounds, names))
     kept = _Kept(resume_path(resume), _identity(f, measured, errors))
     kept.load()
     most = option("runs", runs, whole, "give the largest number of runs", least=1)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives import Objective, names_of
-from mbdae.errors import ListsAttributes, OptionError, naming_arguments
+from mbdae.errors import ListsAttributes, MbdaeError, OptionError, naming_arguments
 from mbdae.integrators.base import end_after, output_times
 from mbdae.notation import counted
 from mbdae.results.quantities import Quantity
@@ -19,7 +19,10 @@ from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.study.statements import changed, stated_value
 from mbdae.system.base import Array
+from mbdae.system.prepare import prepare
 from mbdae.values import array, number, option, sequence, shown
+
+EDGE = 1e-6  #: least size of a number that must not be 0, over what the scene states of it
 
 
 def varied(scene: SceneData, names: Sequence[str], values: Sequence[float], t_end: float) -> SceneData:
@@ -190,3 +193,22 @@ def limits(bounds: Any, names: Sequence[str]) -> tuple[Array, Array]:
     if np.any(low >= high):
         raise OptionError(f"bounds: a least value is not below the largest one: {remedy}")
     return low, high
+
+
+def within_scene(f: SceneFunction, low: Array, high: Array) -> tuple[Array, Array]:
+    """Least and largest values (k,) within those given, of the sign that the numbers have where the scene refuses the other one,
+    as of a mass or a coefficient of friction: a search that met this edge as mere refusals would shorten its steps to nothing."""
+    for i, (name, value) in enumerate(zip(f.names, f.start, strict=True)):
+        ends = low if value > 0 else high
+        if value and ends[i] * value < 0 and _refused(f, name, -value):
+            ends[i] = value * EDGE if _refused(f, name, 0.0) else 0.0
+    return low, high
+
+
+def _refused(f: SceneFunction, name: str, value: float) -> bool:
+    """Whether the scene refuses a value of a number."""
+    try:
+        prepare(varied(f.scene, [name], [value], f.t_end))
+    except MbdaeError:
+        return True
+    return False
