@@ -1,7 +1,8 @@
 r"""LaTeX mathematics to MathML: the subset that reports use, without characters that need a special font.
 
 Known: letters, numbers, Greek, `\mathbf \boldsymbol \mathrm \mathsf \mathit \mathcal \text \operatorname`, `^ _`, `\frac \tfrac
-\sqrt`, accents, `\left \right` and the larger brackets, `\begin{aligned|cases|bmatrix|pmatrix|matrix}`, the signs of `SIGNS`.
+\sqrt`, `\over`, accents, `\underbrace`, `\overset`, `\left \right` and the larger brackets,
+`\begin{aligned|cases|bmatrix|pmatrix|matrix}`, the signs of `SIGNS`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ SIGNS = {
     "lvert": "|", "rvert": "|",
     "lVert": "‖", "rVert": "‖", "Vert": "‖", "|": "‖", "{": "{", "}": "}", "lfloor": "⌊", "rfloor": "⌋", "lbrace": "{",
     "rbrace": "}", "lbrack": "[", "rbrack": "]", "ast": "∗", "star": "⋆", "wedge": "∧", "vee": "∨", "neg": "¬", "ell": "ℓ",
+    "coloneqq": ":=", "eqqcolon": "=:",
     "colon": ":", "div": "÷", "mp": "∓", "subset": "⊂", "cup": "∪", "cap": "∩", "setminus": "∖", "longrightarrow": "⟶",
     "%": "%", "$": "$", "#": "#", "&": "&", "_": "_",
 }
@@ -121,6 +123,9 @@ class _Reader:
         """MathML of the formula up to a token of `stop`, which is not consumed. font: font of its letters, "" for the default."""
         out: list[str] = []
         while (token := self.peek()) and token not in stop and token not in ("}", r"\right", r"\end"):
+            if token == r"\over":
+                self.take()
+                return f"<mfrac><mrow>{''.join(out)}</mrow><mrow>{self.row(font, stop)}</mrow></mfrac>"
             base = "<mrow></mrow>" if token in ("^", "_") else self.atom(font, first=not out)
             out.append(self.scripts(base, font))
         return out[0] if len(out) == 1 else f"<mrow>{''.join(out)}</mrow>"
@@ -201,6 +206,13 @@ class _Reader:
             return fraction if name != "tfrac" else f'<mstyle displaystyle="false">{fraction}</mstyle>'
         if name == "underline":
             return f"<munder>{self.atom(font)}<mo>_</mo></munder>"
+        if name in ("underbrace", "overbrace"):
+            inner, place = f"<munder>{self.atom(font)}<mo>_</mo></munder>", self.peek()
+            said = self.argument(font) if place in ("_", "^") and self.take() else ""
+            return f"<m{'under' if place == '_' else 'over'}>{inner}<mrow>{said}</mrow></m{'under' if place == '_' else 'over'}>"
+        if name in ("overset", "stackrel", "underset"):
+            mark, tag = self.argument(font), "munder" if name == "underset" else "mover"
+            return f"<{tag}><mrow>{self.argument(font)}</mrow><mrow>{mark}</mrow></{tag}>"
         if name == "sqrt":
             return f"<msqrt>{self.atom(font)}</msqrt>"
         if name == "left":

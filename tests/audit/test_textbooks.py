@@ -6,6 +6,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.audit import Row
+from mbdae.documents.mathml import display
 
 RIGHT, CANNOT, INCOMPLETE, MISPRINT = "RIGHT", "CANNOT JUDGE", "INCOMPLETE", "MISPRINT"
 MOVING = r"""
@@ -110,6 +111,7 @@ PRINTED = {
 def test_right_ones_are_not_blamed_and_planted_errors_not_cleared(name: str) -> None:
     meanings, right, wrong = PRINTED[name]
     assert [row.verdict for row in judged(right, meanings)] == [RIGHT]
+    assert "<math" in display(right)  # beside its verdict it stands as it is printed
     assert [row.verdict for row in judged(wrong, meanings)] == [MISPRINT]
 
 
