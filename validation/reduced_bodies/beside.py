@@ -1,10 +1,10 @@
 """Two examples of Exudyn with reduced bodies, drawn by lot (seed 51) of the ten that run without a mesher, on the same matrices.
 
-ObjectFFRFconvergenceTestHinge: a plate with a bolt and a bushing; its switches for the joint at the bolt, the weight and the
-second interface are on, since nothing moves otherwise. superElementRigidJointTest: two rotors joined at a face, a mass beside
-the axis, under their weight; with interfaces that are rigid, as in the other example, where it joins means over a face. The
-matrices in exudyn_matrices.npz (lower halves, SI) are those of Exudyn's repository, copyright 2018-2025 Johannes Gerstmayr,
-University of Innsbruck, under the licence of that program, which allows redistribution with this notice."""
+ObjectFFRFconvergenceTestHinge: a plate with a bolt and a bushing; its switches for joint at the bolt, weight and second
+interface are on, since nothing moves otherwise. superElementRigidJointTest: two rotors joined at a face, a mass beside the axis,
+under their weight; with interfaces that are rigid, as in the other example, where it joins means over a face. The matrices in
+exudyn_matrices.npz (lower halves, SI) are those of Exudyn's repository, copyright 2018-2025 Johannes Gerstmayr, University of
+Innsbruck, under the licence of that program, which allows redistribution with this notice."""
 
 from __future__ import annotations
 

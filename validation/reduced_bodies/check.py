@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from reduced_bodies.beam import LENGTH, PER_LENGTH, SECOND, beam_matrices, on_a_hub
 from reduced_bodies.beside import EXAMPLES, apart, exudyn
+from reduced_bodies.cost import derivatives, misunderstood, reduction, run
 from reduced_bodies.draw import seen
 from runner import Case, Claim, Found
 from scenes import data
@@ -76,6 +77,27 @@ def beside(name: str) -> list[Found]:
     return [Found(frequencies, 1e-8, quantity="frequencies with held interfaces"), Found(places, quantity="places", note=note)]
 
 
+def priced(ratio: float, note: str) -> Found:
+    return Found(ratio, 2.0, "times", quantity="CPU", note=note)
+
+
+def derived() -> list[Found]:
+    place, force = derivatives()
+    return [Found(place, quantity="place of the tip"), Found(force, quantity="force in the hinge")]
+
+
+def refused() -> Found:
+    wrong = misunderstood()
+    return Found(len(wrong), 0.0, "kinds", note=f"not named: {', '.join(wrong) or 'none'}")
+
+
+def free_statics() -> Found:
+    """As `statics`, of a body of free modes."""
+    size = 1e-3 * EI
+    body = mb.ReducedBody.free_interface(*beam_matrices(10), {"root": [0], "tip": [10]}, 0)
+    return Found(abs(cantilever(body, (0, size, 0)) / (size * LENGTH**3 / (3 * EI)) - 1), 1e-6, quantity="deflection")
+
+
 def judge(seeds: Sequence[int]) -> Found:
     """How many drawn bodies the error told misses by more than a factor 3."""
     found = [seen(seed) for seed in seeds]
@@ -87,6 +109,8 @@ def judge(seeds: Sequence[int]) -> Found:
 
 def cases() -> list[Case]:
     return [Case("cantilever", "equilibrium", statics), Case("free beam", "eigh", frequencies),
+            Case("cantilever of free modes", "equilibrium", free_statics), Case("bad input", "reduction", refused),
+            Case("derivatives", "Radau IIA", derived),
             *(Case(f"column, {share:g} of Euler's load", "equilibrium", lambda share=share: column(share))
               for share in (0.5, -0.5)),
             *(Case(f"beam on a hub, rate {rate}", "linearize", lambda rate=rate: turning(rate), rate != "2.0")
@@ -96,5 +120,8 @@ def cases() -> list[Case]:
               for shape in ("plate", "bracket") for share in (0.1, 0.3)),
             *(Case(f"Exudyn's example, {name}", "Radau IIA", lambda name=name: beside(name), slow=True)
               for name in (EXAMPLES if exudyn() else ())),
+            Case("cost of the reduction", "splu, eigsh", lambda: priced(*reduction()), slow=True),
+            *(Case(f"cost of a run of 20 modes to {accuracy:g}", "Radau IIA", lambda accuracy=accuracy: priced(*run(accuracy)),
+                   slow=True) for accuracy in (1e-3, 1e-4)),
             Case(f"{len(QUICK)} drawn bodies", "verify=True", lambda: judge(list(QUICK)), slow=True),
             Case("drawn bodies", "verify=True", judge, slow=True, parts=list(WHOLE))]
