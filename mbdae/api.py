@@ -127,9 +127,11 @@ class Scene(SceneData):
         path: .png, .svg or .pdf to write. hide: names of items that are left out, one or a list. ax: axes of matplotlib to draw
         in, with projection="3d" for a scene in space. Raises SceneError with every problem found."""
         from mbdae.show.drawing import draw
-        from mbdae.show.plots import checked, names_of
+        from mbdae.show.plots import checked, given_axes, names_of
 
-        return draw(prepare(self), checked(path, what="draw") if path is not None else None, names_of("hide", hide), ax)
+        prepared, file = prepare(self), checked(path, what="draw") if path is not None else None
+        axes = given_axes(ax, 1, spatial=not prepared.model.planar)[0] if ax is not None else None
+        return draw(prepared, file, names_of("hide", hide), axes)
 
     def __repr__(self) -> str:
         forces = len(self._items) - len(self.bodies) - len(self.joints)

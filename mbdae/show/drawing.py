@@ -11,7 +11,7 @@ import numpy as np
 from mbdae.results.stored_parts import started
 from mbdae.show import Namer, fitting, symbols
 from mbdae.show.geometry import INK, Geometry, Outline
-from mbdae.show.plots import dress, given_axes, written
+from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import Prepared
 from mbdae.values import Array
@@ -218,7 +218,6 @@ def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = (), ax: Any
         margins = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
         axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **margins)[0])
     else:
-        (ax,) = given_axes(ax, 1, spatial=not seen.planar)
         figure, axes = ax.figure, axes_for(ax.figure, seen, None, ax)
     Picture(axes, seen)
     entitled(axes, seen, f"{seen.name}, t = {seen.t[0]:g} s", across=ax is None)

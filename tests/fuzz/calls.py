@@ -310,7 +310,7 @@ CALLS: dict[str, Call] = {
     "RunStates.states": Call(lambda: result().states, lambda: {"t": [0.1]}),
     "RunStates.stresses": Call(lambda: result().stresses, lambda: {"t": [0.1]}),
     "Result.state_for": Call(lambda: result().state_for, lambda: {"scene": scene(), "t": 0.1}),
-    "Result.plot": Call(lambda: result().plot, lambda: {"sensors": "hinge.angle", **PICTURE}, "mbdae.show.plots.new_figure"),
+    "Result.plot": Call(lambda: result().plot, lambda: {"sensors": "hinge.angle", **PICTURE}, "mbdae.show.plots.dress"),
     "Result.phase": Call(lambda: result().phase, lambda: {"x": "hinge.angle", "y": "hinge.rate", **PICTURE}),
     "Result.orbit": Call(lambda: result().orbit, lambda: {"place": "rod", "axes": "xy", **PICTURE}),
     "Result.animate": Call(lambda: result().animate, lambda: {
@@ -328,7 +328,7 @@ CALLS: dict[str, Call] = {
     "Study.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.study.write_file"),
     "Study.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
                           "mbdae.study.write_file"),
-    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE | {"ax": None}, "mbdae.compare.page.work_precision"),
+    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE | {"ax": None}, "mbdae.compare.page._line"),
     "Block.at": Call(lambda: _block().at, lambda: {"label": "a", "value": 1.0}),
     "Sweep.array": Call(lambda: _sweep().array, lambda: {"key": "b"}),
     "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.study.write_file"),
