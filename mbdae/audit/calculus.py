@@ -253,6 +253,13 @@ class Letters:
         return [made("product", *factors_of(c), symbol("I")) if s == () and c.kind != "number" else c
                 for c, s in zip(cells, shapes, strict=True)]
 
+    def dotted(self, left: list[Node], right: list[Node]) -> list[Node]:
+        """Factors with a dot between them: a column before it is a row, where what follows has as many rows."""
+        rows = self.shape(made("product", *left))
+        shapes = (self.shape(made("product", *right[:k])) for k in range(1, len(right) + 1))
+        meet = rows is not None and rows[1:] == (1,) and any(s is not None and len(s) == 2 and s[0] == rows[0] for s in shapes)
+        return [made("transposed", made("product", *left)), *right] if meet else [*left, *right]
+
     def inner(self, cells: Sequence[Node]) -> list[Node]:
         """The inner product of two vectors; nothing for other formulas."""
         shapes = [self.shape(c) for c in cells]

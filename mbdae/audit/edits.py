@@ -22,6 +22,8 @@ Edited = tuple["Edit", Node]
 _EXCHANGED = {a: b for one, other in (("sin", "cos"), ("sinh", "cosh"), ("asin", "acos"), ("asinh", "acosh"))
               for a, b in ((one, other), (other, one))}
 
+BELOW = "{} in the denominator"  #: the change of a divisor that takes in the factors after it
+
 
 @dataclass(frozen=True)
 class Edit:
@@ -193,7 +195,7 @@ def _brackets(node: Node, i: int) -> Iterator[Edited]:
     for end in range(i + 2, last + 1):  # P/2 pi -> P/(2 pi), f(x) y -> f(x y)
         moved = made("product", *parts[i + 1 : end])
         wider = replace(factor, parts=(made("product", *inside, *factors_of(moved)),))
-        edit = Edit("{} in the denominator" if below else "{} inside of the bracket of {}", (moved, factor)[: 2 - below],
+        edit = Edit(BELOW if below else "{} inside of the bracket of {}", (moved, factor)[: 2 - below],
                     resizes=True, size=BRACKET)
         yield edit, node.with_parts((*parts[:i], wider, *parts[end:]))
     for cut in range(1, len(inside) if below else 0):  # P/(2 pi) -> P/2 pi

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbdae.audit import notation
 from mbdae.audit.compare import SAME, STATES, ComparedStates, compared, difference
-from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, faults, supplements, united
+from mbdae.audit.edits import BELOW, Candidates, Edit, applied, edits, everywhere, faults, supplements, united
 from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate
 from mbdae.audit.fits import Fit, factors, terms, wrapped
 from mbdae.audit.notation import BINDING, Node, Relation, made, symbol
@@ -34,6 +34,7 @@ class Repair:
     equation: Printed
     tex: str = ""  #: the changes in TeX, in the letters of the text
     accents: bool = False  #: whether all changes are tildes and transpositions
+    below: bool = False  #: whether all that changes is how much of a product a fraction has below its line
 
     def __str__(self) -> str:
         return "; ".join(self.words)
@@ -56,7 +57,8 @@ def repair(equation: Printed, states: ComparedStates) -> Repair | None:
         known += found[1]
         done += [e for e in found[1] if e.words not in [d.words for d in done]]
     tex = "; ".join(e.tex(wide.scope.letters) for e in done)
-    return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), tex, all(e.accent for e in done))
+    return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), tex, all(e.accent for e in done),
+                  all(e.form == BELOW for e in done))
 
 
 def _other_roles(equation: Printed, states: ComparedStates) -> Repair | None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 from mbdae.audit.calculus import Key, Letters, counted, related
 from mbdae.audit.notation import Comparison, Node, Relation, is_zero, made, negated, number, symbol
@@ -219,13 +220,7 @@ class Formula:
                 parts.append([])
             else:
                 parts[-1].append(item)
-        found = [Factors(self, p).all() for p in parts]
-        out = found[0]
-        for other in found[1:]:
-            left, right = (self.letters.shape(made("product", *f)) for f in (out, other))
-            column = left is not None and right is not None and len(left) == 2 and left == right and left[1] == 1
-            out = [made("transposed", made("product", *out)), *other] if column else [*out, *other]
-        return made("product", *out)
+        return made("product", *reduce(self.letters.dotted, (Factors(self, p).all() for p in parts)))
 
     # -- letters
 

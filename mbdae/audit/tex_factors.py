@@ -131,11 +131,9 @@ class Factors:
             return Node("call", "norm" if column else "abs", (found,))
         if item.text == "\\langle":
             raise UnreadError("angle brackets around one formula (a mean) are not known")
-        if item.sub:
-            if canonical(item.sub) != "\\times":
-                raise UnreadError(f"the index `{canonical(item.sub)}` stands at a bracket")
-            return made("cross", found)
-        return found
+        if item.sub and canonical(item.sub) != "\\times":
+            raise UnreadError(f"the index `{canonical(item.sub)}` stands at a bracket")
+        return made("cross", found) if item.sub else found
 
     def listed(self, item: Item) -> Node:
         """Formulas between commas: a row, unless as a column or, of two vectors, as their inner product it fits."""
@@ -192,12 +190,13 @@ class Factors:
         of = self.formula.letter((), inside[0]) if listed and len(inside) == 1 and not stated else None
         inner = of.value if of is not None and of.kind == "symbol" else None
         own, doubt = self.letters.contains(name), ""
+        arrays = any(i.kind == "letter" and (n := self.formula.letter((), i)) and self.letters.shape(n) != () for i in inside)
         argument = inner != name and inner in own
         if argument and inner not in self.letters.moving and not self.letters.whole(name, inner, self.formula.present):
             doubt = f"give the letter of the table its argument, as ${canonical(self.items[self.at - 1 : self.at + 1])}$"
         elif len(own) > 1 and inner not in (None, *own):
             doubt = f"the definition of {name} does not contain {inner}"
-        elif not (stated or listed or any(i.text in ("+", "-") for i in inside)) and (
+        elif not (stated or listed or arrays or any(i.text in ("+", "-") for i in inside)) and (
                 len(own) > 1 or name in self.letters.moving or all(i.kind == "number" for i in inside)):  # w(L/2), x(0)
             doubt = f"${canonical(self.items[self.at - 1 : self.at + 1])}$ needs a line of its own in the table"
         if doubt:

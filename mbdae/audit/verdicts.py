@@ -4,6 +4,7 @@ AMBIGUOUS, CANNOT JUDGE. Where sizes do not fit, the verdict is MISPRINT only if
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,9 +27,11 @@ VERDICTS = {
     RIGHT: "both sides agree in random states of motion in which they are real, under the conditions said after `for`",
     MISPRINT: "the sides differ; the repair is the smallest change after which they agree",
     INCOMPLETE: "right, but a term with a quantity the text names nowhere, a case, or a listed force is missing",
-    AMBIGUOUS: "right on one side of the equations of motion, while formulas that belong to it are right on the other",
+    AMBIGUOUS: "right on one side of the equations of motion, while formulas that belong to it are right on the other; "
+               "or right if all that follows a slash is a divisor, as in a/2b",
     CANNOT: "the formula cannot be read, a piece of it has no value, or nothing says what a quantity is",
 }
+SLASH = re.compile(r"/\s*[\\\w]")  #: a divisor without brackets
 SIGN = "right with the opposite sign"
 #: side on which a rule gives a force, and the side to declare in a text with the opposite sign
 DECLARED = {"left": "applied", "applied": "left"}
@@ -265,6 +268,8 @@ def _wrong(equation: Printed, states: ComparedStates, gaps: list[Compared], sear
                    repaired=found.equation if found else None)
     if found is not None:
         why = told(*dict.fromkeys((units, doubt)))
+        if found.below and SLASH.search(equation.tex):
+            return Row(equation, AMBIGUOUS, residual, f"brackets around what follows the slash ({found})", why, tex=found.tex)
         return _repaired(Row(equation, MISPRINT, residual, str(found), why, tex=found.tex), found, states)
     return _cannot(equation, doubt) if doubt else Row(equation, MISPRINT, residual, remark=units)
 

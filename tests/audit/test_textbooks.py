@@ -30,6 +30,15 @@ def judged(tex: str, meanings: str) -> list[Row]:
 
 
 PRINTED = {
+    "energy of a rotation in dots": (
+        "Jv [kg m^2] $\\mathbf I$: symmetric matrix\nw [1/s] $\\vec\\omega$: vector\nlet T [J] = 1/2*w'*Jv*w",
+        r"T = \frac12\vec\omega\cdot\mathbf I\cdot\vec\omega", r"T = \vec\omega\cdot\mathbf I\cdot\vec\omega"),
+    "a double cross product": (
+        "w [1/s] $\\vec\\omega$: vector", r"\vec\omega\times(\vec\omega\times\vec r) = \vec\omega(\vec\omega\cdot\vec r)"
+        r" - \vec r(\vec\omega\cdot\vec\omega)", r"\vec\omega\times(\vec\omega\times\vec r) = \vec\omega\cdot\vec r\,\vec r"
+        r" - \vec\omega\cdot\vec\omega\,\vec r"),
+    "a dot and a vector behind it": (
+        "", r"\vec v\cdot\vec w\,\vec v = \vec v(\vec v^T\vec w)", r"\vec v\cdot\vec w\,\vec w = \vec v(\vec v^T\vec w)"),
     "inner product in angle brackets": (
         r"let T [J] = 1/2*m*v'*v", r"T = \frac12 m\langle\vec v,\vec v\rangle", r"T = m\langle\vec v,\vec v\rangle"),
     "inner product in round brackets": (
@@ -172,12 +181,21 @@ def test_a_letter_whose_name_is_in_the_table_is_told() -> None:
     (r"c = \cos(\varphi - \psi)", "let c [1] = cos(varphi) - psi", "-psi outside of the bracket of cos(varphi - psi)"),
     (r"\tan\varphi/2 = \frac{\sin\varphi}{1+\cos\varphi}", "", "1/2 inside of the bracket of tan(varphi)"),
     (r"c = \sin(\varphi\psi)", "let c [1] = sin(varphi)*psi", "psi outside of the bracket of sin(varphi*psi)"),
-    (r"m/2\pi a^2 = p", "let p [kg/m^2] = m/(2*pi*a^2)", "pi*a^2 in the denominator"),
+    (r"\frac m2\pi a^2 = p", "let p [kg/m^2] = m/(2*pi*a^2)", "pi*a^2 in the denominator"),
     (r"p = \frac{m}{2\pi a^2}", "let p [kg m^2] = m/2*pi*a^2", "pi*a^2 not in the denominator"),
 ])
 def test_a_bracket_that_holds_too_little_or_too_much_is_found(tex: str, meanings: str, repair: str) -> None:
     (row,) = judged(tex, meanings)
     assert (row.verdict, row.repair) == (MISPRINT, repair)
+
+
+@pytest.mark.parametrize("tex", [r"p = m/2\pi a^2", r"m/2\pi a^2 = p"])
+def test_a_slash_before_a_product_is_asked_about(tex: str) -> None:
+    """Many print m/2 pi for m/(2 pi): with one of the two readings right, neither is called a misprint or right."""
+    (row,) = judged(tex, "let p [kg/m^2] = m/(2*pi*a^2)")
+    assert (row.verdict, "brackets" in row.repair) == ("AMBIGUOUS", True)
+    (row,) = judged(tex.replace("2", "3", 1), "let p [kg/m^2] = m/(2*pi*a^2)")
+    assert row.verdict == MISPRINT
 
 
 def test_equations_keep_their_tags() -> None:
