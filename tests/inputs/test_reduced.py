@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -330,3 +331,29 @@ def test_a_pull_between_two_times_of_the_result_is_told() -> None:
     s.force("F", "beam.tip", (-200 * sympy.exp(-(((mb.t - 0.05) / 5e-3) ** 2)), 0, 0))
     with pytest.warns(mb.AccuracyWarning, match="pulls or presses at its interface"):
         assert len(s.simulate(0.1, 1e-3, outputs=2).t) == 2
+
+
+def test_pictures_show_the_deformed_mesh_and_nothing_that_is_no_part_of_the_machine() -> None:
+    from mbdae.show.shapes import geometry
+
+    s = mb.Scene("cantilever")
+    s.reduced_body("beam", reduced(2, 2e9))
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (0, 2.0, 0))
+    r = s.simulate(0.05, 1e-4)
+    seen = geometry(r)
+    lines = [o.points for o in seen.shapes if o.item == "beam"]
+    assert [line.shape for line in lines] == [(len(r.t), 11, 3)]
+    ends = np.stack([r["beam.root"].position, r["beam.tip"].position], axis=1)
+    np.testing.assert_allclose(lines[0][:, [0, -1]], ends, atol=1e-9)
+    assert np.ptp(lines[0][:, -1, 1]) > 1e-3
+    drawn = {o.item for o in seen.shapes} | {label.text for label in seen.labels}
+    assert not [name for name in drawn if "inertia" in name or "rows" in name or "modes" in name]
+
+
+def test_lines_of_a_drawing_pass_every_edge_once() -> None:
+    from mbdae.show.geometry import _trails
+
+    edges = np.array([(i, j) for i in range(6) for j in range(i)])
+    passed = [tuple(sorted(pair)) for trail in _trails(edges) for pair in pairwise(trail)]
+    assert sorted(passed) == sorted(tuple(sorted(pair)) for pair in edges.tolist())
