@@ -55,8 +55,10 @@ class FiniteElementModel(NamesAttributes):
             stiffening = self.solid.second_force
         stress, given = None if self.solid is None else self.solid.stress, (self.M, self.K, self.nodes, at, modes)
         if option("free", free, flag, "give True or False"):  # static deformations by accelerations are among its own
-            return ReducedBody.free_interface(*given, stiffening, stress, accuracy, up_to)
-        return ReducedBody.craig_bampton(*given, accelerations, stiffening, stress, accuracy, up_to)
+            found = ReducedBody.free_interface(*given, stiffening, stress, accuracy, up_to)
+        else:
+            found = ReducedBody.craig_bampton(*given, accelerations, stiffening, stress, accuracy, up_to)
+        return found if self.solid is None else found.drawn(self.solid.edges)
 
 
 @naming_arguments

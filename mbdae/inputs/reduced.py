@@ -9,7 +9,7 @@ that they leave, centre of mass and angular momentum of small deformations stay 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -23,8 +23,10 @@ from mbdae.values import Array, array, flag, number, option, optional, shown, wh
 
 if TYPE_CHECKING:
     from mbdae.inputs.reduction import FiniteElements, rigid_motions
+    from mbdae.inputs.solids import drawn_edges, stresses_by_modes
 else:
     FiniteElements, rigid_motions = later("mbdae.inputs.reduction", "FiniteElements", "rigid_motions")
+    drawn_edges, stresses_by_modes = later("mbdae.inputs.solids", "drawn_edges", "stresses_by_modes")
 
 #: largest displacement by a mode, over the size of a body, that is not told: where a cantilever's end deflects by 14 % of its
 #: length, its mode displaces by 5.4 % and the deflection is 1.4 % off; at a tenth of that load by 0.54 % and 0.013 %
@@ -69,6 +71,7 @@ class ReducedBody(NamesAttributes):
     interface_bends: dict[str, Array] = field(default_factory=dict)
     #: (k, 6, n) stresses at the nodes by the modes, Pa/m, xx yy zz yz xz xy; none where they are not known
     stresses: Array = field(default_factory=lambda: np.zeros((0, 6, 0)))
+    edges: Array = field(default_factory=lambda: np.zeros((0, 2)))  #: (e, 2) numbers of nodes between which lines are drawn
     free: bool = False  #: made by `free_interface`: the modes kept, and `held_frequencies`, are those with free interfaces
 
     def __post_init__(self) -> None:
@@ -77,12 +80,14 @@ class ReducedBody(NamesAttributes):
                   "shapes": (k, 3 if len(self.shapes) and np.shape(self.shapes)[1] == 3 else 6, n), "modal_stiffness": (n,),
                   "held_frequencies": (np.size(self.held_frequencies),), "points": (len(self.points), 3, 1 + n),
                   "bends": (s, n, n) if s else (0, 0, 0), "stretches": (s, 3, 3),
-                  "stresses": (k, 6, n) if len(self.stresses) else (0, 6, 0)}
+                  "stresses": (k, 6, n) if len(self.stresses) else (0, 6, 0), "edges": (len(self.edges), 2)}
         found = {name: np.asarray(getattr(self, name), dtype=float) for name in wanted}
         found |= {name: x.reshape(wanted[name]) for name, x in found.items() if not x.size and not np.prod(wanted[name])}
         places = {name: np.asarray(x, dtype=float) for name, x in dict(self.interfaces).items()}
         at = {name: np.asarray(x, dtype=float).reshape(6, n) for name, x in dict(self.interface_shapes).items()}
         bent = {name: np.asarray(self.interface_bends.get(name, np.zeros((6, s))), dtype=float).reshape(6, s) for name in at}
+        if np.any((found["edges"] < 0) | (found["edges"] >= k)):
+            raise OptionError(f"ReducedBody: its edges name nodes that it does not have, 0 to {k - 1}")
         if wrong := [n for n, shape in wanted.items() if found[n].shape != shape or not np.all(np.isfinite(found[n]))]:
             raise OptionError(f"ReducedBody: {wrong[0]} has the shape {found[wrong[0]].shape}, not {wanted[wrong[0]]}, or is not "
                               f"finite: make it by mb.ReducedBody.craig_bampton")
@@ -172,10 +177,10 @@ class ReducedBody(NamesAttributes):
                 f"{held}; loads "
                 f"{'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
 
-    def displacement(self, coordinates: Any) -> Array:
-        """(..., k, 6 or 3) displacements of all nodes in the body's frame, m and rad, from coordinates (..., n), m, or from
-        r["<name>.modes"] of a result."""
-        return np.asarray(np.einsum("kfn,...n->...kf", self.shapes, _modes_given(coordinates, self.shapes.shape[2])))
+    def displacement(self, coordinates: Any, nodes: Any = slice(None)) -> Array:
+        """(..., k, 6 or 3) displacements of all nodes, or of some by number, in the body's frame, m and rad, from coordinates
+        (..., n), m, or from r["<name>.modes"] of a result."""
+        return np.asarray(np.einsum("kfn,...n->...kf", self.shapes[nodes], _modes_given(coordinates, self.shapes.shape[2])))
 
     @classmethod
     def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
@@ -221,8 +226,8 @@ class ReducedBody(NamesAttributes):
         found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening,
                              (least, np.inf if highest is None else highest), free)
         if stress is not None:
-            found["stresses"] = _stresses(stress, found["shapes"])
-        made = cls(**found, points=inertia_points(body.M, **found), free=free)
+            found["stresses"] = stresses_by_modes(stress, found["shapes"])
+        made = cls(**found, points=inertia_points(body.M, **found), free=free, edges=drawn_edges(body.K, body.nodes))
         most = min(2 * len(made.held_frequencies) + MORE, body.inner.shape[1])
         vars(made)["finer"] = lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to)
         return made
@@ -230,6 +235,12 @@ class ReducedBody(NamesAttributes):
     def finer(self) -> ReducedBody:
         """The body with at least twice as many modes with held interfaces, by which the error of those kept is measured."""
         raise OptionError("the reduced body was not made from its matrices in this process: reduce it again")
+
+    def drawn(self, edges: Any) -> ReducedBody:
+        """The same body, drawn by lines between nodes, (e, 2) by their numbers."""
+        made = replace(self, edges=edges)
+        vars(made).update({name: value for name, value in vars(self).items() if name == "finer"})
+        return made
 
     def __deepcopy__(self, memo: Any) -> ReducedBody:
         return self
@@ -250,15 +261,6 @@ class ReducedBody(NamesAttributes):
         """(..., k) von Mises stress at the nodes, Pa; coordinates as in `stress`."""
         xx, yy, zz, yz, xz, xy = np.moveaxis(self.stress(coordinates), -1, 0)
         return np.asarray(np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2)))
-
-
-def _stresses(stress: Any, shapes: Array) -> Array:
-    """(k, 6, n) stresses by the modes, by a function of displacements."""
-    if not callable(stress):
-        raise OptionError(f"stress = {shown(stress)}: give a function of displacements ({shapes[:, :, 0].size},), or None")
-    return np.stack([option("stress", stress(shapes[:, :, i].ravel()), lambda x: array(x, (len(shapes), 6)),
-                            f"give a function that returns the stresses ({len(shapes)}, 6), Pa") for i in range(shapes.shape[2])],
-                    axis=2) if shapes.shape[2] else np.zeros((len(shapes), 6, 0))
 
 
 def _modes_given(coordinates: Any, n: int) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbdae.deferred import sp
 from mbdae.errors import OptionError
-from mbdae.values import Array
+from mbdae.values import Array, array, option, shown
 
 #: cells of meshio -> mesh and elements of scikit-fem of order 1 and 2
 SOLIDS = {"tetra": ("MeshTet", ("ElementTetP1", "ElementTetP2")), "hexahedron": ("MeshHex", ("ElementHex1", "ElementHex2"))}
@@ -38,6 +38,7 @@ class Solid:
     numbers: Any
     lame: tuple[float, float]
     at_nodes: tuple[Any, Any, Any]
+    edges: Any  #: (e, 2) numbers of the nodes at the ends of edges on its surface
 
     def _stress(self, strain: Array) -> Array:
         """(3, 3, ...) stress, Pa, by a strain (3, 3, ...)."""
@@ -66,6 +67,28 @@ class Solid:
         out = np.zeros((self.at_nodes[0].shape[0], 3))
         np.add.at(out, self.numbers, by_elements)
         return out.ravel()
+
+
+MOST_EDGES = 1500  #: largest number of lines by which a body of matrices alone is drawn
+
+
+def drawn_edges(K: Any, nodes: Array) -> Array:
+    """(e, 2) pairs of nodes that a stiffness connects, of many the shortest."""
+    f = K.shape[0] // len(nodes)
+    blocks = sp.triu(sp.coo_matrix(K)).tocoo()
+    pairs = np.unique(np.stack([blocks.row // f, blocks.col // f], axis=1)[blocks.data != 0], axis=0)
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    order = np.argsort(np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1), kind="stable")
+    return np.asarray(pairs[np.sort(order[:MOST_EDGES])], dtype=float)
+
+
+def stresses_by_modes(stress: Any, shapes: Array) -> Array:
+    """(k, 6, n) stresses by the modes, by a function of displacements."""
+    if not callable(stress):
+        raise OptionError(f"stress = {shown(stress)}: give a function of displacements ({shapes[:, :, 0].size},), or None")
+    return np.stack([option("stress", stress(shapes[:, :, i].ravel()), lambda x: array(x, (len(shapes), 6)),
+                            f"give a function that returns the stresses ({len(shapes)}, 6), Pa") for i in range(shapes.shape[2])],
+                    axis=2) if shapes.shape[2] else np.zeros((len(shapes), 6, 0))
 
 
 def assembled(read: Any, E: float, nu: float, density: float, unit: float, order: int, called: str) -> Any:
@@ -98,7 +121,8 @@ def assembled(read: Any, E: float, nu: float, density: float, unit: float, order
     K = sp.csr_matrix(sp.bmat(blocks))[by_nodes][:, by_nodes]
     M = sp.kron(density * _scattered(np.einsum("ieq,jeq,eq->ije", values, values, weights), numbers, k), sp.identity(3))
     places = np.asarray(basis.doflocs).T.copy()
-    solid = Solid(gradients, weights, numbers, lame, _derivatives(fem, mesh, element, numbers, k))
+    solid = Solid(gradients, weights, numbers, lame, _derivatives(fem, mesh, element, numbers, k),
+                  np.asarray(basis.nodal_dofs)[0][mesh.edges[:, mesh.boundary_edges()]].T)
     return sp.csc_matrix(M), sp.csc_matrix(K), places, _sets(read, used, mesh, basis), solid
 
 

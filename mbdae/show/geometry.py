@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
@@ -108,6 +108,7 @@ class Collected:
                       for name in (body.name for body in self.scene.bodies)}
         self.lines: dict[Body, Array] = {line.beam: polylines(result, line, _pieces(line))
                                          for line in result.prepared.model.lines}
+        self.meshes = dict(_meshes(result, self.poses))  #: reduced body -> deformed lines (nt, n, 3), m
         self.attached = {b.name: self._attached(b) for b in self.scene.bodies}
         self.looks = looks_of(self.scene, self.lines)
         self.extents = {body.name: self._spanned(body) for body in self.shown(self.scene.bodies)}
@@ -151,6 +152,8 @@ class Collected:
         """Points (nt, n, 3), m, whose bounding box contains a body over time."""
         if body in self.lines:
             return self.lines[body]
+        if body in self.meshes:
+            return np.concatenate(self.meshes[body], axis=1)
         shapes = [self._local(body, points) for one in self.looks[body.name] for points in symbols.outline(one)]
         return moved(self.poses[body.name], np.vstack([self._local(body, body.outline), self.attached[body.name], *shapes]))
 
@@ -238,7 +241,37 @@ def _hidden(result: Result, hide: Sequence[str]) -> set[str]:
     """Names of items to leave out; SceneError where there is no such item."""
     for name in hide:
         _ = result.prepared.model.scene[name]
-    return set(hide)
+    # what carries the modes and the inertia of a reduced body, and ties its interfaces to it, is no part of the machine
+    own = [c for c in result.prepared.model.scene.connections if c.kind in ("reduced body", "inertia", "interface")]
+    return {*hide, *(c.name for c in own), *(c.l.name for c in own if c.kind == "inertia")}
+
+
+def _meshes(result: Result, poses: Mapping[str, Pose]) -> Iterator[tuple[Body, list[Array]]]:
+    """Every reduced body with the deformed lines (nt, n, 3), m, along the edges of its mesh."""
+    for item in result.prepared.model.scene.connections:
+        body = getattr(item.joint, "reduced", None)
+        if body is not None and len(body.edges):
+            used, ends_of = np.unique(body.edges.astype(int), return_inverse=True)
+            local = body.displacement(result[item.name], used)[..., :3] + body.nodes[used] - body.center
+            pose = poses[item.k.name]
+            points = pose.position[:, None] + np.einsum("tij,tnj->tni", pose.rotation, local)
+            yield item.k, [points[:, trail] for trail in _trails(ends_of.reshape(-1, 2))]
+
+
+def _trails(edges: Any) -> Iterator[list[int]]:
+    """Edges (e, 2) joined to lines, each edge in one of them."""
+    joined: dict[int, set[int]] = {}
+    for a, b in edges.tolist():
+        joined.setdefault(a, set()).add(b)
+        joined.setdefault(b, set()).add(a)
+    for start in sorted(joined, key=lambda node: (len(joined[node]) % 2 == 0, node)):
+        while joined[start]:
+            trail = [start]
+            while joined[trail[-1]]:
+                here = trail[-1]
+                trail.append(joined[here].pop())
+                joined[trail[-1]].discard(here)
+            yield trail
 
 
 def ends(item: Connection) -> tuple[Array, Array]:

@@ -36,6 +36,10 @@ class BodyShapes(Collected):
 
     def _body(self, body: Body, colour: str) -> None:
         self.colours[body.name] = colour
+        if body in self.meshes:
+            for points in self.meshes[body]:
+                self._add(body.name, "thin", points, colour=colour)
+            return self._name(body.name, body, body.drawn.position, True)
         drawn = [self._solid(body.name, one, body, colour) for one in self.looks.get(body.name, ())]
         if body.shapes is not None:
             if not drawn:
