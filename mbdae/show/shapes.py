@@ -18,7 +18,7 @@ from mbdae.laws.forces import tangents, wraps_of
 from mbdae.results.result import Result
 from mbdae.scene.components import BeamLoad, Connection, Place
 from mbdae.show import symbols
-from mbdae.show.geometry import Geometry, Outline, ends
+from mbdae.show.geometry import Geometry, ends
 from mbdae.show.joint_shapes import BodyShapes, JointShapes
 from mbdae.show.plots import COLOURS, strips, track
 from mbdae.symbolic.joint import Coupling
@@ -38,14 +38,9 @@ class _Builder(JointShapes, BodyShapes):
     """Draws bodies, joints, forces and couplings."""
 
     def build(self) -> Geometry:
-        apart = {side for item in self.scene.connections for kind, side in (("inertia", item.l), ("reduced body", item.k))
-                 if item.kind == kind}  # bodies of modes, and the points that carry their inertia
         for i, body in enumerate(self.scene.bodies):
-            colour = body.color or COLOURS[i % (len(COLOURS) - 1)]
-            if body.name not in self.hidden and body not in apart:
-                self._body(body, colour)
-            elif body in apart:
-                self.colours[body.name] = colour
+            if body.name not in self.hidden:
+                self._body(body, body.color or COLOURS[i % (len(COLOURS) - 1)])
         for item in self.shown(self.scene.connections):
             if item.shapes:
                 self._contact(self._on_sections(item))
@@ -64,14 +59,9 @@ class _Builder(JointShapes, BodyShapes):
     # -- forces and couplings
 
     def _connection(self, item: Connection) -> None:
-        """Draw a joint, a force or a body of modes, and its name."""
         at, at_l = ends(item)
         if isinstance(item.joint, Coupling):
             self._coupling(item, item.joint)
-        elif item.kind == "reduced body":
-            return self._reduced(item)
-        elif item.kind in ("interface", "inertia"):
-            return None
         elif item.is_joint:
             self._joint(item)
         else:
@@ -80,16 +70,6 @@ class _Builder(JointShapes, BodyShapes):
             middle = (self._over_time(item.k, at) + self._over_time(item.l, at_l)) / 2
             return self._name(item.name, self.scene.ground, middle)
         return self._name(item.name, item.l, at_l)
-
-    def _reduced(self, item: Connection) -> None:
-        """Draw the skin of the nodes of a body by its modes, as they are displaced."""
-        body, pose, colour = item.joint.reduced, self.poses[item.k.name], self.colours[item.k.name]
-        numbers, faces = symbols.skin(body.nodes)
-        moved = body.displacement(self.result[item.name])[:, numbers, :3] + body.nodes[numbers] - body.center
-        points = pose.position[:, None] + np.einsum("tij,tnj->tni", pose.rotation, moved)
-        self._name(item.k.name, item.k, item.k.drawn.position, True)
-        kind = "solid" if faces else "bar"
-        self.shapes.append(Outline(item.k.name, kind, colour, points, faces=faces, shades=(0,) * len(faces)))
 
     def _force(self, item: Connection, law: Any) -> None:
         at, at_l = ends(item)
