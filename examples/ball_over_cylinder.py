@@ -17,7 +17,7 @@ import mbdae as mb
 BIG, SMALL, MASS, G, START = 0.5, 0.1, 1.0, 9.81, 0.1  # m, m, kg, m/s^2, m/s
 LAW = mb.Hertz(1e11, 0.5)
 
-t_end = 1.4  # s
+t_end = 1.0  # s
 measure = "ball.position"
 WITHIN = 2e-3  # relative, of the number: elastic contact ends a little later
 
