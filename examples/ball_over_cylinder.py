@@ -7,7 +7,7 @@ A solid ball (radius r) that rolls from rest at the top of a cylinder (radius R)
 and leaves where the normal force m (g cos phi - v^2 / (R + r)) vanishes: cos phi = 10/17, 53.97 degrees; a mass that slides
 without friction leaves at cos phi = 2/3, 48.19 degrees. Here a small speed starts it, which the energy accounts for.
 
-Run it:  mbdae run examples/ball_over_cylinder.py --out out
+Run it:  mbdae run examples/ball_over_cylinder.py --accuracy 1e-4 --out out
 """
 
 import math

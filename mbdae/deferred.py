@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.errors import say
 from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["Later", "LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
-           "cython_lapack", "dijkstra", "distinct", "eigh", "eigsh", "eigvals", "entries_of", "group_columns", "identity",
-           "issparse", "later", "maximum_flow", "median", "qr", "sp", "splu"]
+           "cython_lapack", "dijkstra", "distinct", "eigh", "eigsh", "eigvals", "entered", "entries_of", "group_columns",
+           "identity", "issparse", "later", "maximum_flow", "median", "qr", "sp", "splu"]
 
 
 class Later:
@@ -90,6 +91,27 @@ def classes_in(folder: str, base: type[T], called: str = "") -> tuple[type[T], .
     found = {made.__name__: made for module in (top, *modules) for name, made in vars(module).items()
              if name[0] != "_" and isinstance(made, type) and issubclass(made, base) and not isabstract(made)}
     return tuple(made for _, made in sorted(found.items()))
+
+
+@cache
+def entered(group: str, *bases: type) -> dict[str, type[Any]]:
+    """The classes, derived from one of `bases`, that installed packages enter in a group of entry points, by the names of the
+    entries. What cannot be imported, or is no such class, is told and left out."""
+    from importlib.metadata import entry_points
+
+    found, kinds = {}, " or ".join(base.__name__ for base in bases)
+    for entry in entry_points(group=group):
+        left_out = f"'{entry.value}', which an installed package enters in {group}, is left out"
+        try:
+            made = entry.load()
+        except Exception as error:
+            say(f"{left_out}: {type(error).__name__}: {error}")
+            continue
+        if isinstance(made, type) and issubclass(made, bases) and not isabstract(made):
+            found[entry.name] = made
+        else:
+            say(f"{left_out}: it is no class derived from {kinds}")
+    return found
 
 
 def _words_of(module: ModuleInfo) -> list[str]:

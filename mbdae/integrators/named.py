@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import classes_in
+from mbdae.deferred import classes_in, entered
 from mbdae.errors import AccuracyWarning, ListsAttributes, OptionError, SolverError, naming_arguments
 from mbdae.formulations import default_form, form_of, system_for
 from mbdae.integrators.base import Solver, end_after
@@ -28,9 +28,11 @@ REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
 
 
 def solvers(called: str = "") -> tuple[type[Solver], ...]:
-    """The solvers of the package: every class in its folder that derives from `Solver`. called: a word; others than those with
-    such a name may be left out, so that they are not imported."""
-    return classes_in("mbdae.integrators", Solver, called)
+    """The solvers of the package, every class in its folder that derives from `Solver`, and those that installed packages enter
+    in the group "mbdae.solvers" of entry points. called: a word; others than those with such a name may be left out, so that
+    they are not imported."""
+    own = classes_in("mbdae.integrators", Solver, called)
+    return own if called else (*own, *entered("mbdae.solvers", Solver).values())
 
 
 @cache

@@ -219,7 +219,8 @@ def _info_of(solver: Any) -> dict[str, Any]:
 def _solver(stored: dict[str, Any], known: Known) -> Any:
     """The solver made from its options, which it checks itself."""
     name = without_module(stored["class"])
-    cls = {stored_name(own): own for own in solvers(plain(name.rpartition(":")[2]))}.get(name) or known.find(name, Solver)
+    words = (plain(name.rpartition(":")[2]), "")  # the files that have the name alone, then all, those of other packages too
+    cls = next((own for word in words for own in solvers(word) if stored_name(own) == name), None) or known.find(name, Solver)
     given = [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []
     unknown = sorted(set(stored["options"]) - set(given))
     if unknown:

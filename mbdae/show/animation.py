@@ -19,6 +19,7 @@ from mbdae.show.plots import PLACE, checked, dress, names_of, numbers, steady, s
 from mbdae.show.shapes import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed
 from mbdae.values import number, option, optional, sequence, text
 
+NEARLY = 245  #: value of red, green and blue above which a colour is white
 DPI = 80  #: resolution of a GIF, pixels per inch
 
 
@@ -98,7 +99,11 @@ def common_palette(frames: Sequence[Any], colours: int = 256) -> Any:
     stacked = Image.new("RGB", (frames[0].width, frames[0].height * len(frames)))
     for i, frame in enumerate(frames):
         stacked.paste(frame, (0, i * frame.height))
-    return stacked.quantize(colours)
+    made = stacked.quantize(colours)
+    values = np.array(made.getpalette() or [], dtype=int).reshape(-1, 3)
+    values[np.min(values, axis=1) > NEARLY] = 255  # the ground stays white where it is averaged with edges of lines
+    made.putpalette(values.ravel().tolist())
+    return made
 
 
 class _Stage:

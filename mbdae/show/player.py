@@ -30,10 +30,14 @@ PAGE = r"""<!doctype html>
 <title>@NAME@</title>
 <link rel="icon" href="data:,">
 <style>
-:root { color-scheme: light; }
+:root { color-scheme: light dark; --ground: #fff; --ink: #222; --faint: #555; --edge: #777; --button: #f4f4f4; }
+@media (prefers-color-scheme: dark) {  /* drawings keep their hues; their brightness is turned round */
+  :root { --ground: #131416; --ink: #ddd; --faint: #aaa; --edge: #888; --button: #2a2c30; }
+  canvas { filter: invert(.92) hue-rotate(180deg); }
+}
 * { box-sizing: border-box; }
-body { margin: 0 auto; padding: 12px 16px; max-width: 1500px; font: 15px/1.4 system-ui, sans-serif; color: #222;
-       background: #fff; }
+body { margin: 0 auto; padding: 12px 16px; max-width: 1500px; font: 15px/1.4 system-ui, sans-serif; color: var(--ink);
+       background: var(--ground); }
 h1 { font-size: 1.15rem; margin: 0 0 8px; overflow-wrap: anywhere; }
 canvas { display: block; width: 100%; }
 #view { border: 1px solid #ccc; border-radius: 6px; }
@@ -52,8 +56,8 @@ figure canvas { touch-action: pan-y; cursor: ew-resize; }
 #bar, #more { display: flex; flex-wrap: wrap; gap: 4px 12px; align-items: center; margin: 8px 0 0; align-content: start; }
 #more { margin: 0 0 8px; }
 #slide { flex: 1 1 160px; min-width: 120px; }
-button, select { font: inherit; padding: 6px 12px; min-height: 40px; touch-action: manipulation; border: 1px solid #777;
-                 border-radius: 6px; background: #f4f4f4; color: #222; }
+button, select { font: inherit; padding: 6px 12px; min-height: 40px; touch-action: manipulation; border: 1px solid var(--edge);
+                 border-radius: 6px; background: var(--button); color: var(--ink); }
 #play { min-width: 6em; font-weight: 600; }
 :is(button, select, input, canvas):focus-visible { outline: 3px solid #0072B2; outline-offset: 1px; }
 label { display: inline-flex; flex-wrap: wrap; gap: 6px; align-items: center; }
@@ -62,7 +66,7 @@ output { font-variant-numeric: tabular-nums; min-width: 7em; }
 select { max-width: 11em; }
 input[type=checkbox] { width: 20px; height: 20px; margin: 8px 0; }
 #slide { height: 40px; touch-action: none; }
-#hint { color: #555; font-size: .87rem; margin: 6px 0; }
+#hint { color: var(--faint); font-size: .87rem; margin: 6px 0; }
 </style>
 </head>
 <body>
