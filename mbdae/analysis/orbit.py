@@ -215,25 +215,33 @@ def changed(prepared: Prepared, system: SceneSystem, run: Solution, period: floa
     sign, turns = later
     scale = np.maximum(system.scale, np.max(np.abs(run.y), axis=0))
     rates, F = scale * (2 * np.pi / period), np.empty(system.n)
-    some = _some(len(run.t))
+    some, (rows, columns) = _some(len(run.t)), _entries(system)
     for i, system in zip(some, _systems(run, system, run.t[some]), strict=True):  # noqa: B020
         there = run.t[i] + period, sign * run.y[i] + turns, sign * run.yp[i]
         step = min(i, len(run.t) - 2)
         inside = float(run.t[step] + run.t[step + 1]) / 2  # an input may jump at the ends of the step
         with system.within(inside):
-            before = [abs(part) for part in derivatives(system, run.t[i], run.y[i], run.yp[i])]
+            before = [np.abs(part).ravel() for part in system.jacobian_parts(run.t[i], run.y[i], run.yp[i])]
         with system.within(inside + period):
-            after = [abs(part) for part in derivatives(system, *there)]
+            after = [np.abs(part).ravel() for part in system.jacobian_parts(*there)]
             system.residual(*there, F)
         size, off = np.zeros(system.n), np.abs(F)
         for a, b, weights in zip(before, after, (scale, rates), strict=True):
-            size = np.maximum(size, a.multiply(weights).max(axis=1).toarray().ravel())
-            off = np.maximum(off, abs(a - b).multiply(weights).max(axis=1).toarray().ravel())
+            np.maximum.at(size, rows, a * weights[columns])
+            np.maximum.at(off, rows, np.abs(a - b) * weights[columns])
         worst = largest(off / size)
         if off[worst] > RETURN * size[worst]:
             return (f"{system.equations[worst]} at t = {there[0]:.6g} s differs from that a period before by "
                     f"{off[worst] / size[worst]:.2g} of its largest term")
     return None
+
+
+def _entries(system: SceneSystem) -> tuple[Indices, Indices]:
+    """Rows and columns of the entries of dF/dy and dF/dy' in the order in which `jacobian_parts` has them."""
+    if (pattern := system.sparsity) is None:
+        rows, columns = np.indices((system.n, system.n))
+        return rows.ravel(), columns.ravel()
+    return pattern.indices, np.repeat(np.arange(system.n), np.diff(pattern.indptr))
 
 
 def later(prepared: Prepared, system: SceneSystem, ends: Array, acting: Indices) -> tuple[Array, Array]:

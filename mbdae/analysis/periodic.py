@@ -207,9 +207,8 @@ class _Search(Shooting):
 
     def _refuse_changing(self, shot: Shot) -> None:
         """Raise SteadyError where the equations are others a period later."""
-        run = self.followed_from(shot.system, shot.period)
         ends = later(self.prepared, shot.system, np.stack([shot.system.y0, shot.end]), self.acting)
-        if text := changed(self.prepared, shot.system, run, shot.period, ends):
+        if text := changed(self.prepared, shot.system, shot.orbit.run, shot.period, ends):
             given = "give a period after which loads and prescribed motions repeat"
             raise SteadyError(f"the equations do not repeat after period = {shot.period:.9g} s: {text}; {given}")
 

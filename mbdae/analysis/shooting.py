@@ -31,6 +31,7 @@ NOT_FOUND = ("no periodic motion was found from this start: after {:.6g} s the m
 #: singular values of the corrections' matrix below this, over the largest, count as 0: of families of periodic motions the next
 #: one is taken
 SINGULAR = 1e-8
+TOGETHER = 32  #: number of steps whose dense equations are solved in one call
 SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a correction
 
 
@@ -149,29 +150,35 @@ class Shooting:
 
 def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
     """dy (n, k) at the end of the orbit, from that at its start."""
-    solve = _sparse_step if system.sparse else _dense_step
+    if not system.sparse:
+        for first in range(0, len(orbit.h), TOGETHER):
+            for change in _dense_steps(orbit, slice(first, first + TOGETHER), system.n):
+                dy = dy + change @ dy
+        return dy
     for i, (stages, own) in enumerate(zip(orbit.t, orbit.systems, strict=True)):
         with own.within(float(np.mean(stages))):
-            dy = dy + solve(own, orbit, i, dy)
+            dy = dy + _sparse_step(own, orbit, i, dy)
     return dy
 
 
-def _dense_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
-    """Change of dy over step i; dense."""
-    s, n = orbit.t.shape[1], system.n
-    K, right, A = np.zeros((s, n, s, n)), np.empty((s, n, dy.shape[1])), orbit.table.A_inv / orbit.h[i]
+def _dense_steps(orbit: Orbit, part: slice, n: int) -> Array:
+    """(steps, n, n) changes of the departures over the steps of a part of the orbit, by those at their begin; dense."""
+    (m, s), A = orbit.t[part].shape, orbit.table.A_inv
+    fy, fyp = np.empty((2, m, s, n, n))
+    for k, (t, y, yp, own) in enumerate(zip(orbit.t[part], orbit.y[part], orbit.yp[part], orbit.systems[part], strict=True)):
+        with own.within(float(np.mean(t))):
+            for j in range(s):
+                fy[k, j], fyp[k, j] = own.jacobian_parts(t[j], y[j], yp[j])
+    K = np.einsum("k,jl,kjab->kjalb", 1 / orbit.h[part], A, fyp)
     for j in range(s):
-        fy, fyp = system.jacobian_parts(orbit.t[i, j], orbit.y[i, j], orbit.yp[i, j])
-        K[j] = A[j, None, :, None] * fyp[:, None, :]
-        K[j, :, j] += fy
-        right[j] = -fy @ dy
-    M = K.reshape(s * n, s * n)
-    columns = 1 / np.max(np.abs(M), axis=0)
-    M *= columns
-    rows = 1 / np.max(np.abs(M), axis=1)
-    M *= rows[:, None]
-    Z = np.linalg.solve(M, rows[:, None] * right.reshape(s * n, -1))
-    return np.asarray(columns[-n:, None] * Z[-n:])
+        K[:, j, :, j] += fy[:, j]
+    M = K.reshape(m, s * n, s * n)
+    columns = 1 / np.max(np.abs(M), axis=1)
+    M *= columns[:, None]
+    rows = 1 / np.max(np.abs(M), axis=2)
+    M *= rows[:, :, None]
+    Z = np.linalg.solve(M, -rows[:, :, None] * fy.reshape(m, s * n, n))
+    return np.asarray(columns[:, -n:, None] * Z[:, -n:])
 
 
 def _sparse_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
