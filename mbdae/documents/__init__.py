@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from sys import modules
 from tempfile import TemporaryDirectory
@@ -96,7 +97,7 @@ def _tex_block(block: Block, level: int, files: Mapping[int, str], letters: floa
         note = f"\n\n{{\\small {_text(block.note)}}}" if block.note else ""
         return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
     if isinstance(block, Table):
-        return _tex_table(block)
+        return _tex_table(block, letters)
     if isinstance(block, Code):
         return f"{{\\small\n\\begin{{verbatim}}\n{verbatim(block.text)}\n\\end{{verbatim}}}}"
     name = files.get(id(block))
@@ -115,11 +116,12 @@ NEEDED = "amsmath, amssymb, bm, graphicx, longtable, array and tikz"  #: package
 
 def pieces_of(name: str, blocks: Sequence[Block]) -> dict[str, str]:
     """LaTeX of every section, by the name of its file: displays with labels, which the document numbers that takes them in."""
-    places = dict[str, int]()
+    taken = set[str]()
 
     def once(text: str) -> str:
-        places[text] = places.get(text, 0) + 1
-        return text if places[text] == 1 else f"{text}-{places[text]}"
+        found = next(name for i in count(1) if (name := text if i == 1 else f"{text}-{i}") not in taken)
+        taken.add(found)
+        return found
 
     first = [b for b in blocks if not isinstance(b, Section)]
     parts = [("introduction", first), *((slug(b.title), b.blocks) for b in blocks if isinstance(b, Section))]
@@ -157,14 +159,14 @@ def displayed(formula: str, letters: float = LETTERS) -> str:
     return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if wide else body
 
 
-def _tex_table(table: Table) -> str:
+def _tex_table(table: Table, letters: float) -> str:
     columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(table))
     head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
     rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
     caption = f"{_text(table.caption)}\n\n" if table.caption else ""
     below = r"\hline\noalign{\smallskip}"
     body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
-    size = "small" if len(table.head) < 6 else "scriptsize"
+    size = "small" if len(table.head) < (6 if letters > NARROW else 3) else "scriptsize"
     return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
 
 

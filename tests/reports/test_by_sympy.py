@@ -5,12 +5,18 @@ from __future__ import annotations
 
 import random
 import re
+import sys
+from pathlib import Path
 
 import pytest
 import sympy as sp
 
 import mbdae as mb
 from mbdae.documents.blocks import Equation, every
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from by_sympy import judged, symbols_of
 
 DRAWN = 4  #: of every joint
 TURN = sp.Rational(3, 7)  #: tangent of half an angle, so that its cosine and sine are rational
@@ -123,3 +129,27 @@ def test_drawn_equations_by_sympy(name):
 def test_all_equations_by_sympy(name):
     for latex, got, must in checked(name):
         assert sp.simplify(sp.Matrix(got) - sp.Matrix(must)) == sp.zeros(3, 1), latex
+
+
+#: laws whose full reports are judged by derivatives of what they state
+LAWS = ("cylindrical", "clearancerevolute", "bushing", "pointspring", "gear", "jointdamper", "appliedforce", "appliedtorque")
+
+
+@pytest.mark.slow
+def test_thirty_equations_of_full_reports_by_sympy():
+    """Drawn from joints, couplings and forces: rates, variations, forces, moments, gradients, stiffness, balances."""
+    found = []
+    for name in LAWS:
+        document = mb.report(name)
+        found += [(name, latex, holds) for latex, holds in judged(document, symbols_of(document))]
+    assert len(found) >= 90
+    drawn = random.Random(50).sample(found, 30)
+    assert [(name, latex) for name, latex, holds in drawn if not holds] == []
+
+
+def test_a_wrong_equation_is_judged_wrong():
+    document = mb.report("pointspring")
+    for e in every(Equation, document.blocks):
+        if e.latex.startswith(r"\mathbf{f}_l"):
+            object.__setattr__(e, "latex", e.latex.replace("k +", "k -"))
+    assert False in [holds for _, holds in judged(document, symbols_of(document))]
