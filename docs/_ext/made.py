@@ -112,6 +112,7 @@ def pictures() -> None:
     command draws, and its motion."""
     import flapping_wing
     import ground_resonance
+    from PIL import Image
 
     import mbdae as mb
 
@@ -124,6 +125,9 @@ def pictures() -> None:
     wing.animate(IMAGES / "flapping_wing.gif", fps=16, speed=0.25, hide=joints)
     ground_resonance.picture(ground_resonance.run()).savefig(IMAGES / "ground_resonance.png", dpi=90)
     mb.compare(ground_resonance.scene(), ground_resonance.t_end, measure=ground_resonance.measure).plot(IMAGES / "compare.png")
+    for file in IMAGES.glob("*.png"):
+        with Image.open(file) as picture:
+            picture.convert("RGB").quantize(64, dither=0).save(file, optimize=True)
 
 
 def make(task: list[tuple[str, str]]) -> None:
