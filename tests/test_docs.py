@@ -104,7 +104,7 @@ def test_the_gallery_lists_its_examples() -> None:
     assert re.findall(r"^made/(\w+)$", text, re.MULTILINE) == list(listed.values())
 
 
-LONG = ("clearance_forces", "suspension_design")  #: derivatives of many runs, or at thousands of instants
+LONG = ("clearance_forces", "lightest_four_bar", "suspension_design")  #: derivatives of many runs, or at thousands of instants
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG))

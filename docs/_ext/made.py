@@ -27,7 +27,7 @@ GALLERY = {
     "Rotor in ground resonance": "ground_resonance", "Planetary gear": "gearbox_torques", "Suspension": "quarter_car",
     "Over-constrained loop": "over_constrained_loop", "Crane": "crane", "Stick-slip": "stick_slip",
     "Whirling shaft": "whirling_shaft", "Slider-crank with clearance": "slider_crank_clearance",
-    "A fitted door closer": "door_closer",
+    "A fitted door closer": "door_closer", "The lightest four-bar": "lightest_four_bar",
     "A suspension for a road": "suspension_design", "The boundary of ground resonance": "ground_resonance_boundary",
     "Joint forces by clearance": "clearance_forces",
 }
