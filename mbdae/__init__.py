@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from mbdae.export import Export, export
     from mbdae.extremes import extremes
     from mbdae.fits import fit
-    from mbdae.fits.designs import design, mass
-    from mbdae.fits.functions import function
+    from mbdae.fits.designs import design
+    from mbdae.fits.functions import function, mass
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.inputs.finite_elements import read_fe
     from mbdae.inputs.measured import curve, read_table, table
@@ -89,7 +89,7 @@ _HOME = {
     "compare": "mbdae.compare",
     "curve": "mbdae.inputs.measured", "design": "mbdae.fits.designs", "export": "mbdae.export", "extremes": "mbdae.extremes",
     "fit": "mbdae.fits", "function": "mbdae.fits.functions", "integral": "mbdae.derivatives", "largest": "mbdae.derivatives",
-    "load": "mbdae.api", "mass": "mbdae.fits.designs", "measure_order": "mbdae.integrators.named",
+    "load": "mbdae.api", "mass": "mbdae.fits.functions", "measure_order": "mbdae.integrators.named",
     "number": "mbdae.inputs.sensed", "params": "mbdae.symbolic.law", "rate": "mbdae.symbolic.variation",
     "read_fe": "mbdae.inputs.finite_elements", "read_mjcf": "mbdae.api", "read_table": "mbdae.inputs.measured",
     "read_urdf": "mbdae.api", "report": "mbdae.reports", "selftest": "mbdae.contracts", "sweep": "mbdae.sweep",

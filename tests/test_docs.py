@@ -119,7 +119,7 @@ def test_the_gallery_shows_all_cards_and_each_is_short() -> None:
     assert len({card.lesson for card in cards.values()}) == len(cards)
 
 
-LONG = ("clearance_forces", "suspension_design")  #: derivatives of many runs, or at thousands of instants
+LONG = ("clearance_forces", "lightest_four_bar", "suspension_design")  #: derivatives of many runs, or at thousands of instants
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in sorted(made().CARDS)])

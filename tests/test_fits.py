@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import sympy
+from scipy.optimize import linprog
 
 import mbdae as mb
 
@@ -313,6 +314,51 @@ def hill(force):
     body = s.rigid_body("b", 1.0, 1.0, at=(0, 0))
     s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0, 0), damper=1.0, force=force(mb.number("a", 0.0), mb.number("c", 0.0)))
     return s
+
+
+def pushed(a=0.0):
+    """A body of 1 kg under the force 1 + a t for 2 s on a spring: its displacement is linear in a."""
+    s = mb.Scene("pushed")
+    s.prismatic("P", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), spring=36.0,
+                force=1.0 + mb.number("a", a) * (mb.t - 1.0))
+    return s
+
+
+def test_the_least_largest_value_is_where_two_maxima_are_alike(tmp_path):
+    """The largest displacement over the numbers is found by looking at a grid of closed forms: x = F/k (1 - cos w t) and the
+    response to a ramp. Kept runs are not made again."""
+    w, t = 6.0, np.linspace(0, 2, 40001)
+    one, ramp = (1 - np.cos(w * t)) / w**2, (t - 1 - np.sin(w * t) / w + np.cos(w * t)) / w**2
+    sizes = {a: np.abs(one + a * ramp).max() for a in np.linspace(-1, 1, 2001)}
+    best = min(sizes, key=sizes.get)
+    asked = {"minimize": mb.largest("P.displacement"), "to": {"a": (-1.0, 1.0)}, "t_end": 2.0, "resume": tmp_path / "d.json"}
+    d = mb.design(pushed(0.9), **asked)
+    assert d.found
+    assert d.values["a"] == pytest.approx(best, abs=2e-3)
+    assert d.minimum == pytest.approx(sizes[best], rel=1e-3)
+    again = mb.design(pushed(0.9), **asked)
+    assert again.values == d.values
+    assert again.runs <= 1 < d.runs
+    figure = d.plot(tmp_path / "d.png")
+    assert (tmp_path / "d.png").stat().st_size > 1000
+    assert figure.axes[0].get_ylabel() == "P.displacement [m]"
+
+
+def test_bounds_at_which_two_maxima_decide_are_kept():
+    """Two numbers, and both ends of a bound on the largest value: a linear programme in closed forms."""
+    s = mb.Scene("two pushes")
+    a, c = mb.number("a", 0.1), mb.number("c", 0.1)
+    s.prismatic("P", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), spring=36.0,
+                force=1.0 + a * mb.t + c * mb.t**2)
+    d = mb.design(s, minimize=mb.at_end("-P.displacement"), to={"a": (-5.0, 5.0), "c": (-5.0, 5.0)}, t_end=2.0,
+                  bounds=[mb.largest("P.displacement") <= 0.06])
+    w, t = 6.0, np.linspace(0, 2, 20001)
+    one, ramp = (1 - np.cos(w * t)) / w**2, (t - np.sin(w * t) / w) / w**2
+    square = (t**2 - 2 / w**2 * (1 - np.cos(w * t))) / w**2
+    A, b = np.stack([ramp, square], axis=1), 0.06
+    best = linprog(-A[-1], np.vstack([A, -A]), np.r_[b - one, b + one], bounds=[(-5, 5)] * 2).fun - one[-1]
+    assert d.found
+    assert d.minimum == pytest.approx(best, rel=3e-4)
 
 
 @pytest.mark.parametrize(("force", "to", "least"), [

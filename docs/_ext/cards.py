@@ -92,6 +92,8 @@ GALLERY: dict[str, dict[str, Card]] = {
         "quarter_car": Card("Suspension", "A measured road, whose every kink a step meets."),
         "suspension_design": Card("Suspension for a road", "Spring and damper between comfort, grip and room, by derivatives.",
                                   of=lambda run: run.result),
+        "lightest_four_bar": Card("The lightest four-bar", "Counterweights under a bound on a torque, beside a linear program.",
+                                  of=lambda run: run.result),
         "ground_resonance_boundary": Card("Boundary of ground resonance", "The gradient of one root says which damper moves it.",
                                           of=lambda run: importlib.import_module("ground_resonance").run()),
     },

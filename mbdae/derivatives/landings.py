@@ -37,6 +37,10 @@ OFF = 1e-3  #: the same, for a derivative that is given: 1.5 powers of it are th
 #: a contact that closes at less than this share of its largest closing speed, or a gap that passes its minimum at less than the
 #: square of it, of the largest gap, counts as grazing
 GRAZING = 1e-2
+#: y' is compared on both sides of an instant, this share of the run away from it; a difference of more than JUMP times the
+#: largest y' of the run counts as a jump
+BESIDE, JUMP = 1e-9, 1e-5
+BISECTIONS = 60
 #: impacts are resolved by steps that are shorter by the ratio of the tolerances to this power, for their order 2.5, and at most
 #: by this factor
 CLOSER, CLOSEST = 0.4, 0.1
@@ -200,3 +204,31 @@ class Balance:
         v = -np.linalg.solve(matrix.T, np.concatenate([weight, np.zeros(len(self._multipliers))]))
         self.lists.twins.at(of_clock=self.of_clock[at : at + 1])
         return np.asarray(self.lists.twins.states(np.array([t]), Y[None], Yp[None], v[None])[0, : self.n])
+
+
+def refuse_jumps(of: Any) -> None:
+    """Raise DerivativeError where y' jumps at an instant that depends on the motion, at which the derivative would jump too."""
+    run = of.run
+    system = run.systems[0][1] if run.systems else None
+    switches: Any = None if system is None else system.switches
+    if switches is None or not len(run.t) > 1:
+        return
+    kinks = np.array([kind == "kink" for kind in switches.kinds], dtype=bool)
+    if not kinks.any():
+        return
+    values = switches.arguments(run.t, run.y)[:, kinks]
+    names = [name for name, kink in zip(switches.names, kinks, strict=True) if kink]
+    for i, a in np.argwhere(values[1:] * values[:-1] < 0):
+        low, high = run.t[i], run.t[i + 1]
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            at = switches.arguments(np.array([middle]), run(np.array([middle])))[0, kinks][a]
+            low, high = (middle, high) if at * values[i, a] > 0 else (low, middle)
+        span = BESIDE * (run.t[-1] - run.t[0])
+        sides = [max(low - span, run.t[0]), min(high + span, run.t[-1])]
+        with of.within((run.t[i] + run.t[i + 1]) / 2):
+            jump = of.jump(np.array(sides))
+        if np.any(jump > JUMP):
+            raise DerivativeError(f"there are no derivatives of this run: '{names[a]}' makes accelerations jump at t = "
+                                  f"{high:.6g} s, at an instant that depends on the motion, and derivatives do not pass such "
+                                  "jumps yet; state it by a function without jumps, such as tanh")

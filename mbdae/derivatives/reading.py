@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import ATTEMPTS, BOTH, CLOSER, DISTANCE, Chart, Equations, differenced, refused
-from mbdae.derivatives.landings import landings, refuse_forces_that_jump
+from mbdae.derivatives.landings import BESIDE, JUMP, landings, refuse_forces_that_jump, refuse_jumps
 from mbdae.derivatives.steps import Calls, Derived
 from mbdae.errors import DerivativeError, OptionError
 from mbdae.integrators import radau_table
@@ -25,10 +25,7 @@ from mbdae.values import number, optional, shown
 
 POINTS, POINT_WEIGHTS = np.polynomial.legendre.leggauss(8)
 NEAR = 1e-3  #: two maxima that differ by less than this share may change places, so that the largest has no derivative there
-#: y' is compared on both sides of an instant, this share of the run away from it; a difference of more than JUMP times the
-#: largest y' of the run counts as a jump
-BESIDE, JUMP = 1e-9, 1e-5
-BISECTIONS = 60
+FOLLOWED, MOST = 0.5, 40  #: maxima above this share of the largest are followed, at most so many
 SIDES = (1, -1, 2, -2, 3, -3)  #: nodes of the differences of what is read along one unknown, which is cheap and smooth
 
 
@@ -62,7 +59,7 @@ class Objective:
 
     def _refuse_ties(self, run: Result, times: Array, peak: Any) -> None:
         size = np.abs(self.read(run, times))
-        tops = np.flatnonzero((size >= np.r_[-1.0, size[:-1]]) & (size > np.r_[size[1:], -1.0]))
+        tops = maxima_among(size)
         others = [i for i in tops if abs(times[i] - peak.t) > 2 * np.diff(times).max() and size[i] > (1 - NEAR) * peak.value]
         if others:
             raise DerivativeError(f"the largest {shown(self.quantity)} has no derivative: it is nearly as large at t = "
@@ -95,6 +92,26 @@ class Objective:
             name = self.quantity if isinstance(self.quantity, str) else "f"
             raise OptionError(f"{shown(self.quantity)} has components: name one, as in '{name}[0]', or 'norm({name})'")
         return values
+
+
+def maxima_among(size: Array) -> Any:
+    """Places of the local maxima among values (k,)."""
+    return np.flatnonzero((size >= np.r_[-np.inf, size[:-1]]) & (size > np.r_[size[1:], -np.inf]))
+
+
+def maxima(of: Objective, run: Result) -> Array:
+    """(m, 2) times, rising, and values, with their signs, of the maxima over a run of a quantity whose largest value is asked
+    for: those that are not far below the largest."""
+    t = np.unique(np.concatenate([replace(of, kind="integral").points(run)[0], run.solution.t]))
+    size = np.abs(of.read(run, t))
+    tops = maxima_among(size)
+    tops = tops[size[tops] >= FOLLOWED * size.max()]
+    tops = np.sort(tops[np.argsort(-size[tops], kind="stable")[:MOST]])
+    i = np.clip(tops, 1, len(t) - 2)
+    left, right = (size[i] - size[i - 1]) / (t[i] - t[i - 1]), (size[i + 1] - size[i]) / (t[i + 1] - t[i])
+    vertex = (t[i - 1] + t[i]) / 2 + (t[i + 1] - t[i - 1]) / 2 * left / np.where(left > right, left - right, 1.0)  # of a parabola
+    times = np.where((tops == i) & (left > right), np.clip(vertex, t[i - 1], t[i + 1]), t[tops])
+    return np.column_stack([times, of.read(run, times)])
 
 
 @dataclass(frozen=True)
@@ -319,31 +336,3 @@ class _Shifted:
         if part == self.part:
             found[:, self.j] += self.by
         return found
-
-
-def refuse_jumps(of: Derived) -> None:
-    """Raise DerivativeError where y' jumps at an instant that depends on the motion, at which the derivative would jump too."""
-    run = of.run
-    system = run.systems[0][1] if run.systems else None
-    switches: Any = None if system is None else system.switches
-    if switches is None or not len(run.t) > 1:
-        return
-    kinks = np.array([kind == "kink" for kind in switches.kinds], dtype=bool)
-    if not kinks.any():
-        return
-    values = switches.arguments(run.t, run.y)[:, kinks]
-    names = [name for name, kink in zip(switches.names, kinks, strict=True) if kink]
-    for i, a in np.argwhere(values[1:] * values[:-1] < 0):
-        low, high = run.t[i], run.t[i + 1]
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            at = switches.arguments(np.array([middle]), run(np.array([middle])))[0, kinks][a]
-            low, high = (middle, high) if at * values[i, a] > 0 else (low, middle)
-        span = BESIDE * (run.t[-1] - run.t[0])
-        sides = [max(low - span, run.t[0]), min(high + span, run.t[-1])]
-        with of.within((run.t[i] + run.t[i + 1]) / 2):
-            jump = of.jump(np.array(sides))
-        if np.any(jump > JUMP):
-            raise DerivativeError(f"there are no derivatives of this run: '{names[a]}' makes accelerations jump at t = "
-                                  f"{high:.6g} s, at an instant that depends on the motion, and derivatives do not pass such "
-                                  "jumps yet; state it by a function without jumps, such as tanh")

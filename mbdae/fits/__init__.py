@@ -7,24 +7,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mbdae.derivatives import names_of
 from mbdae.errors import AccuracyWarning, ListsAttributes, MbdaeError, OptionError, naming_arguments, warn
-from mbdae.fits.functions import SceneFunction, deviations, limits, measurements, scene_given, varied, within_scene
+from mbdae.fits.functions import SceneFunction, deviations, identity_of, limits, measurements, scene_given, varied
 from mbdae.integrators.base import end_after
 from mbdae.notation import counted
 from mbdae.results.quantities import named, unit_of
-from mbdae.results.reads import own_of
 from mbdae.results.result import Result
-from mbdae.run.checkpoint import versions
 from mbdae.run.control import LEAST_ACCURACY, plausible
 from mbdae.show.plots import new_figure, style, with_unit, written
-from mbdae.study.kept import ResumeFile, packed, resume_path, told_when_interrupted, unpacked
+from mbdae.study.kept import Readings, resume_path, told_when_interrupted
 from mbdae.system.base import Array
+from mbdae.system.prepare import prepare
 from mbdae.values import function as checked_function
 from mbdae.values import number, option, optional, shown, whole
 
@@ -35,6 +34,7 @@ ENOUGH = 1e-8  #: change of the sum of squares, and of the numbers, relative, at
 UNTOLD, SHARE = 10.0, 1e-2
 #: a number ends at a bound where it is this near to it, over the size of the number, and the sum of squares falls beyond
 REACHED = 1e-4
+EDGE = 1e-6  #: least size of a number that must not be 0, over what the scene states of it
 #: largest error of the run, over the standard deviation of the mean of the measurements, that moves the numbers by little; and
 #: the root mean square of the residuals over their standard deviations above which the scene does not explain the data
 BORNE, SPREAD = 0.3, 2.0
@@ -116,30 +116,10 @@ class Fit(ListsAttributes):
         return f"<Fit: {'; '.join(str(self).splitlines())}>"
 
 
-@dataclass
-class _Kept(ResumeFile):
-    """The runs of a fit: values (times, quantities) and derivatives by numbers p, so that none is made again."""
+class _Kept(Readings):
+    """The runs of a fit: values (times, quantities) and derivatives by numbers p."""
 
-    rows: list[dict[str, Any]] = field(default_factory=list)
-
-    kind: ClassVar[str] = "fit"
-    file_format: ClassVar[str] = "mbdae fit 1"
-
-    def load(self) -> None:
-        """Take over what is stored in the file, where there is one."""
-        with self.stored() as data:
-            self.rows = [] if data is None else data["rows"]
-
-    def found(self, p: Array, what: str, made: Callable[[], Array]) -> Array:
-        """What is stored of the numbers p, or is made now."""
-        key = packed(p)
-        for row in self.rows:
-            if row["p"] == key and what in row:
-                return unpacked(row[what])
-        values = made()
-        self.rows.append({"p": key, what: packed(values)})
-        self.store({"rows": self.rows})
-        return values
+    kind, file_format = "fit", "mbdae fit 1"
 
 
 class _Fitting:
@@ -244,7 +224,7 @@ def fit(scene: Any, data: Any, to: Any, sigma: Any = None, bounds: Any = None, a
     times = np.unique(np.concatenate([t for t, _ in measured.values()]))
     known, errors = sigma is not None, deviations(sigma, measured)
     f = SceneFunction(scene, names, list(measured), end_after(0.0, times[-1]), times, plausible(accuracy))
-    low, high = within_scene(f, *limits(bounds, names))
+    low, high = _within_scene(f, *limits(bounds, names))
     kept = _Kept(resume_path(resume), _identity(f, measured, errors))
     kept.load()
     most = option("runs", runs, whole, "give the largest number of runs", least=1)
@@ -334,9 +314,26 @@ def _warn(made: Fit, accuracy: float) -> None:
                  f"{counted(len(one), 'measurement')} tell together, and moves the numbers; {give}")
 
 
+def _within_scene(f: SceneFunction, low: Array, high: Array) -> tuple[Array, Array]:
+    """Least and largest values (k,) within those given, of the sign that the numbers have where the scene refuses the other one,
+    as of a mass or a coefficient of friction: a search that met this edge as mere refusals would shorten its steps to nothing."""
+    for i, (name, value) in enumerate(zip(f.names, f.start, strict=True)):
+        ends = low if value > 0 else high
+        if value and ends[i] * value < 0 and _refused(f, name, -value):
+            ends[i] = value * EDGE if _refused(f, name, 0.0) else 0.0
+    return low, high
+
+
+def _refused(f: SceneFunction, name: str, value: float) -> bool:
+    """Whether the scene refuses a value of a number."""
+    try:
+        prepare(varied(f.scene, [name], [value], f.t_end))
+    except MbdaeError:
+        return True
+    return False
+
+
 def _identity(f: SceneFunction, data: Mapping[Any, tuple[Array, Array]], sigma: Mapping[Any, Array]) -> dict[str, Any]:
     """What a fit is known by, as plain data."""
-    s = f.scene
-    return {"scene": {"name": s.name, "gravity": s.gravity.tolist(), "statements": s.statements, "own": own_of(s)},
-            "to": list(f.names), "accuracy": f.accuracy, "versions": versions(),
+    return {"scene": identity_of(f.scene), "to": list(f.names), "accuracy": f.accuracy,
             "data": [[named(name), t.tolist(), values.tolist(), sigma[name].tolist()] for name, (t, values) in data.items()]}

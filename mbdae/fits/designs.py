@@ -6,29 +6,27 @@ sequential quadratic programming (SLSQP)."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from mbdae.derivatives import Bound, Objective
-from mbdae.errors import AccuracyWarning, ListsAttributes, MbdaeError, OptionError, naming_arguments, warn
-from mbdae.fits.functions import scene_given, stated_values, varied
+from mbdae.derivatives.reading import maxima
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, naming_arguments, warn
+from mbdae.fits.functions import HELD, Design, Held, Mass, identity_of, peak_slopes, ranges, scene_given, stated_values, varied
 from mbdae.integrators.base import end_after
-from mbdae.notation import counted
 from mbdae.results.result import Result
 from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
+from mbdae.study.kept import Readings, packed, resume_path, told_when_interrupted
 from mbdae.system.base import Array
-from mbdae.values import function, number, option, optional, sequence, shown, text, whole
+from mbdae.values import function, option, optional, shown, whole
 
 MOST_RUNS = 100  #: default of the largest number of runs
 ENOUGH = 1e-8  #: change of what is made least, over its size at the start, at which the search ends
-#: a bound holds where it is passed by less than this share of it (or of its value at the start, of a bound of 0); it is active
-#: where it is that near
-HELD = 1e-4
-TURNS = 4  #: most searches, of which each knows from the one before what smoothing makes of a largest value
+TURNS = 8  #: most searches, of which each knows the maxima over time that largest values have where the one before ended
+MOVED = 0.05  #: a maximum over time that has moved by more than this share of the run is gone
 #: curvature is looked at by gradients this part of a range away, along at most so many directions; what is found is no least
 #: value where it is below minus this share of the largest
 ASIDE, LOOKS, CURVED = 1e-2, 5, 1e-3
@@ -36,104 +34,28 @@ ASIDE, LOOKS, CURVED = 1e-2, 5, 1e-3
 APART = 1e-3
 
 
-class Mass:
-    """The mass of bodies of a scene, kg, as what `mb.design` makes least, or bounds."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        self.names = tuple(names)
-
-    def of(self, scene: SceneData) -> float:
-        """The mass of the bodies in a scene, kg; OptionError for a name of none."""
-        bodies = {body.name: body.mass for body in scene.bodies}
-        for name in self.names:
-            if bodies.get(name) is None:
-                raise OptionError(f"mass: there is no body '{name}' with a mass; there are {', '.join(bodies)}")
-        return float(sum(bodies[name] for name in self.names))
-
-    def __le__(self, limit: float) -> Bound:
-        return Bound(self, 1.0, number(limit))
-
-    def __ge__(self, limit: float) -> Bound:
-        return Bound(self, -1.0, number(limit))
-
-    def __str__(self) -> str:
-        return f"mass of {', '.join(self.names)}"
-
-
-def mass(*bodies: str) -> Mass:
-    """The mass of bodies together, kg: what `mb.design` makes least, or bounds."""
-    names = option("bodies", bodies, sequence, "name one body or more, such as mb.mass('crank')", each=text)
-    if not names:
-        raise OptionError("mass: name one body or more, such as mb.mass('crank')")
-    return Mass(names)
-
-
-@dataclass(frozen=True)
-class Held:
-    """A bound at the design that was found. value: of what is bounded; error: its estimated error, None where it is exact or not
-    known; active: whether the bound decides."""
-
-    bound: Bound
-    value: float
-    error: float | None
-    active: bool
-
-    @property
-    def kept(self) -> bool:
-        """Whether it is kept, but for a ten-thousandth."""
-        return self.bound.sign * (self.value - self.bound.limit) <= HELD * (abs(self.bound.limit) or 1.0)
-
-    def __str__(self) -> str:
-        word = "kept" if self.kept else "not kept"
-        error = "" if self.error is None else f" +- {self.error:.1e}"
-        return f"{self.bound}: {self.value:.6g}{error}, {word}{', decides' if self.active and self.kept else ''}"
-
-
-@dataclass(frozen=True, eq=False)
-class Design(ListsAttributes):
-    """A design that was found.
-
-    values: of the numbers, by name; minimum: what was made least, in its unit, and error, its estimated error, None where it is
-    exact or not known; bounds: list of Held; without_effect: names of numbers on which neither what was made least nor a bound
-    depends; scene: with the values; result: its run, None where no run was needed; runs: number of runs made; found: whether the
-    search ended at a least value with all bounds kept; message: why it ended."""
-
-    values: dict[str, float]
-    minimum: float
-    error: float | None
-    bounds: list[Held]
-    without_effect: tuple[str, ...]
-    scene: Any
-    result: Result | None
-    runs: int
-    found: bool
-    message: str
-
-    def __str__(self) -> str:
-        error = "" if self.error is None else f" +- {self.error:.1e}"
-        lines = [f"least value {self.minimum:.6g}{error}", *(f"{name} = {value:.6g}" for name, value in self.values.items())]
-        if self.without_effect:
-            lines.append(f"without effect: {', '.join(self.without_effect)}")
-        return "\n".join([*lines, *map(str, self.bounds), f"{self.message}; {counted(self.runs, 'run')}"])
-
-    def __repr__(self) -> str:
-        return f"<Design: {'; '.join(str(self).splitlines())}>"
-
-
 class _OutOfRunsError(Exception):
     """A search has made as many runs as it may."""
 
 
+class _Kept(Readings):
+    """What was read of the runs of a design, by x."""
+
+    kind, file_format = "design", "mbdae design 1"
+
+
 class _Designing:
-    """Numbers of runs, and their derivatives, by x (k,): where the numbers are between their least and largest values."""
+    """What a search asks for, by x (k,): where the numbers are between their least and largest values. Objectives are known by
+    their place in `all`: what is made least, then what the bounds are on."""
 
     def __init__(self, scene: SceneData, names: Sequence[str], low: Array, high: Array, t_end: float, accuracy: float, most: int,
-                 tell: Callable[[int, float], None] | None) -> None:
+                 tell: Callable[[int, float], None] | None, kept: _Kept, objectives: Sequence[Any]) -> None:
         self.scene, self.names, self.low, self.range = scene, list(names), low, high - low
-        self.t_end, self.accuracy, self.most, self.tell = t_end, accuracy, most, tell
+        self.t_end, self.accuracy, self.most, self.tell, self.kept, self.all = t_end, accuracy, most, tell, kept, objectives
         self.runs, self._x = 0, np.zeros(0)
-        self._slopes: dict[int, Array] = {}
         self.felt: Any = np.zeros(len(names), dtype=bool)  #: whether some slope by a number was larger than its error
+        self.followed: dict[int, Array] = {}  #: (m, 2) times and signs of the maxima of a largest value that are followed
+        kept.load()
 
     def numbers(self, x: Array) -> Array:
         """The numbers (k,) at x."""
@@ -148,94 +70,164 @@ class _Designing:
         if not np.array_equal(x, self._x):
             if self.runs == self.most:
                 raise _OutOfRunsError
+            self.runs += 1
             made: Any = self.at(x)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", AccuracyWarning)
-                self.result = made.simulate(self.t_end, self.accuracy, derivatives=True)
-            self.runs, self._x, self._slopes = self.runs + 1, x.copy(), {}
-        return self.result  # type: ignore[no-any-return]
+            self.result: Result = made.simulate(self.t_end, self.accuracy, derivatives=True)
+            self._x = x.copy()
+        return self.result
 
-    def value(self, of: Any, x: Array) -> float:
+    def _found(self, x: Array, what: str, made: Callable[[], Array]) -> Array:
+        """What is known of x, or is made now."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AccuracyWarning)
+            return self.kept.found(x, what, lambda: np.asarray(made()))
+
+    def value(self, i: int, x: Array) -> float:
         """A number of the run, or a mass, at x."""
-        return of.of(self.at(x)) if isinstance(of, Mass) else of.value(self.run(x))
+        of = self.all[i]
+        if isinstance(of, Mass):
+            return of.of(self.at(x))
+        return float(self._found(x, f"value {i}", lambda: np.array(
+            self.run(x).peak(of.quantity).value if of.kind == "largest" else of.value(self.run(x)))))
 
-    def told(self, of: Any, x: Array) -> float:
-        """The same, of a smoothed largest value that itself."""
-        if isinstance(of, Mass) or of.kind != "largest":
-            return self.value(of, x)
-        return float(self.run(x).peak(of.quantity).value)
-
-    def smoothed(self, of: Any, x: Array) -> float:
-        """What smoothing makes of a largest value, over that itself; 1 for others."""
-        told = self.told(of, x)
-        return self.value(of, x) / told if told else 1.0
-
-    def slope(self, of: Any, x: Array) -> Array:
-        """Its derivatives (k,) by x."""
+    def slope(self, i: int, x: Array) -> Array:
+        """Derivatives (k,) by x of a number of the run that is no largest value, or of a mass."""
+        of = self.all[i]
         if isinstance(of, Mass):
             found = np.array([self._mass_slope(of, x, e) for e in np.eye(len(x))])
             self.felt |= np.abs(found) > HELD**2 * of.of(self.at(x))
             return found
-        r = self.run(x)
-        if id(of) not in self._slopes:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", AccuracyWarning)
-                found = r.gradient(of, to=self.names)
-            given = [found[name] for name in self.names]
-            self._slopes[id(of)] = np.array([one.value for one in given])
-            self.felt |= np.array([abs(one.value) > one.error for one in given])
-        return self._slopes[id(of)] * self.range
+        value, error = self._found(x, f"slope {i}", lambda: np.array(
+            [[one.value, one.error] for one in self.run(x).gradient(of, to=self.names).values()]).T)
+        self.felt |= np.abs(value) > error
+        return np.asarray(value * self.range)
 
     def _mass_slope(self, of: Mass, x: Array, e: Array) -> float:
         by = APART if x @ e < 0.5 else -APART
         return (of.of(self.at(x + by * e)) - of.of(self.at(x))) / by
 
-    def error(self, of: Any) -> float | None:
+    # -- largest values, known by their maxima over time
+
+    def largest(self, i: int) -> bool:
+        """Whether an objective is a largest value."""
+        return isinstance(self.all[i], Objective) and self.all[i].kind == "largest"
+
+    def maxima(self, i: int, x: Array) -> Array:
+        """(m, 2) times and values, with their signs, of the largest maxima over time."""
+        return self._found(x, f"maxima {i}", lambda: maxima(self.all[i], self.run(x)))
+
+    def peaks(self, i: int, x: Array) -> Array:
+        """(m, 2) times and sizes of the maxima that are followed: each the nearest one of the same sign, or where that is gone
+        the value at the same time."""
+        found, now = np.array(self.followed[i], dtype=float), self.maxima(i, x)
+        for row in found:
+            same = now[np.sign(now[:, 1]) == row[1]]
+            near = same[np.argmin(np.abs(same[:, 0] - row[0]))] if len(same) else np.full(2, np.inf)
+            if abs(near[0] - row[0]) > MOVED * self.t_end:
+                near = np.array([row[0], self._found(x, f"at {i} {row[0]!r}", lambda row=row: self.all[i].read(  # type: ignore[misc]
+                    self.run(x), row[:1]))[0]])
+            row[:] = near[0], row[1] * near[1]
+        return np.asarray(found)
+
+    def peak_slopes(self, i: int, x: Array) -> Array:
+        """Derivatives (m, k) by x of the sizes of the maxima that are followed: those at their times, where the rate is 0."""
+        times, signs = self.peaks(i, x)[:, 0], self.followed[i][:, 1]
+        value, error = self._found(x, f"slopes {i} {packed(times)}", lambda: peak_slopes(
+            self.run(x), self.all[i].quantity, times, self.names))
+        self.felt |= np.any(np.abs(value) > error, axis=0)
+        return np.asarray(signs[:, None] * value * self.range)
+
+    def follow(self, i: int, x: Array, limit: float) -> bool:
+        """Follow the maxima of the run at x too; returns whether one of them passes the limit and was not followed."""
+        now, before = self.maxima(i, x), self.followed.get(i)
+        new = now
+        if before is not None:
+            known, sizes = self.peaks(i, x).T
+            limit = float(sizes.max()) if i == 0 else limit
+            new = now[[not np.any(np.isclose(known, t, atol=1e-9 * self.t_end)) for t in now[:, 0]]]
+            now = np.concatenate([np.column_stack([known, before[:, 1]]), new])
+        self.followed[i] = np.unique(np.column_stack([now[:, 0], np.sign(now[:, 1])]), axis=0)
+        return bool(np.any(np.abs(new[:, 1]) > limit + HELD * (abs(limit) or 1.0)))
+
+    # -- bounds as rows that are at least 0
+
+    def rows(self, limits: Sequence[Bound], scales: Sequence[float], x: Array) -> Array:
+        """(r,) how far the bounds are kept, over their scales: of an upper bound of a largest value one for every maximum."""
+        found = []
+        for i, (one, scale) in enumerate(zip(limits, scales, strict=True), 1):
+            if self.largest(i):
+                sizes = self.peaks(i, x)[:, 1]
+                found.append((one.limit - sizes if one.sign > 0 else sizes.max(keepdims=True) - one.limit) / scale)
+            else:
+                found.append(np.array([one.sign * (one.limit - self.value(i, x)) / scale]))
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def row_slopes(self, limits: Sequence[Bound], scales: Sequence[float], x: Array) -> Array:
+        """(r, k) derivatives of the rows by x."""
+        found = []
+        for i, (one, scale) in enumerate(zip(limits, scales, strict=True), 1):
+            slopes = self.peak_slopes(i, x) if self.largest(i) else self.slope(i, x)[None]
+            if self.largest(i) and one.sign < 0:
+                slopes = slopes[[int(np.argmax(self.peaks(i, x)[:, 1]))]]
+            found.append(-one.sign * slopes / scale)
+        return np.concatenate(found) if found else np.zeros((0, len(x)))
+
+    def error(self, i: int) -> float | None:
         """The estimated error of a number of the last run; None where it is exact or not known."""
+        of = self.all[i]
         if isinstance(of, Mass) or not self.runs:
             return None
         if of.kind == "largest":
-            return self.result.peak(of.quantity).error  # type: ignore[no-any-return]
+            return self.result.peak(of.quantity).error
         error = self.result.error(of.quantity)
         return None if error is None else error * (self.t_end if of.kind == "integral" else 1.0)
 
 
 @naming_arguments
 def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), accuracy: float = 1e-6, runs: int = MOST_RUNS,
-           progress: Callable[[int, float], None] | None = None) -> Design:
+           progress: Callable[[int, float], None] | None = None, resume: Any = None) -> Design:
     """Find numbers of a scene that make one number of its run least; returns a `Design`.
 
     minimize: an objective as of `Result.gradient` (mb.integral, mb.at_end, mb.largest), or mb.mass(...); to: name -> (least,
     largest) of numbers, as in `Result.gradient`; the search begins at what the scene states, or at the nearer end. bounds: list
-    of bounds, such as mb.largest("A.drive", smooth=1e-3) <= 30.0, which the largest value itself keeps. t_end: end of the runs,
-    s. runs: largest number of runs. progress(runs, value): called after every run.
+    of bounds, such as mb.largest("A.drive") <= 30.0. t_end: end of the runs, s. runs: largest number of runs. progress(runs,
+    value): called after every run. resume: a JSON file that keeps what was read of the runs.
 
     The least value in the neighbourhood of the start is found, which may not be the least of all. A warning says where a bound
     is not kept, or the search did not end."""
     scene, end = option("scene", scene, scene_given, "give a mb.Scene"), end_after(0.0, t_end)
     wanted = (Objective, Mass)
     if not isinstance(minimize, wanted):
-        raise OptionError(f"minimize = {shown(minimize)}: give mb.integral(...), mb.at_end(...), mb.largest(..., smooth=1e-3) or "
+        raise OptionError(f"minimize = {shown(minimize)}: give mb.integral(...), mb.at_end(...), mb.largest(...) or "
                           "mb.mass('crank')")
     limits = list(bounds) if isinstance(bounds, list | tuple) else [bounds]
     if not all(isinstance(one, Bound) for one in limits):
-        raise OptionError(f"bounds = {shown(bounds)}: give a list of bounds, such as [mb.largest('A.drive', smooth=1e-3) <= 30]")
-    names, low, high = _ranges(to)
+        raise OptionError(f"bounds = {shown(bounds)}: give a list of bounds, such as [mb.largest('A.drive') <= 30]")
+    names, low, high = ranges(to)
     tell = optional("progress", progress, function, "give a function progress(runs, value), or None", takes="runs, value")
-    most = option("runs", runs, whole, "give the largest number of runs", least=1)
-    work = _Designing(scene, names, low, high, end, plausible(accuracy), most, tell)
-    x, used = np.clip((stated_values(scene, names, end) - low) / (high - low), 0.0, 1.0), [1.0] * len(limits)
-    for _ in range(TURNS):
-        tightened = [replace(one, limit=one.limit * by) for one, by in zip(limits, used, strict=True)]
-        x, ended, message = _searched(work, minimize, tightened, x)
-        if ended and (lower := _beside(work, minimize, tightened, x)) is not None:
-            x, ended, message = _searched(work, minimize, tightened, lower)
-        work.most += 1
-        before, used = used, [work.smoothed(one.of, x) for one in limits]
-        if not ended or max((abs(a - b) for a, b in zip(before, used, strict=True)), default=0.0) < HELD:
-            break
-    held = [_held(work, one, x) for one in limits]
-    value = work.told(minimize, x)
+    most, accuracy = option("runs", runs, whole, "give the largest number of runs", least=1), plausible(accuracy)
+    kept = _Kept(resume_path(resume), {"scene": identity_of(scene), "to": [names, low.tolist(), high.tolist()], "t_end": end,
+                                       "asked": [str(minimize), *map(str, limits)], "accuracy": accuracy})
+    work = _Designing(scene, names, low, high, end, accuracy, most, tell, kept, [minimize, *(one.of for one in limits)])
+    x = np.clip((stated_values(scene, names, end) - low) / (high - low), 0.0, 1.0)
+    with told_when_interrupted(kept.path, "runs", lambda: (work.runs, most), lambda: None):
+        for turn in range(TURNS):
+            passed = [work.follow(i, x, limit) for i, limit in enumerate([work.value(0, x), *(one.limit for one in limits)])
+                      if work.largest(i)]
+            if turn and not any(passed):
+                break
+            x, ended, message = _searched(work, limits, x)
+            if ended and (lower := _beside(work, limits, x)) is not None:
+                x, ended, message = _searched(work, limits, lower)
+            work.most += 1
+            if not ended or not passed:
+                break
+        else:
+            ended, message = False, "other maxima become the largest again and again: the values may not be the best"
+        if work.runs or not all(isinstance(one, Mass) for one in work.all):
+            work.run(x)
+    held = [_held(work, one, i, x) for i, one in enumerate(limits, 1)]
+    value = work.value(0, x)
     ended = ended and all(one.kept for one in held)
     broken = [str(one) for one in held if not one.kept]
     if broken:
@@ -245,44 +237,57 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
     without = tuple(name for name, felt in zip(names, work.felt, strict=True) if not felt)
     if without:
         warn(f"design: neither what is made least nor a bound depends on {', '.join(without)}: its value is as good as any other")
-    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(minimize), held, without, work.at(x),
-                  work.result if work.runs else None, work.runs, ended, message)
+    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(0), minimize, held, without,
+                  work.at(x), work.result if work.runs else None, work.runs, ended, message)
 
 
-def _searched(work: _Designing, minimize: Any, limits: Sequence[Bound], x: Array) -> tuple[Array, bool, str]:
-    """The x (k,) found from x, whether the search ended, and why."""
+def _searched(work: _Designing, limits: Sequence[Bound], x: Array) -> tuple[Array, bool, str]:
+    """The x (k,) found from x, whether the search ended, and why. A largest value is made least as a number that none of its
+    maxima passes, and that is sought with x."""
     from scipy.optimize import minimize as least
 
-    size = abs(work.value(minimize, x)) or 1.0
-    scales = [abs(one.limit) or abs(work.value(one.of, x)) or 1.0 for one in limits]
+    k, top, size = len(x), work.largest(0), abs(work.value(0, x)) or 1.0
+    scales = [abs(one.limit) or abs(work.value(i, x)) or 1.0 for i, one in enumerate(limits, 1)]
     best: list[Any] = [np.inf, x]
 
-    def value(x: Array) -> float:
+    def value(z: Array) -> float:
         try:
-            found = work.value(minimize, x) / size
-            passed = max((one.sign * (work.value(one.of, x) - one.limit) / scale
-                          for one, scale in zip(limits, scales, strict=True)), default=0.0)
+            found = work.value(0, z[:k]) / size
+            passed = -min(work.rows(limits, scales, z[:k]), default=0.0)
         except MbdaeError:  # the scene refuses these numbers: a shorter step is tried
             return np.inf
         if passed <= HELD and found < best[0]:
-            best[:] = [found, x.copy()]
+            best[:] = [found, z[:k].copy()]
         if work.tell is not None:
             work.tell(work.runs, found * size)
-        return float(found)
+        return float(z[k] if top else found)
 
-    rows = [{"type": "ineq", "fun": lambda x, one=one, s=s: one.sign * (one.limit - work.value(one.of, x)) / s,
-             "jac": lambda x, one=one, s=s: -one.sign * work.slope(one.of, x) / s}
-            for one, s in zip(limits, scales, strict=True)]
+    def slope(z: Array) -> Array:
+        return np.eye(k + 1)[k] if top else work.slope(0, z) / size
+
+    def rows(z: Array) -> Array:
+        over = z[k] - work.peaks(0, z[:k])[:, 1] / size if top else np.zeros(0)
+        return np.concatenate([over, work.rows(limits, scales, z[:k])])
+
+    def row_slopes(z: Array) -> Array:
+        found = work.row_slopes(limits, scales, z[:k])
+        if not top:
+            return found
+        over = -work.peak_slopes(0, z[:k]) / size
+        return np.column_stack([np.concatenate([over, found]), np.r_[np.ones(len(over)), np.zeros(len(found))]])
+
+    begin, ranges = (np.r_[x, 1.0], [*[(0.0, 1.0)] * k, (None, None)]) if top else (x, [(0.0, 1.0)] * k)
+    held = [{"type": "ineq", "fun": rows, "jac": row_slopes}] if top or limits else []
     try:
-        ended = least(value, x, jac=lambda x: work.slope(minimize, x) / size, bounds=[(0.0, 1.0)] * len(x), constraints=rows,
-                      method="SLSQP", options={"ftol": ENOUGH, "maxiter": 10 * work.most})
+        ended = least(value, begin, jac=slope, bounds=ranges, constraints=held, method="SLSQP",
+                      options={"ftol": ENOUGH, "maxiter": 10 * work.most})
     except _OutOfRunsError:
         return best[1], False, f"{work.most} runs were made, as many as allowed: the values may not be the best"
-    x = np.clip(ended.x, 0.0, 1.0)
+    x = np.clip(ended.x[:k], 0.0, 1.0)
     return x, bool(ended.success), "the search ended at a least value" if ended.success else f"the search failed: {ended.message}"
 
 
-def _beside(work: _Designing, minimize: Any, limits: Sequence[Bound], x: Array) -> Array | None:
+def _beside(work: _Designing, limits: Sequence[Bound], x: Array) -> Array | None:
     """A design beside x (k,) with a lower value, where the slopes vanish at x but it is no least value: a largest one, or one
     that is least along some directions only. None at a least value.
 
@@ -291,10 +296,25 @@ def _beside(work: _Designing, minimize: Any, limits: Sequence[Bound], x: Array) 
     if not work.runs:  # masses alone, which are straight lines
         return None
     middle, rng = np.clip(x, ASIDE, 1 - ASIDE), np.random.default_rng(0)
+    scales = [abs(one.limit) or 1.0 for one in limits]
+
+    def least(at: Array) -> Array:
+        return np.asarray(work.peak_slopes(0, at) if work.largest(0) else work.slope(0, at)[None])
+
     try:
-        size = abs(work.value(minimize, x)) or 1.0
-        active = [one for one in limits if abs(work.value(one.of, x) - one.limit) <= HELD * (abs(one.limit) or 1.0)]
-        of, rows = work.slope(minimize, x), np.array([one.sign * work.slope(one.of, x) for one in active]).reshape(-1, len(x))
+        size, first = abs(work.value(0, x)) or 1.0, 0
+        ties = np.zeros(0, dtype=int)
+        if work.largest(0):
+            sizes = work.peaks(0, x)[:, 1]
+            first = int(np.argmax(sizes))
+            ties = np.setdiff1d(np.flatnonzero(sizes >= (1 - HELD) * sizes.max()), [first])
+        active = np.flatnonzero(work.rows(limits, scales, x) <= HELD)
+
+        def parts(at: Array) -> tuple[Array, Array]:  # slopes of what is made least, and of the rows that decide
+            own = least(at)
+            return own[first], np.concatenate([own[ties] - own[first], -work.row_slopes(limits, scales, at)[active]])
+
+        of, rows = parts(x)
         factors = np.linalg.lstsq(rows.T, -of, rcond=None)[0]
         rest = of + factors @ rows
         fixed = ((x <= 0) & (rest > HELD * size)) | ((x >= 1) & (rest < -HELD * size))
@@ -302,8 +322,8 @@ def _beside(work: _Designing, minimize: Any, limits: Sequence[Bound], x: Array) 
         space = across[2][int(np.sum(across[1] > HELD)) :].T
 
         def slope(at: Array) -> Array:
-            return np.asarray(work.slope(minimize, at) + sum(
-                (m * one.sign * work.slope(one.of, at) for m, one in zip(factors, active, strict=True)), np.zeros(len(x))))
+            own, others = parts(at)
+            return np.asarray(own + factors @ others)
 
         basis, products, own = np.zeros((0, len(x))), np.zeros((0, len(x))), slope(middle)
         v = space @ rng.normal(size=space.shape[1])
@@ -315,30 +335,16 @@ def _beside(work: _Designing, minimize: Any, limits: Sequence[Bound], x: Array) 
         bent, along = np.linalg.eigh(basis @ products.T + products @ basis.T) if len(basis) else (np.zeros(1), np.zeros((1, 1)))
         if bent[0] >= -CURVED * np.abs(bent).max():
             return None
-        least, found = work.value(minimize, x) - ENOUGH * size, None
+        lowest, found = work.value(0, x) - ENOUGH * size, None
         for step in (10 * ASIDE, -10 * ASIDE, ASIDE, -ASIDE):
             beside = np.clip(middle + step * (along[:, 0] @ basis), 0.0, 1.0)
-            if (value := work.value(minimize, beside)) < least:
-                least, found = value, beside
+            if (value := work.value(0, beside)) < lowest:
+                lowest, found = value, beside
     except (_OutOfRunsError, MbdaeError):
         return None
     return found
 
 
-def _held(work: _Designing, one: Bound, x: Array) -> Held:
-    value = work.told(one.of, x)
-    return Held(one, value, work.error(one.of), abs(value - one.limit) <= HELD * (abs(one.limit) or 1.0))
-
-
-def _ranges(to: Any) -> tuple[list[str], Array, Array]:
-    """Names of numbers with their least and largest values."""
-    remedy = "give a mapping of names of numbers to (least, largest), such as {'coupler.mass': (0.1, 2.0)}"
-    if not isinstance(to, Mapping) or not to:
-        raise OptionError(f"to = {shown(to)}: {remedy}")
-    names = [option("to", name, text, remedy) for name in to]
-    pairs = [option(f"to: '{name}'", to[name], sequence, remedy, each=number) for name in names]
-    for name, pair in zip(names, pairs, strict=True):
-        if len(pair) != 2 or pair[0] >= pair[1]:
-            raise OptionError(f"to: '{name}' = {shown(to[name])}: {remedy}")
-    low, high = np.array(pairs).T
-    return names, low, high
+def _held(work: _Designing, one: Bound, i: int, x: Array) -> Held:
+    value = work.value(i, x)
+    return Held(one, value, work.error(i), abs(value - one.limit) <= HELD * (abs(one.limit) or 1.0))

@@ -9,20 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives import Objective, names_of
-from mbdae.errors import ListsAttributes, MbdaeError, OptionError, naming_arguments
+from mbdae.derivatives import Bound, Objective, names_of
+from mbdae.errors import ListsAttributes, OptionError, naming_arguments
 from mbdae.integrators.base import end_after, output_times
 from mbdae.notation import counted
-from mbdae.results.quantities import Quantity
+from mbdae.results.quantities import Quantity, named, unit_of
+from mbdae.results.reads import own_of
 from mbdae.results.result import Result
+from mbdae.run.checkpoint import versions
 from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
+from mbdae.show.plots import new_figure, style, with_unit, written
 from mbdae.study.statements import changed, stated_value
 from mbdae.system.base import Array
-from mbdae.system.prepare import prepare
-from mbdae.values import array, number, option, sequence, shown
-
-EDGE = 1e-6  #: least size of a number that must not be 0, over what the scene states of it
+from mbdae.values import array, number, option, sequence, shown, text
 
 
 def varied(scene: SceneData, names: Sequence[str], values: Sequence[float], t_end: float) -> SceneData:
@@ -30,6 +30,12 @@ def varied(scene: SceneData, names: Sequence[str], values: Sequence[float], t_en
     for name, value in zip(names, values, strict=True):
         scene, _ = changed(scene, name, float(value), t_end)
     return scene
+
+
+def identity_of(scene: SceneData) -> dict[str, Any]:
+    """What a scene is known by in files that are resumed, as plain data."""
+    return {"name": scene.name, "gravity": scene.gravity.tolist(), "statements": scene.statements, "own": own_of(scene),
+            "versions": versions()}
 
 
 def stated_values(scene: SceneData, names: Sequence[str], t_end: float) -> Array:
@@ -140,6 +146,133 @@ def scene_given(value: Any) -> SceneData:
     return value
 
 
+# -- the mass of bodies
+
+
+class Mass:
+    """The mass of bodies of a scene, kg, as what `mb.design` makes least, or bounds."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+
+    def of(self, scene: SceneData) -> float:
+        """The mass of the bodies in a scene, kg; OptionError for a name of none."""
+        bodies = {body.name: body.mass for body in scene.bodies}
+        for name in self.names:
+            if bodies.get(name) is None:
+                raise OptionError(f"mass: there is no body '{name}' with a mass; there are {', '.join(bodies)}")
+        return float(sum(bodies[name] for name in self.names))
+
+    def __le__(self, limit: float) -> Bound:
+        return Bound(self, 1.0, number(limit))
+
+    def __ge__(self, limit: float) -> Bound:
+        return Bound(self, -1.0, number(limit))
+
+    def __str__(self) -> str:
+        return f"mass of {', '.join(self.names)}"
+
+
+def mass(*bodies: str) -> Mass:
+    """The mass of bodies together, kg: what `mb.design` makes least, or bounds."""
+    names = option("bodies", bodies, sequence, "name one body or more, such as mb.mass('crank')", each=text)
+    if not names:
+        raise OptionError("mass: name one body or more, such as mb.mass('crank')")
+    return Mass(names)
+
+
+# -- bounds, and the maxima of largest values
+
+#: a bound holds where it is passed by less than this share of it (or of its value at the start, of a bound of 0); it is active
+#: where it is that near
+HELD = 1e-4
+
+
+@dataclass(frozen=True)
+class Held:
+    """A bound at the design that was found. value: of what is bounded; error: its estimated error, None where it is exact or not
+    known; active: whether the bound decides."""
+
+    bound: Bound
+    value: float
+    error: float | None
+    active: bool
+
+    @property
+    def kept(self) -> bool:
+        """Whether it is kept, but for a ten-thousandth."""
+        return self.bound.sign * (self.value - self.bound.limit) <= HELD * (abs(self.bound.limit) or 1.0)
+
+    def __str__(self) -> str:
+        word = "kept" if self.kept else "not kept"
+        error = "" if self.error is None else f" +- {self.error:.1e}"
+        return f"{self.bound}: {self.value:.6g}{error}, {word}{', decides' if self.active and self.kept else ''}"
+
+
+def peak_slopes(run: Result, quantity: Any, times: Array, names: Sequence[str]) -> Array:
+    """(2, m, k) derivatives of a quantity, or of the length of a vector, at times (m,) by the numbers, and their errors."""
+    at, place = np.unique(times, return_inverse=True)
+    r = run(at)
+    values, found = np.asarray(r.value(quantity)), r.sensitivity(quantity, to=list(names))
+    slopes, errors = [], []
+    for name in names:
+        one = np.asarray(found[quantity, name].value)
+        if one.ndim > 1:
+            one = np.sum(values * one, axis=1) / np.maximum(np.linalg.norm(values, axis=1), 1e-300)
+        slopes.append(one[place])
+        errors.append(np.full(len(place), found[quantity, name].error))
+    return np.array([np.transpose(slopes), np.transpose(errors)])
+
+
+@dataclass(frozen=True, eq=False)
+class Design(ListsAttributes):
+    """A design that was found.
+
+    values: of the numbers, by name; minimum: what was made least, in its unit, and error, its estimated error, None where it is
+    exact or not known; of: what that was; bounds: list of Held; without_effect: names of numbers on which neither what was made
+    least nor a bound depends; scene: with the values; result: its run, None where no run was needed; runs: number of runs made;
+    found: whether the search ended at a least value with all bounds kept; message: why it ended."""
+
+    values: dict[str, float]
+    minimum: float
+    error: float | None
+    of: Any
+    bounds: list[Held]
+    without_effect: tuple[str, ...]
+    scene: Any
+    result: Result | None
+    runs: int
+    found: bool
+    message: str
+
+    def __str__(self) -> str:
+        error = "" if self.error is None else f" +- {self.error:.1e}"
+        lines = [f"least value {self.minimum:.6g}{error}", *(f"{name} = {value:.6g}" for name, value in self.values.items())]
+        if self.without_effect:
+            lines.append(f"without effect: {', '.join(self.without_effect)}")
+        return "\n".join([*lines, *map(str, self.bounds), f"{self.message}; {counted(self.runs, 'run')}"])
+
+    def plot(self, path: Any = None) -> Any:
+        """A figure of what was made least, and of what is bounded, over the run of the design, with the limits of largest values,
+        one axis for every quantity; path: a file to write it to. OptionError where masses alone were asked for."""
+        asked = {one.quantity: None for one in (self.of, *(held.bound.of for held in self.bounds)) if isinstance(one, Objective)}
+        if self.result is None or not asked:
+            raise OptionError("there is nothing to draw: no number of a run was made least or bounded")
+        figure, axes = new_figure(len(asked))
+        for axis, name in zip(axes, asked, strict=True):
+            axis.plot(self.result.t, self.result.value(name), **style(0))
+            axis.set_ylabel(with_unit(named(name), unit_of(self.result, name)))
+            for held in self.bounds:
+                if isinstance(held.bound.of, Objective) and (held.bound.of.quantity, held.bound.of.kind) == (name, "largest"):
+                    for side in (1, -1) if np.min(self.result.value(name)) < 0 else (1,):
+                        axis.axhline(side * held.bound.limit, color="0.55", linestyle="--")
+        axes[-1].set_xlabel("t [s]")
+        return written(figure, path)
+
+    def __repr__(self) -> str:
+        return f"<Design: {'; '.join(str(self).splitlines())}>"
+
+
 # -- measurements, as users give them
 
 
@@ -195,20 +328,15 @@ def limits(bounds: Any, names: Sequence[str]) -> tuple[Array, Array]:
     return low, high
 
 
-def within_scene(f: SceneFunction, low: Array, high: Array) -> tuple[Array, Array]:
-    """Least and largest values (k,) within those given, of the sign that the numbers have where the scene refuses the other one,
-    as of a mass or a coefficient of friction: a search that met this edge as mere refusals would shorten its steps to nothing."""
-    for i, (name, value) in enumerate(zip(f.names, f.start, strict=True)):
-        ends = low if value > 0 else high
-        if value and ends[i] * value < 0 and _refused(f, name, -value):
-            ends[i] = value * EDGE if _refused(f, name, 0.0) else 0.0
-    return low, high
-
-
-def _refused(f: SceneFunction, name: str, value: float) -> bool:
-    """Whether the scene refuses a value of a number."""
-    try:
-        prepare(varied(f.scene, [name], [value], f.t_end))
-    except MbdaeError:
-        return True
-    return False
+def ranges(to: Any) -> tuple[list[str], Array, Array]:
+    """Names of numbers with their least and largest values."""
+    remedy = "give a mapping of names of numbers to (least, largest), such as {'coupler.mass': (0.1, 2.0)}"
+    if not isinstance(to, Mapping) or not to:
+        raise OptionError(f"to = {shown(to)}: {remedy}")
+    names = [option("to", name, text, remedy) for name in to]
+    pairs = [option(f"to: '{name}'", to[name], sequence, remedy, each=number) for name in names]
+    for name, pair in zip(names, pairs, strict=True):
+        if len(pair) != 2 or pair[0] >= pair[1]:
+            raise OptionError(f"to: '{name}' = {shown(to[name])}: {remedy}")
+    low, high = np.array(pairs).T
+    return names, low, high

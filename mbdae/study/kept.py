@@ -13,7 +13,7 @@ import os
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, TextIO, TypeVar
 
@@ -87,6 +87,29 @@ class ResumeFile:
                 write_file(self.path, json.dumps(content, indent=1) + "\n")
             except OptionError as error:
                 raise DiskError(f"resume: {error}; what was stored before is there: make room, and the call goes on") from error
+
+
+@dataclass
+class Readings(ResumeFile):
+    """What was read of runs, by the numbers p (k,) of each, so that no run is made again."""
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+
+    def load(self) -> None:
+        """Take over what is stored in the file, where there is one."""
+        with self.stored() as data:
+            self.rows = [] if data is None else data["rows"]
+
+    def found(self, p: Array, what: str, made: Callable[[], Array]) -> Array:
+        """What is stored of the numbers p, or is made now."""
+        key = packed(p)
+        for row in self.rows:
+            if row["p"] == key and what in row:
+                return unpacked(row[what])
+        values = made()
+        self.rows.append({"p": key, what: packed(values)})
+        self.store({"rows": self.rows})
+        return values
 
 
 def key_of(identity: Any) -> str:
