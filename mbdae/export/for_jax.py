@@ -173,7 +173,7 @@ class _Jax(File):
         result = f"{matrix}(out[:{count}]), {matrix}(out[{count}:])" if f.name == "jacobian" and count else (
             f"out.reshape({f.shape})" if f.shape else "out")
         lines += [f"out = where(sound, W[{self._table(f.at)}], nan)", f"return {result}"]
-        return "\n    ".join([f"\n\ndef {f.name}({', '.join(f.arguments)}):", f'"""{f.meaning}."""', *lines])
+        return "\n    ".join([f"\n\n@jax.jit\ndef {f.name}({', '.join(f.arguments)}):", f'"""{f.meaning}."""', *lines])
 
     def _step(self, step: Step) -> list[str]:
         f, kind, count = step.fields, step.fields["kind"], step.fields.get("count", 0)
