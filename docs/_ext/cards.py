@@ -70,7 +70,8 @@ GALLERY: dict[str, dict[str, Card]] = {
         "clearance_forces": Card("Joint forces by clearance", "What a wider race does to the force, impact by impact."),
         "stick_slip": Card("Stick-slip", "Two laws of friction beside each other, one of them with a memory.",
                            of=lambda run: run["lugre"]),
-        "door_closer": Card("Door closer, fitted", "Spring, damper and dry friction from measurements, with their errors."),
+        "door_closer": Card("Door closer, fitted", "Spring, damper and dry friction from measurements, with their errors.",
+                            of=lambda run: run.result),
     },
     "Flexible bodies": {
         "engine_rod": Card("Elastic connecting rod", "A relaxed start has the peak of steady running at once."),

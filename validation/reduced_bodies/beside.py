@@ -2,13 +2,15 @@
 
 ObjectFFRFconvergenceTestHinge: a plate with a bolt and a bushing; its switches for joint at the bolt, weight and second
 interface are on, since nothing moves otherwise. superElementRigidJointTest: two rotors joined at a face, a mass beside the axis,
-under their weight; with interfaces that are rigid, as in the other example, where it joins means over a face. The matrices in
-exudyn_matrices.npz (lower halves, SI) are those of Exudyn's repository, copyright 2018-2025 Johannes Gerstmayr, University of
-Innsbruck, under the licence of that program, which allows redistribution with this notice."""
+under their weight; with interfaces that are rigid, as in the other example, where it joins means over a face. The
+matrices in exudyn_matrices.b64 (npz of lower halves, SI, as text) are those of Exudyn's repository, copyright 2018-2025
+Johannes Gerstmayr, University of Innsbruck, under the licence of that program, which allows redistribution with this notice."""
 
 from __future__ import annotations
 
+import base64
 import importlib.util
+import io
 import json
 import os
 import subprocess
@@ -45,7 +47,7 @@ def exudyn() -> str | None:
 
 def matrices(name: str) -> tuple[Any, Any, Any]:
     """M, K and nodes of an example."""
-    data, found = np.load(HERE / "exudyn_matrices.npz"), []
+    data, found = np.load(io.BytesIO(base64.b64decode((HERE / "exudyn_matrices.b64").read_text()))), []
     for which in "MK":
         entries = data[f"{name}_{which}_values"], (data[f"{name}_{which}_rows"], data[f"{name}_{which}_columns"])
         half = coo_matrix(entries).tocsc()
