@@ -27,6 +27,7 @@ class Counts:
     uncovered: list[str] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
     wide: list[float] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
     worst: float = 0.0
 
 
@@ -76,11 +77,15 @@ def judge(which: str, seeds: Sequence[int]) -> list[Found]:
     """Drawn mechanisms of one kind."""
     counts = Counts()
     for seed in seeds:
-        compare(MECHANISMS[which], seed, counts)
+        try:
+            compare(MECHANISMS[which], seed, counts)
+        except Exception as error:  # whatever it is: the others are judged
+            counts.failed.append(f"{seed}: {type(error).__name__}: {error}")
     compared = counts.right + len(counts.wrong)
     return [Found(len(counts.wrong), 0, "derivatives", "wrong", note=f"{counts.right} right, the least exact within "
                   f"{counts.worst:.1e}; {len(counts.told)} mechanisms told: {' | '.join(counts.told)}; wrong: "
                   f"{', '.join(counts.wrong) or 'none'}"),
             Found(len(counts.uncovered), max(0.01 * compared, 1), "derivatives", "errors that do not cover",
                   note=", ".join(counts.uncovered)),
+            Found(len(counts.failed), 0, "mechanisms", "failed", note=" | ".join(counts.failed)),
             Found(float(np.median(counts.wide)) if counts.wide else 0.0, 50, "errors", "median of errors over what is off")]

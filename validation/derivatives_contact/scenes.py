@@ -89,13 +89,14 @@ MECHANISMS = {
                                      height=0.4, radius=0.1, gyration=0.06) | {"g": 9.81},
         of_contact("floor") | {"height": "ball.at.2", "speed": "ball.velocity.0", "mass": "ball.mass"},
         {"ball.position[0]": 0, "ball.position[2]": 1, "ball.velocity[2]": 3, "ball.angular_velocity[1]": 4}, 1e-4,
-        lambda p: 2.6 * float(np.sqrt(2 * abs(p["height"] - p["radius"]) / p["g"]))),
+        lambda p: 2.6 * float(np.sqrt(2 * p["gap"] / p["g"]))),
     "shaken": Mechanism(
-        SHAKEN, shaken, lambda rng: near(rng, mass=1.0, stiffness=1e6, damping=0.3, height=0.16, radius=0.08, w=20.0, reach=0.01)
-        | {"g": 9.81},
+        SHAKEN, shaken, lambda rng: (
+            p := near(rng, mass=1.0, stiffness=1e6, damping=0.3, gap=0.08, radius=0.08, w=20.0, reach=0.01))
+        | {"height": p["radius"] + p["gap"], "g": 9.81},
         {"stiffness": "hit.normal.stiffness", "damping": "hit.normal.damping", "w": "w", "reach": "reach", "mass": "ball.mass"},
         {"ball.position[2]": 0, "ball.velocity[2]": 1}, 1e-4,
-        lambda p: 2.6 * float(np.sqrt(2 * abs(p["height"] - p["radius"]) / p["g"]))),
+        lambda p: 2.6 * float(np.sqrt(2 * p["gap"] / p["g"]))),
     "two balls": Mechanism(
         TWO, two, lambda rng: near(rng, mass_a=1.0, mass_b=1.0, stiffness=1e8, damping=0.1, speed_a=1.0, radius=0.05, ahead=0.5)
         | {"aside": float(rng.uniform(-0.05, 0.05)), "speed_b": float(rng.uniform(-0.5, 0.2))},
