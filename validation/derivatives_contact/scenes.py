@@ -89,7 +89,7 @@ MECHANISMS = {
                                      height=0.4, radius=0.1, gyration=0.06) | {"g": 9.81},
         of_contact("floor") | {"height": "ball.at.2", "speed": "ball.velocity.0", "mass": "ball.mass"},
         {"ball.position[0]": 0, "ball.position[2]": 1, "ball.velocity[2]": 3, "ball.angular_velocity[1]": 4}, 1e-4,
-        lambda p: 2.6 * float(np.sqrt(2 * p["gap"] / p["g"]))),
+        lambda p: 2.6 * float(np.sqrt(2 * (p["height"] - p["radius"]) / p["g"]))),
     "shaken": Mechanism(
         SHAKEN, shaken, lambda rng: (
             p := near(rng, mass=1.0, stiffness=1e6, damping=0.3, gap=0.08, radius=0.08, w=20.0, reach=0.01))
