@@ -53,12 +53,11 @@ class FiniteElementModel(NamesAttributes):
         at = {name: self.select(where) for name, where in interfaces.items()}
         if self.solid is not None and stiffening is True:
             stiffening = self.solid.second_force
-        stress, given = None if self.solid is None else self.solid.stress, (self.M, self.K, self.nodes, at, modes)
-        if option("free", free, flag, "give True or False"):  # static deformations by accelerations are among its own
-            found = ReducedBody.free_interface(*given, stiffening, stress, accuracy, up_to)
-        else:
-            found = ReducedBody.craig_bampton(*given, accelerations, stiffening, stress, accuracy, up_to)
-        return found if self.solid is None else found.drawn(self.solid.edges)
+        stress, edges = (None, None) if self.solid is None else (self.solid.stress, self.solid.edges)
+        free = option("free", free, flag, "give True or False")
+        accelerations = False if free else accelerations  # deformations by accelerations are among those of free modes
+        return ReducedBody._reduced(free, (self.M, self.K, self.nodes, at), modes, accelerations, stiffening, stress, accuracy,
+                                    up_to, edges)
 
 
 @naming_arguments

@@ -215,10 +215,10 @@ class ReducedBody(NamesAttributes):
 
     @classmethod
     def _reduced(cls, free: bool, given: tuple[Any, ...], modes: Any, accelerations: Any, stiffening: Any, stress: Any,
-                 accuracy: Any, up_to: Any) -> ReducedBody:
+                 accuracy: Any, up_to: Any, edges: Any = None) -> ReducedBody:
+        """edges: (e, 2) numbers of nodes between which lines are drawn, None: between all that K connects."""
         body = FiniteElements(*given)
-        count = None if modes is None else option("modes", modes, whole, "give the number of modes to be kept, or None",
-                                                  least=0, most=body.inner.shape[1])
+        count = optional("modes", modes, whole, "give the number of modes to be kept, or None", least=0, most=body.inner.shape[1])
         stiffening = stiffening if callable(stiffening) else option("stiffening", stiffening, flag,
                                                                     "give True, False, or a function of two displacements")
         if free and stiffening is not False:
@@ -230,9 +230,10 @@ class ReducedBody(NamesAttributes):
                              (least, np.inf if highest is None else highest), free)
         if stress is not None:
             found["stresses"] = stresses_by_modes(stress, found["shapes"])
-        made = cls(**found, points=inertia_points(body.M, **found), free=free, edges=drawn_edges(body.K, body.nodes))
+        lines = drawn_edges(body.K, body.nodes) if edges is None else edges
+        made = cls(**found, points=inertia_points(body.M, **found), free=free, edges=lines)
         most = min(2 * len(made.held_frequencies) + MORE, body.inner.shape[1])
-        vars(made)["finer"] = lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to)
+        vars(made)["finer"] = lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to, lines)
         return made
 
     def finer(self) -> ReducedBody:
