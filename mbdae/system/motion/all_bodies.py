@@ -5,6 +5,7 @@ The motion of all bodies from the unknowns of a form, including joint coordinate
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -67,6 +68,13 @@ class AllBodies:
         self.model, self.moved = model, moved
         self.numbering = moved.numbering(model, [], (), loaded=False)
         self.nq, self.nu = self.numbering.nq, self.numbering.nu
+
+    def again(self, model: Model) -> AllBodies:
+        """The same, without trees, of another model of the same shape."""
+        made = copy(self)
+        made.__dict__.pop("_evaluator", None)
+        made.model, made.numbering = model, self.numbering.again(model)
+        return made
 
     @cached_property
     def _evaluator(self) -> Evaluator:
