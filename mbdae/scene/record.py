@@ -297,20 +297,6 @@ class SceneItems(NamesAttributes):
             touched |= dict.fromkeys(new, "") | {i: names[i][0]}
         return touched
 
-    def apart(self, scene: SceneItems) -> set[str] | None:
-        """Names of the items that this scene does not share with another one, where both come from the same one by `_restated`;
-        else None."""
-        if len(self.statements) != len(scene.statements) or vars(self).get("_models") is not vars(scene).get("_models"):
-            return None
-        touched = self._touched(scene.statements)
-        return None if touched is None else set(touched.values())
-
-    @property
-    def models(self) -> dict[Any, list[Any]]:
-        """The model that was made last, of this scene or of one that shares its items, by what else it depends on."""
-        found: dict[Any, list[Any]] = vars(self).setdefault("_models", {})
-        return found
-
     @property
     def _named(self) -> dict[int, tuple[str, list[int]]]:
         """Number of every statement that makes a body or a connection -> its name, and the numbers of those that name it."""
@@ -340,3 +326,18 @@ class SceneItems(NamesAttributes):
         self._claim(body.name)
         self.bodies.append(body)
         return body
+
+
+def models_of(scene: SceneItems) -> dict[Any, list[Any]]:
+    """The model that was made last, of a scene or of one that shares its items, by what else it depends on."""
+    found: dict[Any, list[Any]] = vars(scene).setdefault("_models", {})
+    return found
+
+
+def apart(scene: SceneItems, other: SceneItems) -> set[str] | None:
+    """Names of the items that a scene does not share with another one, where both come from the same one by `_restated`; else
+    None."""
+    if len(scene.statements) != len(other.statements) or models_of(scene) is not models_of(other):
+        return None
+    touched = scene._touched(other.statements)
+    return None if touched is None else set(touched.values())

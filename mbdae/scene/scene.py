@@ -34,7 +34,7 @@ from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.models import replaced, with_recursive_tree
 from mbdae.scene.reading import FEEDS, Argument, reads
-from mbdae.scene.record import FrameOnBody, Statement, encode, statement, tables_in
+from mbdae.scene.record import FrameOnBody, Statement, encode, models_of, statement, tables_in
 from mbdae.scene.replay import Known, repeat, replay
 from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
@@ -303,7 +303,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         if self.problems or self.frames or any(isinstance(b, Beam) for b in self.bodies) or (
                 touched := self._touched(statements)) is None:
             return None
-        made, _ = object.__new__(type(self)), self.models
+        made, _ = object.__new__(type(self)), models_of(self)
         vars(made).update(vars(self), statements=statements, problems=[], numbers={}, recording=False, _as_named={}, told=[],
                           _known=dict(self._by_name), _wanted={name: set(of) for name, of in self._wanted.items()},
                           bodies=[*self.bodies], connections=[*self.connections])

@@ -15,6 +15,7 @@ from mbdae.errors import SceneError, StartError
 from mbdae.inputs.timed import after
 from mbdae.process import building
 from mbdae.scene import control, sensed
+from mbdae.scene.record import models_of
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, Kept
 from mbdae.system.dependent_rows import smallest, unit_rows
@@ -169,14 +170,14 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     found = Prepared(model, mechanics, rank, begin, T, all_bodies, touching)
     found.kept["placed"] = starter.drawn
     may_be_renewed = start is None and not loose and len(model.nodes) <= KEPT
-    scene.models[Prepared] = [(t0, t_end), found] if may_be_renewed else [None, None]
+    models_of(scene)[Prepared] = [(t0, t_end), found] if may_be_renewed else [None, None]
     return found
 
 
 def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | None:
     """A scene that differs in numbers alone from another one, whose items it shares and which was prepared last, with its start;
     None where it has to be prepared as a whole."""
-    key, last = scene.models.get(Prepared, (None, None))
+    key, last = models_of(scene).get(Prepared, (None, None))
     if scene.problems or last is None or key != (t0, t_end) or last.model.scene is scene or last.model.lines or (
             last.all_bodies.moved.trees or last.rank.dropped or last.rank.doubtful or last.rank.singular_here):
         return None
@@ -211,7 +212,7 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
         begin.changes += [change for contact in touching for change in contact.changes()]
         made = Prepared(model, mechanics, last.rank, begin, T, all_bodies, touching)
         made.kept["placed"] = starter.drawn if how.placed else last.kept["placed"]
-        scene.models[Prepared] = [key, made]
+        models_of(scene)[Prepared] = [key, made]
         return made
     return None
 

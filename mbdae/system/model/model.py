@@ -16,6 +16,7 @@ from mbdae.errors import LawError, SceneError
 from mbdae.laws.bodies import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
 from mbdae.scene.components import Beam, Body, Connection, Station
+from mbdae.scene.record import apart, models_of
 from mbdae.scene.scene import SceneData, refuse_other_laws
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -143,7 +144,7 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     kept: joints stated as recursive that are treated as kinematic, and why."""
     refuse_other_laws(scene)
     kept = _changing(scene) | dict(kept or {})
-    known = scene.models.setdefault((scene.space, *kept.items()), [])
+    known = models_of(scene).setdefault((scene.space, *kept.items()), [])
     found = None
     with suppress(LawError):  # of the plane
         found = _renewed(known[0], scene, kept) if known and known[0].scene is not scene else None
@@ -181,7 +182,7 @@ def _changing(scene: SceneData) -> dict[str, str]:
 def _renewed(last: Model, scene: SceneData, kept: dict[str, str]) -> Model | None:
     """The model of a scene that shares items with the scene of another model: the laws of the others alone are read. None where
     its laws have other equations, or for other reasons to build it whole."""
-    items = scene.apart(last.scene)
+    items = apart(scene, last.scene)
     if items is None or last.lines or scene.own or scene.gravity is not last.scene.gravity or any(
             getattr(i.law, p) != i.numbers[p] for _, _, i in last.instances() for p in i.law.params if p in i.numbers):
         return None
