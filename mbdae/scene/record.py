@@ -14,6 +14,7 @@ from inspect import Signature, signature
 from itertools import count
 from types import FunctionType
 from typing import Any, TypeVar
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -328,9 +329,10 @@ class SceneItems(NamesAttributes):
         return body
 
 
-def models_of(scene: SceneItems) -> dict[Any, list[Any]]:
-    """The model that was made last, of a scene or of one that shares its items, by what else it depends on."""
-    found: dict[Any, list[Any]] = vars(scene).setdefault("_models", {})
+def models_of(scene: SceneItems) -> WeakValueDictionary[Any, Any]:
+    """The model that was made last, of a scene or of one that shares its items, by what else it depends on, as long as somebody
+    uses it."""
+    found: WeakValueDictionary[Any, Any] = vars(scene).setdefault("_models", WeakValueDictionary())
     return found
 
 

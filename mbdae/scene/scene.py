@@ -105,7 +105,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     def __getstate__(self) -> dict[str, Any]:
         """Pickle, with the process and what its own laws state here: code is sent by name, so that they may state something else
         where the scene arrives."""
-        return vars(self) | {"_models": {}, "_sent": (_process(), stated_laws(self))}
+        return {k: v for k, v in vars(self).items() if k != "_models"} | {"_sent": (_process(), stated_laws(self))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Unpickle: the tables of its expressions are registered first, because another process does not know them."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -43,7 +44,8 @@ FOLLOWED, NEAR = 24, 0.2
 #: largest violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which positions
 #: computed along trees count as closed
 PLACED = 1e-11
-KEPT = 100  #: number of nodes up to which a scene keeps what was prepared of it last
+#: what was prepared last, of scenes of at most KEPT nodes (100 kB each): others are made again from it
+KEPT, _latest = 100, deque[Any](maxlen=8)
 FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where no later end of the run is known
 
 
@@ -169,16 +171,23 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     begin.changes += [change for contact in touching for change in contact.changes()]
     found = Prepared(model, mechanics, rank, begin, T, all_bodies, touching)
     found.kept["placed"] = starter.drawn
-    may_be_renewed = start is None and not loose and len(model.nodes) <= KEPT
-    models_of(scene)[Prepared] = [(t0, t_end), found] if may_be_renewed else [None, None]
+    if start is None and not loose:
+        _keep(scene, found, (t0, t_end))
     return found
+
+
+def _keep(scene: SceneData, made: Prepared, times: tuple[float, float | None]) -> None:
+    """Have scenes that differ from this one in numbers made again from what was prepared of it, for runs of the same times."""
+    if len(made.model.nodes) <= KEPT:
+        models_of(scene)[Prepared, times] = made
+        _latest.append(made)
 
 
 def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | None:
     """A scene that differs in numbers alone from another one, whose items it shares and which was prepared last, with its start;
     None where it has to be prepared as a whole."""
-    key, last = models_of(scene).get(Prepared, (None, None))
-    if scene.problems or last is None or key != (t0, t_end) or last.model.scene is scene or last.model.lines or (
+    last = models_of(scene).get((Prepared, (t0, t_end)))
+    if scene.problems or last is None or last.model.scene is scene or last.model.lines or (
             last.all_bodies.moved.trees or last.rank.dropped or last.rank.doubtful or last.rank.singular_here):
         return None
     model = build(scene)
@@ -212,7 +221,7 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
         begin.changes += [change for contact in touching for change in contact.changes()]
         made = Prepared(model, mechanics, last.rank, begin, T, all_bodies, touching)
         made.kept["placed"] = starter.drawn if how.placed else last.kept["placed"]
-        models_of(scene)[Prepared] = [key, made]
+        _keep(scene, made, (t0, t_end))
         return made
     return None
 

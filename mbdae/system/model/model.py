@@ -144,12 +144,12 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     kept: joints stated as recursive that are treated as kinematic, and why."""
     refuse_other_laws(scene)
     kept = _changing(scene) | dict(kept or {})
-    known = models_of(scene).setdefault((scene.space, *kept.items()), [])
+    known, key = models_of(scene), (scene.space, *kept.items())
+    last = known.get(key)
     found = None
     with suppress(LawError):  # of the plane
-        found = _renewed(known[0], scene, kept) if known and known[0].scene is not scene else None
-    made = found or _built(scene, kept)
-    known[:] = [made]
+        found = _renewed(last, scene, kept) if last is not None and last.scene is not scene else None
+    made = known[key] = found or _built(scene, kept)
     return made
 
 
