@@ -36,6 +36,7 @@ from mbdae.scene.models import replaced, with_recursive_tree
 from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import FrameOnBody, Statement, encode, models_of, statement, tables_in
 from mbdae.scene.replay import Known, repeat, replay
+from mbdae.scene.sensed import read_by
 from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
 from mbdae.symbolic.stated import own, own_class
@@ -318,6 +319,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
                 repeat(made, statements[i], Known(self.own))
                 items.insert(at, items.pop())
                 made._known[touched[i]] = items[at]
+                if isinstance(old, Connection) and read_by(items[at]) != read_by(old):
+                    return None  # which coordinates are unknowns of their own may change
         except MbdaeError:  # it is told of all statements
             return None
         made.recording = True
