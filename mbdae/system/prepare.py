@@ -24,7 +24,7 @@ from mbdae.system.model.model import Model, Renewed, build
 from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
-from mbdae.system.motion.all_bodies import AllBodies
+from mbdae.system.motion import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.tree_mechanics import TreeMechanics
 from mbdae.system.nearest import start_positions

@@ -21,7 +21,7 @@ from mbdae.system.assembled.right_hand_side import numbers_of, partition_of, rig
 from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.dependent_rows import Rows
 from mbdae.system.model.moved_bodies import timeline
-from mbdae.system.motion.all_bodies import Displacements
+from mbdae.system.motion import Displacements
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import RowsInForce

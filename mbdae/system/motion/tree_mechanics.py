@@ -20,7 +20,7 @@ from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.trees import Tree
-from mbdae.system.motion.all_bodies import AllBodies
+from mbdae.system.motion import AllBodies
 from mbdae.system.motion.constrained import Evaluator, Index, least_norm, solve_constrained
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import Solve
