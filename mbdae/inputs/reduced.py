@@ -8,7 +8,7 @@ that they leave, centre of mass and angular momentum of small deformations stay 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
@@ -37,6 +37,7 @@ SLOW = 0.1
 #: force at an interface towards the centre, over the stiffness of the lowest vibration with an interface held and its size, that
 #: is not told: a cantilever buckles at 0.8
 LIGHT = 0.008
+ADVICE = "reduce it with stiffening=True, or use s.beam"
 STEPS = 1000  #: largest number of steps of a run at which forces at interfaces are looked at
 MORE = 6  #: further modes, beside twice as many, of the body by which the error of its modes is measured
 
@@ -131,37 +132,37 @@ class ReducedBody(NamesAttributes):
         return min(found)
 
     def doubts(self, result: Any, item: Any) -> list[str]:
-        """What a run may have left out, a sentence each; item: that of its modes in the scene."""
-        found, t, scalars = [], result.t, item.scalars[: len(self.modal_mass)]
+        """What a run, or a state, may have left out, a sentence each; item: that of its modes in the scene."""
+        found: list[str] = []
+
+        def tell(sizes: Array, bound: float, words: Callable[[float, float], str]) -> None:
+            if (beyond := np.flatnonzero(sizes > bound)).size:
+                when = f"at t = {result.t[beyond[0]]:.6g} s: " if len(run.t) > 1 else ""
+                found.append(when + words(float(np.max(sizes)), float(np.max(sizes)) / bound))
+
+        scalars, run = item.scalars[: len(self.modal_mass)], result.solution
         nodes = [result.prepared.model.coordinate_node(item.name, mode).q for mode in scalars]
-        speed = np.linalg.norm(result[item.k.name].angular_velocity, axis=1)
-        sizes, bound = np.max(np.abs(result.q[:, nodes]), axis=1, initial=0), SMALL * self.size
-        if (beyond := np.flatnonzero(sizes > bound)).size:
-            found.append(f"at t = {t[beyond[0]]:.6g} s: a mode displaces by up to {np.max(sizes):.3g} m, more than {bound:.3g} "
-                         f"m: the body moves as with small deformations, whose error is then about 1 % or more and grows with "
-                         f"the square; use s.beam, or several bodies")
+        bound = SMALL * self.size
+        tell(np.max(np.abs(result.q[:, nodes]), axis=1, initial=0), bound, lambda most, _: (
+            f"a mode displaces by up to {most:.3g} m, more than {bound:.3g} m: the body moves as with small deformations, whose "
+            f"error is then about 1 % or more and grows with the square; use s.beam, or several bodies"))
         if len(self.bends):
             return found
-        bound = SLOW * 2 * np.pi * self.lowest_held
-        if (beyond := np.flatnonzero(speed > bound)).size:
-            found.append(f"at t = {t[beyond[0]]:.6g} s: it turns at up to {np.max(speed):.3g} rad/s, more than {bound:.3g} "
-                         f"rad/s, a tenth of its lowest angular frequency with an interface held: stiffening by centrifugal "
-                         f"forces, of 1 % or more of its stiffness, is left out; reduce it with stiffening=True, or use s.beam")
-        bound, run = LIGHT * self._lowest_held[1] * self.size, result.solution
+        slow, light = SLOW * 2 * np.pi * self.lowest_held, LIGHT * self._lowest_held[1] * self.size
+        tell(np.linalg.norm(result[item.k.name].angular_velocity, axis=1), slow, lambda most, part: (
+            f"it turns at up to {most:.3g} rad/s, more than {slow:.3g} rad/s, a tenth of its lowest angular frequency with an "
+            f"interface held: stiffening by centrifugal forces, about {part**2:.2g} % of its stiffness, is left out; {ADVICE}"))
         rows = {name: [f"lambda({item.k.name}.interface {name}.{a})" for a in "xyz"] for name in self.interfaces}
         if by_run := run.names is not None and {*chain(*rows.values())} <= {*run.names}:  # its forces are unknowns of the run
-            result = result(t := run.t[:: len(run.t) // STEPS + 1])
-            y = run(t)
+            result = result(run.t[:: len(run.t) // STEPS + 1])
+            y = run(result.t)
         turned = result[item.k.name].rotation
-        for name, place in self.interfaces.items():
-            arm = place - self.center
+        for name, arm in ((name, place - self.center) for name, place in self.interfaces.items()):
             along = turned @ (arm / max(float(np.linalg.norm(arm)), 1e-300))
             force = y[:, [run.names.index(row) for row in rows[name]]] if by_run else result[rows[name][0][7:-3]].force
-            pulled = np.abs(np.sum(force * along, axis=-1))
-            if (beyond := np.flatnonzero(pulled > bound)).size:
-                found.append(f"at t = {t[beyond[0]]:.6g} s: a force of up to {np.max(pulled):.3g} N pulls or presses at its "
-                             f"interface '{name}' towards its centre, more than {bound:.3g} N: what this changes of its "
-                             f"stiffness, 1 % or more, is left out; reduce it with stiffening=True, or use s.beam")
+            tell(np.abs(np.sum(force * along, axis=-1)), light, lambda most, part, name=name: (
+                f"a force of up to {most:.3g} N pulls or presses at its interface '{name}' towards its centre, more than "
+                f"{light:.3g} N: what this changes of its stiffness, about {part:.2g} %, is left out; {ADVICE}"))
         return found
 
     @property
@@ -170,12 +171,11 @@ class ReducedBody(NamesAttributes):
         f = self.frequencies
         if not len(f):
             return "no modes: it is rigid"
-        held = "free; with these static deformations are complete" if self.free else (
-            f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
+        held = ("free; with these static deformations are complete" if self.free else
+                f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
         return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
                 f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
-                f"{held}; loads "
-                f"{'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
+                f"{held}; loads {'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
 
     def displacement(self, coordinates: Any, nodes: Any = slice(None)) -> Array:
         """(..., k, 6 or 3) displacements of all nodes, or of some by number, in the body's frame, m and rad, from coordinates

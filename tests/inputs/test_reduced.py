@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from itertools import pairwise
 from typing import Any
 
@@ -221,14 +223,44 @@ def test_a_column_softens_under_a_load_and_stiffens_when_pulled(share: float) ->
     assert "loads stiffen and soften it" in str(s.check())
 
 
-def test_a_load_that_changes_the_stiffness_of_a_body_without_stiffening_is_told() -> None:
+def pressed(load: float, stiffening: bool = False) -> mb.Scene:
     s = mb.Scene("column")
-    s.reduced_body("beam", reduced(0))
+    s.reduced_body("beam", mb.ReducedBody.craig_bampton(*beam_matrices(10), ENDS, 2, stiffening=stiffening))
     s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
     s.force("F", "beam.tip", (0.0, 5.0, 0.0))
-    s.force("P", "beam.tip", (-100.0, 0, 0))
-    with pytest.warns(mb.AccuracyWarning, match=r"pulls or presses at its interface 'tip' towards its centre"):
-        s.simulate(0.01, accuracy=1e-3)
+    s.force("P", "beam.tip", (-mb.number("load", load), 0, 0))
+    return s
+
+
+def still(s: mb.Scene) -> mb.Equilibrium:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        return s.equilibrium()
+
+
+@pytest.mark.parametrize("ask", [
+    lambda s: s.simulate(0.01, accuracy=1e-3), lambda s: s.equilibrium(), lambda s: s.linearize(at=still(s), count=3),
+    lambda s: s.floquet(0.01, at=still(s), count=2, accuracy=1e-4),
+    lambda s: s.continuation("load", (99, 101), of=still(s), steps=1)])
+def test_a_load_that_changes_the_stiffness_of_a_body_without_stiffening_is_told(ask: Any) -> None:
+    """By every question whose answer it changes, and by none below the bound or with stiffening."""
+    euler = np.pi**2 / 4 * 2.1e11 * SECOND
+    share = 100 * 100 / euler
+    words = r"pulls or presses at its interface 'tip' towards its centre.* about ([\d.]+) %"
+    with pytest.warns(mb.AccuracyWarning, match=words) as caught:
+        ask(pressed(100.0))
+    told = next(found for one in caught if (found := re.search(words, str(one.message))))
+    assert float(told[1]) == pytest.approx(share, rel=0.1)
+
+
+@pytest.mark.parametrize(("load", "stiffening"), [(60.0, False), (100.0, True)])
+def test_a_light_load_and_one_that_is_reckoned_with_are_not_told(load: float, stiffening: bool) -> None:
+    s = pressed(load, stiffening)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        e = s.equilibrium()
+        s.linearize(at=e)
+    assert not e.warnings
 
 
 def test_a_turning_beam_stiffens_as_wright_says() -> None:
