@@ -8,7 +8,7 @@ that they leave, centre of mass and angular momentum of small deformations stay 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
@@ -133,36 +133,36 @@ class ReducedBody(NamesAttributes):
 
     def doubts(self, result: Any, item: Any) -> list[str]:
         """What a run, or a state, may have left out, a sentence each; item: that of its modes in the scene."""
-        found: list[str] = []
+        scalars, run, found = item.scalars[: len(self.modal_mass)], result.solution, []
 
-        def tell(sizes: Array, bound: float, words: Callable[[float, float], str]) -> None:
-            if (beyond := np.flatnonzero(sizes > bound)).size:
-                when = f"at t = {result.t[beyond[0]]:.6g} s: " if len(run.t) > 1 else ""
-                found.append(when + words(float(np.max(sizes)), float(np.max(sizes)) / bound))
+        def above(sizes: Array, bound: float) -> list[tuple[str, float, float]]:
+            """Where sizes are above a bound: when first, the largest, and this over the bound."""
+            first = np.flatnonzero(sizes > bound)[:1]
+            when = "at t = {:.6g} s: " if len(run.t) > 1 else ""
+            return [(when.format(result.t[i]), float(np.max(sizes)), float(np.max(sizes)) / bound) for i in first]
 
-        scalars, run = item.scalars[: len(self.modal_mass)], result.solution
         nodes = [result.prepared.model.coordinate_node(item.name, mode).q for mode in scalars]
-        bound = SMALL * self.size
-        tell(np.max(np.abs(result.q[:, nodes]), axis=1, initial=0), bound, lambda most, _: (
-            f"a mode displaces by up to {most:.3g} m, more than {bound:.3g} m: the body moves as with small deformations, whose "
-            f"error is then about 1 % or more and grows with the square; use s.beam, or several bodies"))
+        sizes, bound = np.max(np.abs(result.q[:, nodes]), axis=1, initial=0), SMALL * self.size
+        found += [f"{when}a mode displaces by up to {most:.3g} m, more than {bound:.3g} m: the body moves as with small "
+                  f"deformations, whose error is then about 1 % or more and grows with the square; use s.beam, or several bodies"
+                  for when, most, _ in above(sizes, bound)]
         if len(self.bends):
             return found
-        slow, light = SLOW * 2 * np.pi * self.lowest_held, LIGHT * self._lowest_held[1] * self.size
-        tell(np.linalg.norm(result[item.k.name].angular_velocity, axis=1), slow, lambda most, part: (
-            f"it turns at up to {most:.3g} rad/s, more than {slow:.3g} rad/s, a tenth of its lowest angular frequency with an "
-            f"interface held: stiffening by centrifugal forces, about {part**2:.2g} % of its stiffness, is left out; {ADVICE}"))
+        speed, bound = np.linalg.norm(result[item.k.name].angular_velocity, axis=1), SLOW * 2 * np.pi * self.lowest_held
+        found += [f"{when}it turns at up to {most:.3g} rad/s, more than {bound:.3g} rad/s, a tenth of its lowest angular "
+                  f"frequency with an interface held: stiffening by centrifugal forces, about {part**2:.2g} % of its stiffness, is "
+                  f"left out; {ADVICE}" for when, most, part in above(speed, bound)]
         rows = {name: [f"lambda({item.k.name}.interface {name}.{a})" for a in "xyz"] for name in self.interfaces}
         if by_run := run.names is not None and {*chain(*rows.values())} <= {*run.names}:  # its forces are unknowns of the run
             result = result(run.t[:: len(run.t) // STEPS + 1])
             y = run(result.t)
-        turned = result[item.k.name].rotation
+        turned, bound = result[item.k.name].rotation, LIGHT * self._lowest_held[1] * self.size
         for name, arm in ((name, place - self.center) for name, place in self.interfaces.items()):
             along = turned @ (arm / max(float(np.linalg.norm(arm)), 1e-300))
             force = y[:, [run.names.index(row) for row in rows[name]]] if by_run else result[rows[name][0][7:-3]].force
-            tell(np.abs(np.sum(force * along, axis=-1)), light, lambda most, part, name=name: (
-                f"a force of up to {most:.3g} N pulls or presses at its interface '{name}' towards its centre, more than "
-                f"{light:.3g} N: what this changes of its stiffness, about {part:.2g} %, is left out; {ADVICE}"))
+            found += [f"{when}a force of up to {most:.3g} N pulls or presses at its interface '{name}' towards its centre, more "
+                      f"than {bound:.3g} N: what this changes of its stiffness, about {part:.2g} %, is left out; {ADVICE}"
+                      for when, most, part in above(np.abs(np.sum(force * along, axis=-1)), bound)]
         return found
 
     @property
