@@ -150,8 +150,8 @@ class ReducedBody(NamesAttributes):
             return found
         speed, bound = np.linalg.norm(result[item.k.name].angular_velocity, axis=1), SLOW * 2 * np.pi * self.lowest_held
         found += [f"{when}it turns at up to {most:.3g} rad/s, more than {bound:.3g} rad/s, a tenth of its lowest angular "
-                  f"frequency with an interface held: stiffening by centrifugal forces, about {part**2:.2g} % of its stiffness, is "
-                  f"left out; {ADVICE}" for when, most, part in above(speed, bound)]
+                  f"frequency with an interface held: stiffening by centrifugal forces, about {part**2:.2g} % of its stiffness, "
+                  f"is left out; {ADVICE}" for when, most, part in above(speed, bound)]
         rows = {name: [f"lambda({item.k.name}.interface {name}.{a})" for a in "xyz"] for name in self.interfaces}
         if by_run := run.names is not None and {*chain(*rows.values())} <= {*run.names}:  # its forces are unknowns of the run
             result = result(run.t[:: len(run.t) // STEPS + 1])
