@@ -131,8 +131,7 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     """
     refuse_sampled(scene, "equilibrium")
     body = body_of(scene, frame if frame is not None else scene.ground)
-    report = optional("progress", progress, function, "give a function progress(load_factor, iterations), or None",
-                    takes="load_factor, iterations")
+    report = optional("progress", progress, function, "give a function, or None", takes="load_factor, iterations")
     look = option("out_of_plane", out_of_plane, flag, LOOK)
     statics = Statics(Rest(prepare(scene), body))
     statics.check_steady(statics.begin)

@@ -22,11 +22,11 @@ from mbdae.notation import counted
 from mbdae.values import Array, array, flag, number, option, optional, shown, whole
 
 if TYPE_CHECKING:
+    from mbdae.inputs.matrices import drawn_edges, stresses_by_modes
     from mbdae.inputs.reduction import FiniteElements, rigid_motions
-    from mbdae.inputs.solids import drawn_edges, stresses_by_modes
 else:
     FiniteElements, rigid_motions = later("mbdae.inputs.reduction", "FiniteElements", "rigid_motions")
-    drawn_edges, stresses_by_modes = later("mbdae.inputs.solids", "drawn_edges", "stresses_by_modes")
+    drawn_edges, stresses_by_modes = later("mbdae.inputs.matrices", "drawn_edges", "stresses_by_modes")
 
 #: largest displacement by a mode, over the size of a body, that is not told: where a cantilever's end deflects by 14 % of its
 #: length, its mode displaces by 5.4 % and the deflection is 1.4 % off; at a tenth of that load by 0.54 % and 0.013 %
@@ -219,8 +219,8 @@ class ReducedBody(NamesAttributes):
         """edges: (e, 2) numbers of nodes between which lines are drawn, None: between all that K connects."""
         body = FiniteElements(*given)
         count = optional("modes", modes, whole, "give the number of modes to be kept, or None", least=0, most=body.inner.shape[1])
-        stiffening = stiffening if callable(stiffening) else option("stiffening", stiffening, flag,
-                                                                    "give True, False, or a function of two displacements")
+        if not callable(stiffening):
+            stiffening = option("stiffening", stiffening, flag, "give True, False, or a function of two displacements")
         if free and stiffening is not False:
             raise OptionError("stiffening: of a bent body of free modes the change of stiffness by loads comes out wrong: reduce "
                               "it with held interfaces, by mb.ReducedBody.craig_bampton or reduced(free=False)")
@@ -230,8 +230,9 @@ class ReducedBody(NamesAttributes):
                              (least, np.inf if highest is None else highest), free)
         if stress is not None:
             found["stresses"] = stresses_by_modes(stress, found["shapes"])
-        lines = drawn_edges(body.K, body.nodes) if edges is None else edges
-        made = cls(**found, points=inertia_points(body.M, **found), free=free, edges=lines)
+        found["edges"] = lines = drawn_edges(body.K, body.nodes) if edges is None else edges
+        made = cls(**found, points=inertia_points(body.M, **found), free=free)
+        body.judge(made.lowest_held)
         most = min(2 * len(made.held_frequencies) + MORE, body.inner.shape[1])
         vars(made)["finer"] = lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to, lines)
         return made
@@ -257,8 +258,7 @@ class ReducedBody(NamesAttributes):
         """(..., k, 6) stresses at the nodes, Pa, xx yy zz yz xz xy in the body's axes, from coordinates of the modes (..., n), m,
         or r["<name>.modes"] of a result; those by the modes: what the reduction leaves out has stresses too."""
         if not len(self.stresses):
-            raise OptionError("the stresses of this body are not known: give craig_bampton(stress=...), or reduce a mesh that "
-                              "mb.read_fe assembled")
+            raise OptionError("the stresses of this body are not known: give craig_bampton(stress=...), or a mesh to mb.read_fe")
         return np.asarray(np.einsum("ksn,...n->...ks", self.stresses, _modes_given(coordinates, self.stresses.shape[2])))
 
     def von_mises(self, coordinates: Any) -> Array:

@@ -102,6 +102,45 @@ def test_what_is_no_free_body_is_refused_with_the_reason(given: Any, words: str)
     assert words in str(refused.value)
 
 
+def between(a: int, b: int, k: float) -> Any:
+    """A spring (30, 30) between two freedoms."""
+    return sp.csc_matrix(([k, k, -k, -k], ([a, b, a, b], [a, b, b, a])), shape=(30, 30))
+
+
+LUMPED = sp.diags(np.tile([1.0, 1.0, 1.0, 0, 0, 0], 5))
+
+
+@pytest.mark.parametrize("kind", ["craig_bampton", "free_interface"])
+@pytest.mark.parametrize(("given", "words"), [
+    ((LUMPED, K, NODES, {"a": [0], "b": [4]}), "[1.0, 0.0, 0.0] no positive inertia"),
+    ((M, K - 1.15 * between(9, 15, -float(K[9, 15])), NODES, {"a": [0], "b": [4]}), "K is indefinite: some deformation"),
+    ((*APART, {"a": [0], "b": [5]}), "mechanism"),
+    ((M, K * 1e-7, NODES, {"a": [0], "b": [4]}), "travel through the body at about 1.6 m/s"),
+    *(((M, K, NODES, {name: [0], "b": [4]}), f"'<body>.{name}' is an item") for name in ("modes", "inertia 1", "interface b"))])
+def test_what_either_reduction_cannot_take_is_named(kind: str, given: Any, words: str) -> None:
+    with pytest.raises(mb.OptionError) as refused:
+        getattr(mb.ReducedBody, kind)(*given, modes=4)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(("at", "stiffness", "words"), [
+    (0, 10.0, "10 N/m along x"), (1, 1.0, "N m/rad about z"), (24, 10.0, "N/m along x"), (26, 1.0, "N m/rad about y")])
+def test_springs_to_ground_that_a_reduction_would_leave_out_are_found(at: int, stiffness: float, words: str) -> None:
+    """A hundred-millionth of the entries of K, a ten-thousandth of the softest stiffness; and no springs where there are none."""
+    grounded = sp.csc_matrix(([stiffness], ([at], [at])), shape=(30, 30))
+    with pytest.raises(mb.OptionError, match=f"K resists rigid motions by .*{words}.*s.spring"):
+        mb.ReducedBody.craig_bampton(M, K + grounded, NODES, {"a": [0]}, 2)
+    mb.ReducedBody.craig_bampton(*beam_matrices(200), {"a": [0]}, 2)
+
+
+def test_a_body_as_soft_as_rubber_is_asked_for_its_units() -> None:
+    with pytest.warns(mb.AccuracyWarning, match=r"at about 1\.6e\+02 m/s, .* are M in kg"):
+        mb.ReducedBody.craig_bampton(M, K / 1000, NODES, {"a": [0]}, 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mb.ReducedBody.craig_bampton(M, K / 100, NODES, {"a": [0]}, 2)
+
+
 def test_a_cantilever_bends_as_bernoulli_says() -> None:
     s = mb.Scene("cantilever")
     s.reduced_body("beam", reduced(0), at=(0.3, 0.2, 0.1))
