@@ -20,7 +20,8 @@ import numpy as np
 
 from mbdae.deferred import eigsh, sp
 from mbdae.errors import OptionError
-from mbdae.inputs.reduction import DENSE, MANY, SHOWN, FiniteElements, rigid_motions
+from mbdae.inputs.matrices import DENSE, refuse_soft
+from mbdae.inputs.reduction import MANY, SHOWN, FiniteElements, rigid_motions
 from mbdae.values import Array, array, option
 
 #: (f k,) and (f k,) displacements u and v -> (f k,) N: the internal force of the second order, symmetric in u and v; with both
@@ -209,6 +210,10 @@ def free_basis(body: FiniteElements, solve: Callable[[Array], Array], statics: A
     rigid = np.vstack([body.rigid_interfaces, body.rigid[body.kept]])
     inertia, stiffness = M @ rigid, (statics.T @ (body.K @ statics))[6:, 6:]
     relief = np.linalg.inv(rigid.T @ inertia)
+    units = np.tile(np.repeat([1.0, body.size], 3), len(body.names))
+    if b > 6:
+        terms = np.einsum("ia,ia->a", abs(statics), abs(body.K) @ abs(statics))
+        refuse_soft(np.linalg.eigvalsh(stiffness / np.outer(units[6:], units[6:])), float(np.max(terms / units**2)))
 
     def deformed(forces: Array) -> Array:
         """Deformation, without rigid motion, by forces and the inertia forces of the rigid motion that they cause."""
@@ -219,7 +224,7 @@ def free_basis(body: FiniteElements, solve: Callable[[Array], Array], statics: A
         return np.asarray(x - rigid @ (relief @ (inertia.T @ x)))
 
     values, vectors = _modes_of_free(K, M, inertia, deformed, modes, enough[1] / np.sqrt(enough[0]))
-    unit = np.eye(K.shape[0], b) / np.tile(np.repeat([1.0, body.size], 3), len(body.names))
+    unit = np.eye(K.shape[0], b) / units
     whole = deformed(unit)
     residual = whole - vectors @ (vectors.T @ unit / values[:, None])
     energy, turned = np.linalg.eigh(residual.T @ (K @ residual))
