@@ -156,7 +156,7 @@ class Orbits(_Varied):
         prepared, system = self.at(p)
         shooting, nb = Shooting(prepared, system, self.free), system.numbering
         shooting.acting = nb.nq + nb.nu + np.arange(len(nb.states))
-        return shooting, shooting.shot(system.starting(system.t0, *system.restarted(system.t0, y)), period, self.shares)
+        return shooting, shooting.shot(shooting.begun_at(system.t0, y), period, self.shares)
 
     def moved(self, place: Place, z: Array) -> Place:
         p, shot = place.p + self.unit * float(z[-1]), place.made

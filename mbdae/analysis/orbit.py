@@ -29,7 +29,6 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
-from mbdae.system.model.moved_bodies import expressions_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
@@ -103,9 +102,12 @@ def halved(shares: Array) -> Array:
     return np.sort(np.concatenate([shares, (shares[1:] + shares[:-1]) / 2]))
 
 
-def time_free(prepared: Prepared) -> bool:
-    """Whether no equation depends on the time: the motion repeats by itself, where it repeats."""
-    return not any(se.Symbol(str(time_symbol())) in se.sympify(e).free_symbols for e in expressions_of(prepared.model))
+def timed_item(prepared: Prepared) -> str | None:
+    """Name of the first item that depends on the time; None where none does: the motion repeats by itself, where it repeats."""
+    model, clock = prepared.model, se.Symbol(str(time_symbol()))
+    items = [(instance.item, instance.timed) for _, _, instance in model.instances()]
+    items += [(line.beam.name, line.timed) for line in model.lines]
+    return next((name for name, timed in items if any(clock in se.sympify(e).free_symbols for e in timed.values())), None)
 
 
 def _systems(run: Solution, system: SceneSystem, t: Array) -> list[SceneSystem]:
@@ -146,7 +148,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float, most: f
         raise SteadyError(f"the equations do not repeat after period = {period:.9g} s, although the motion does: "
                           f"{changed_equation}; give a period after which loads and prescribed motions repeat too (a force "
                           f"that grows with every turn never does)")
-    return Return(off, acting, shares_of(run, time_free(prepared)), sign, _stays_at(prepared, run, period))
+    return Return(off, acting, shares_of(run, timed_item(prepared) is None), sign, _stays_at(prepared, run, period))
 
 
 def _stays_at(prepared: Prepared, run: Solution, period: float) -> list[tuple[str, Array]]:

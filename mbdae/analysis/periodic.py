@@ -24,11 +24,11 @@ from mbdae.analysis.orbit import (
     halved,
     later,
     shares_of,
-    time_free,
+    timed_item,
 )
 from mbdae.analysis.reduced import refuse_rolling
 from mbdae.analysis.shooting import NOT_FOUND, Shooting, Shot
-from mbdae.errors import SolverError, SteadyError, naming_arguments, warn
+from mbdae.errors import OptionError, SolverError, SteadyError, naming_arguments, warn
 from mbdae.formulations import system_for
 from mbdae.inputs.sensed import numbers_in, with_values
 from mbdae.integrators.solution import Solution
@@ -45,9 +45,10 @@ from mbdae.values import number, option, optional
 
 SHARE = 0.2  #: part of the accuracy that the error of the shooting may be; the rest is that of the run over the period
 PERIOD = 1e-8  #: largest relative error of a period that is found
-#: below ALIKE (or 100 times the error), to which the motion is known, others lie beside it; a change of the start along which the
-#: share TUNES of it is of the period leads to other periods
-ALIKE, TUNES = 1e-7, 1e-4
+#: changes of the start that change the end by less than ALIKE of the largest lead to other periodic motions, and so do those by
+#: less than 100 times the error of the motion of which half as many steps show FALLS times as much; one of which the share TUNES
+#: is of the period leads to other periods
+ALIKE, TUNES, FALLS = 1e-7, 1e-4, 4.0
 UNFOLLOWED = "the motion over one period cannot be followed in steps of one pattern, as its jumps do not stay where they were: {}"
 FINE = 1e-8  #: accuracy of multipliers
 WAITS = (2, 8, 32)  #: numbers of periods that a motion is followed where no correction helps
@@ -57,6 +58,8 @@ SPANS, SLOW, NEAR = (20.0, 80.0, 320.0, 1280.0, 5120.0, 20480.0), 4000, 0.1
 RESTS = 1e-6  #: a motion that stays this near to its start, in lengths of the scene and rad, is at rest
 REST = ("the only motion found that repeats is rest, which has no period: start the scene in motion, or give start=(result, t) "
         "of a run that has come near a periodic motion; where damping ends every motion there is none")
+DRIVEN = ("period = None: it is found for scenes without loads and drives that depend on the time, and '{}' depends on it; give "
+          "the period (s) after which they repeat, such as 2 * pi / rate")
 LOST = ("the motion does not come near to a state in which it was before: give the period, or a start near a periodic motion, "
         "start=(result, t)")
 #: what is told of a motion beside which others are
@@ -156,7 +159,9 @@ class _Search(Shooting):
     """Newton's method from the start of a prepared scene. period: s, None where it is found too."""
 
     def __init__(self, prepared: Prepared, accuracy: float, period: float | None, wanted: Wanted) -> None:
-        super().__init__(prepared, system_for(prepared, highest_index=3), period is None or time_free(prepared))
+        if period is None and (name := timed_item(prepared)) is not None:
+            raise OptionError(DRIVEN.format(name))
+        super().__init__(prepared, system_for(prepared, highest_index=3), timed_item(prepared) is None)
         self.accuracy, self.given, self.rests = accuracy, period, False
         self.measure = measure_of(self.system, prepared, wanted)
 
@@ -190,7 +195,7 @@ class _Search(Shooting):
                     raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
                 self._refuse_rest(shot)
                 self._refuse_changing(shot)
-                beside = self._beside(shot, error)
+                beside = self._beside(coarse, shot, error)
                 found = Found(self.prepared, shot, error, of_period if self.free else 0.0, self.autonomous, len(beside) > 0)
                 return found, bool(np.any(np.abs(beside[:, -1]) > TUNES)) if self.free else True
 
@@ -199,11 +204,18 @@ class _Search(Shooting):
         if self.autonomous and self.extent(shot) < RESTS:
             raise SteadyError(REST)
 
-    def _beside(self, shot: Shot, error: float) -> Array:
-        """Changes (k, departures and share of the period) of the start that lead to other periodic motions."""
-        M = self.matrix(shot)[0]
-        _, sizes, rows = np.linalg.svd(M)
-        return np.asarray(rows[sizes <= max(ALIKE, 100 * error) * sizes[0]])
+    def _beside(self, coarse: Shot, fine: Shot, error: float) -> Array:
+        """Changes (k, departures and share of the period) of the start that lead to other periodic motions: their size in the
+        matrix is that of rounding, or falls with the steps like their errors, where that of a motion alone stays."""
+        _, sizes, rows = np.linalg.svd(self.matrix(fine)[0])
+        near = sizes <= max(ALIKE, 100 * error) * sizes[0]
+        if np.all(sizes[near] <= ALIKE * sizes[0]):
+            return np.asarray(rows[near])
+        k = len(fine.residual)
+        changes = rows[near].T.copy()
+        changes[:k] = coarse.directions.Q.T @ fine.directions.Q @ changes[:k]
+        falls = np.linalg.norm(self.matrix(coarse)[0] @ changes, axis=0) > FALLS * sizes[near]
+        return np.asarray(rows[near][falls | (sizes[near] <= ALIKE * sizes[0])])
 
     def _refuse_changing(self, shot: Shot) -> None:
         """Raise SteadyError where the equations are others a period later."""

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from mbdae.analysis.orbit import SOLVER, Departures, Indices, Orbit, Return, departures, followed, later, time_free
+from mbdae.analysis.orbit import SOLVER, Departures, Indices, Orbit, Return, departures, followed, later, timed_item
 from mbdae.analysis.pencil import derivatives
 from mbdae.errors import OptionError, SolverError, SteadyError
 from mbdae.integrators.solution import Solution
@@ -66,7 +66,7 @@ class Shooting:
 
     def __init__(self, prepared: Prepared, system: SceneSystem, free: bool) -> None:
         self.prepared, self.system, self.free = prepared, system, free
-        self.autonomous = time_free(prepared)
+        self.autonomous = timed_item(prepared) is None
         self.shrinks = False  #: whether a correction was left out that would lead to rest
 
     def followed_from(self, system: SceneSystem, span: float) -> Solution:
@@ -74,9 +74,10 @@ class Shooting:
         return replace(SOLVER, rtol=LOOSE).solve(system, system.t0 + span)
 
     def begun_at(self, t: float, y: Array) -> SceneSystem:
-        """The system started with unknowns y at the time of its start; with a found period any time is the same."""
+        """The system started with unknowns y at the time of its start, with the stresses that its strains cause; with a found
+        period any time is the same."""
         begin = self.system.t0 if self.free else t
-        return self.system.starting(begin, *self.system.restarted(begin, y))
+        return self.system.starting(begin, *self.system.restarted(begin, self.system.strained(y)))
 
     def shot(self, system: SceneSystem, period: float, shares: Array) -> Shot:
         """The motion over one period (s), in steps that end at shares (steps + 1,) of it."""
