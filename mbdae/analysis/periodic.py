@@ -34,7 +34,8 @@ from mbdae.inputs.sensed import numbers_in, with_values
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import OtherRun, sampled, some_of
 from mbdae.results.result import Result
-from mbdae.results.stored_parts import Wanted, started, told, wanted_of
+from mbdae.results.stored_parts import Wanted, told, wanted_of
+from mbdae.run.checkpoint import give_back, taken
 from mbdae.run.estimate import measure_of
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
@@ -130,12 +131,14 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
                       most=1e-2)
     refuse_sampled(scene, "periodic")
     begin = start_at(scene, start, "start")
-    prepared = prepared_from(scene, begin, length or 0.0)
+    by_start = ("periodic", length) if begin is None else None
+    prepared, key = taken(scene, by_start, lambda made: prepared_from(made, begin, length or 0.0))
     refuse_rolling(prepared.mechanics, "periodic", "simulate until transients have died out")
     wanted = wanted_of(of, prepared)
     found = _Search(prepared, accuracy, length, wanted).run()
-    made = _result(scene, found, accuracy, of, wanted)
+    made = _result(scene, found, accuracy, wanted)
     made.stated = period
+    give_back(prepared, key)
     return made
 
 
@@ -300,13 +303,13 @@ class _Search(Shooting):
         return float(np.max(self.measure(t, *ends)))
 
 
-def _result(scene: SceneData, found: Found, accuracy: float, of: Any, wanted: Wanted) -> Periodic:
+def _result(scene: SceneData, found: Found, accuracy: float, wanted: Wanted) -> Periodic:
     """The run over the period, with the error of the periodic motion."""
     shot = found.shot
     (q,), (u,), (s,) = found.prepared.states(np.array([shot.system.t0]), shot.system.y0[None])
-    begin = replace(found.prepared.start, q=q, u=u, s=s)
-    prepared = replace(found.prepared, start=begin)
-    run = scene.simulate(shot.system.t0 + shot.period, max(accuracy * (1 - SHARE), 1e-9), start=started(prepared), of=of)  # type: ignore[attr-defined]
+    prepared = found.prepared.begun(replace(found.prepared.start, t=shot.system.t0, q=q, u=u, s=s))
+    end = shot.system.t0 + shot.period
+    run = scene._continued(prepared, end, max(accuracy * (1 - SHARE), 1e-9), wanted)  # type: ignore[attr-defined]
     known = run.accuracy
     estimate = None if known.estimated is None else known.estimated + found.error
     known = replace(known, asked=accuracy, estimated=estimate)
@@ -325,7 +328,6 @@ def _result(scene: SceneData, found: Found, accuracy: float, of: Any, wanted: Wa
 
 def _from_coarse_start(found: Found, run: Result) -> OtherRun:
     """The motion in steps twice as long: over GAIN, its difference is what the start that was found is off."""
-    motion, n = found.coarse.orbit.run, run.prepared.all_bodies.numbering.n
+    motion = found.coarse.orbit.run
     times = some_of(motion.t[motion.t <= run.solution.t[-1]], motion.y.shape[1], False)
-    same = motion.names[:n] == run.solution.names[:n]
-    return OtherRun(sampled(motion, times), times, 1 / GAIN, None if same else found.prepared, "start")
+    return OtherRun(sampled(motion, times), times, 1 / GAIN, kind="start")

@@ -89,6 +89,10 @@ class Prepared:
         rank = replace(self.rank, kept=rows, dropped=dropped)
         return replace(self, mechanics=self.mechanics_with(rows), rank=rank, start=start)
 
+    def begun(self, start: Start) -> Prepared:
+        """The prepared scene continued from a state, with the same rows in force."""
+        return _begun(replace(self, start=_continued(self.mechanics, start)), {}, True)
+
     def states(self, t: Array, y: Array) -> tuple[Array, Array, Array]:
         """q (nt, nq), u (nt, nu) of all nodes and s (nt, ns) from the unknowns y (nt, n) of any form."""
         first = self.all_bodies.nq + self.all_bodies.nu
@@ -167,13 +171,18 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     problems = problems or _later_contradictions(all_rows, mechanics, rank, begin, end)
     if problems:
         raise StartError(problems)
-    T = characteristic_time(mechanics, begin)
-    touching = expected_contacts(mechanics, begin, ideal.reactions if ideal else {}, T)
-    problems = [problem for contact in touching for problem in contact.problems(start is not None)]
+    return _begun(Prepared(model, mechanics, rank, begin, 0.0, all_bodies), ideal.reactions if ideal else {}, start is not None)
+
+
+def _begun(prepared: Prepared, reactions: Any, continued: bool) -> Prepared:
+    """The scene with the characteristic time and the contacts of its start; reactions: of joints without their play."""
+    T = characteristic_time(prepared.mechanics, prepared.start)
+    touching = expected_contacts(prepared.mechanics, prepared.start, reactions, T)
+    problems = [problem for contact in touching for problem in contact.problems(continued)]
     if problems:
         raise StartError(problems)
-    begin.changes += [change for contact in touching for change in contact.changes()]
-    return Prepared(model, mechanics, rank, begin, T, all_bodies, touching)
+    prepared.start.changes += [change for contact in touching for change in contact.changes()]
+    return replace(prepared, time=T, contacts=touching)
 
 
 def _closed(all_rows: Mechanics, t: Array, q: Array) -> bool:
