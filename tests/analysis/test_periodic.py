@@ -176,7 +176,9 @@ def test_a_swung_beam_with_material_damping_repeats() -> None:
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-6])
 def test_errors_contain_that_of_the_start_that_was_found(accuracy: float) -> None:
     """At the start of the period the run and its companions agree; the motion is off there too."""
-    f = lambda t, z: [z[1], LOAD * np.cos(W * t) - z[0] - z[0] ** 3 - LOSS * z[1]]
+    def f(t: float, z: Any) -> list[float]:
+        return [z[1], LOAD * np.cos(W * t) - z[0] - z[0] ** 3 - LOSS * z[1]]
+
     r = duffing().periodic(T, accuracy)
     x = fsolve(lambda z: end(f, z, T) - z, [r["J"].displacement[0], r["J"].rate[0]], xtol=1e-13)
     for sensor, true in (("m.acceleration", f(0.0, x)[1]), ("spring.force", x[0]), ("J.displacement", x[0])):
