@@ -29,7 +29,7 @@ from mbdae.analysis.orbit import (
 from mbdae.analysis.reduced import refuse_rolling
 from mbdae.analysis.shooting import NOT_FOUND, Shooting, Shot
 from mbdae.errors import OptionError, SolverError, SteadyError, naming_arguments, warn
-from mbdae.formulations import system_for
+from mbdae.formulations import shared_system
 from mbdae.inputs.sensed import numbers_in, with_values
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import OtherRun, sampled, some_of
@@ -167,7 +167,7 @@ class _Search(Shooting):
     def __init__(self, prepared: Prepared, accuracy: float, period: float | None, wanted: Wanted) -> None:
         if period is None and (name := timed_item(prepared)) is not None:
             raise OptionError(DRIVEN.format(name))
-        super().__init__(prepared, system_for(prepared, highest_index=3), timed_item(prepared) is None)
+        super().__init__(prepared, shared_system(prepared, highest_index=3), timed_item(prepared) is None)
         self.accuracy, self.given, self.rests = accuracy, period, False
         self.measure = measure_of(self.system, prepared, wanted)
 
