@@ -55,7 +55,7 @@ SAMPLES = 24  #: largest number of times at which the equations are compared wit
 @dataclass(frozen=True)
 class Orbit:
     """One period in steps of h (steps,) s, shorter at breaks of inputs: t (steps, s), y and y' (steps, s, n) at all stages, and
-    the system (steps,) that holds in every step; run: the same as a solution."""
+    the system (steps,) that holds in every step; run: the same as a solution; smooth: whether no input jumps or has a kink."""
 
     h: Array
     systems: list[SceneSystem]
@@ -64,6 +64,7 @@ class Orbit:
     y: Array
     yp: Array
     run: Solution
+    smooth: bool
 
 
 def followed(system: SceneSystem, period: float, shares: Array) -> Orbit:
@@ -81,8 +82,10 @@ def followed(system: SceneSystem, period: float, shares: Array) -> Orbit:
     Z = np.concatenate([dense.inner, (dense.ends - solution.y[:-1])[:, None]], axis=1)
     yp = np.einsum("ij,kjn->kin", table.A_inv, Z) / widths[:, None, None]
     systems = _systems(solution, system, solution.t[:-1])
+    line = None if system.timeline is None else system.timeline(system.t0, system.t0 + period)
+    smooth = line is None or not (len(line.breaks) or len(line.stretches.kinks))
     return Orbit(widths, systems, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp,
-                 solution)
+                 solution, smooth)
 
 
 def shares_of(run: Solution, free: bool) -> Array:

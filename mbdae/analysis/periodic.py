@@ -29,11 +29,13 @@ from mbdae.analysis.orbit import (
 from mbdae.analysis.reduced import refuse_rolling
 from mbdae.analysis.shooting import NOT_FOUND, Shooting, Shot
 from mbdae.errors import OptionError, SolverError, SteadyError, naming_arguments, warn
-from mbdae.formulations import system_for
+from mbdae.formulations import shared_system
 from mbdae.inputs.sensed import numbers_in, with_values
 from mbdae.integrators.solution import Solution
+from mbdae.results.clearance import OtherRun, sampled, some_of
 from mbdae.results.result import Result
-from mbdae.results.stored_parts import Wanted, started, wanted_of
+from mbdae.results.stored_parts import Wanted, told, wanted_of
+from mbdae.run.checkpoint import give_back, taken
 from mbdae.run.estimate import measure_of
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
@@ -129,11 +131,14 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
                       most=1e-2)
     refuse_sampled(scene, "periodic")
     begin = start_at(scene, start, "start")
-    prepared = prepared_from(scene, begin, length or 0.0)
+    by_start = ("periodic", length) if begin is None else None
+    prepared, key = taken(scene, by_start, lambda made: prepared_from(made, begin, length or 0.0))
     refuse_rolling(prepared.mechanics, "periodic", "simulate until transients have died out")
-    found = _Search(prepared, accuracy, length, wanted_of(of, prepared)).run()
-    made = _result(scene, found, accuracy, of)
+    wanted = wanted_of(of, prepared)
+    found = _Search(prepared, accuracy, length, wanted).run()
+    made = _result(scene, found, accuracy, wanted)
     made.stated = period
+    give_back(prepared, key)
     return made
 
 
@@ -144,11 +149,12 @@ def _number(period: Any) -> Any:
 
 @dataclass(frozen=True)
 class Found:
-    """A periodic motion: the shot, its error relative as accuracies are, that of the period (s), whether nothing depends on the
-    time, and whether others lie beside it."""
+    """A periodic motion: the shot, that in steps twice as long, the error relative as accuracies are, that of the period (s),
+    whether nothing depends on the time, and whether others lie beside it."""
 
     prepared: Prepared
     shot: Shot
+    coarse: Shot
     error: float
     period_error: float
     autonomous: bool
@@ -161,7 +167,7 @@ class _Search(Shooting):
     def __init__(self, prepared: Prepared, accuracy: float, period: float | None, wanted: Wanted) -> None:
         if period is None and (name := timed_item(prepared)) is not None:
             raise OptionError(DRIVEN.format(name))
-        super().__init__(prepared, system_for(prepared, highest_index=3), timed_item(prepared) is None)
+        super().__init__(prepared, shared_system(prepared, highest_index=3), timed_item(prepared) is None)
         self.accuracy, self.given, self.rests = accuracy, period, False
         self.measure = measure_of(self.system, prepared, wanted)
 
@@ -196,7 +202,8 @@ class _Search(Shooting):
                 self._refuse_rest(shot)
                 self._refuse_changing(shot)
                 beside = self._beside(coarse, shot, error)
-                found = Found(self.prepared, shot, error, of_period if self.free else 0.0, self.autonomous, len(beside) > 0)
+                of_period = of_period if self.free else 0.0
+                found = Found(self.prepared, shot, coarse, error, of_period, self.autonomous, len(beside) > 0)
                 return found, bool(np.any(np.abs(beside[:, -1]) > TUNES)) if self.free else True
 
     def _refuse_rest(self, shot: Shot) -> None:
@@ -296,20 +303,31 @@ class _Search(Shooting):
         return float(np.max(self.measure(t, *ends)))
 
 
-def _result(scene: SceneData, found: Found, accuracy: float, of: Any) -> Periodic:
+def _result(scene: SceneData, found: Found, accuracy: float, wanted: Wanted) -> Periodic:
     """The run over the period, with the error of the periodic motion."""
     shot = found.shot
     (q,), (u,), (s,) = found.prepared.states(np.array([shot.system.t0]), shot.system.y0[None])
-    begin = replace(found.prepared.start, q=q, u=u, s=s)
-    prepared = replace(found.prepared, start=begin)
-    run = scene.simulate(shot.system.t0 + shot.period, max(accuracy * (1 - SHARE), 1e-9), start=started(prepared), of=of)  # type: ignore[attr-defined]
+    prepared = found.prepared.begun(replace(found.prepared.start, t=shot.system.t0, q=q, u=u, s=s))
+    end = shot.system.t0 + shot.period
+    run = scene._continued(prepared, end, max(accuracy * (1 - SHARE), 1e-9), wanted)  # type: ignore[attr-defined]
     known = run.accuracy
     estimate = None if known.estimated is None else known.estimated + found.error
-    made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=replace(known, asked=accuracy, estimated=estimate, of={
-        key: None if error is None else error + found.error for key, error in known.of.items()})), run.t)
+    known = replace(known, asked=accuracy, estimated=estimate)
+    if (errors := known.errors) is not None:
+        others = (*errors.others, _from_coarse_start(found, run))
+        errors = replace(errors, asked=accuracy, others=others, reactions=None, _known={})
+        known = told(run, replace(known, found_reactions=errors), wanted)[0]
+    made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=known), run.t)
     made.period, made.period_error = shot.period, found.period_error
     made.shares = shot.shares
     made.autonomous, made.family = found.autonomous, found.family
-    if estimate is not None and known.estimated is not None and estimate > accuracy >= known.estimated:
+    if estimate is not None and estimate > accuracy >= estimate - found.error:
         warn(f"scene '{scene.name}': the periodic motion is off by about {estimate:.1e}, where {accuracy:g} was asked")
     return made
+
+
+def _from_coarse_start(found: Found, run: Result) -> OtherRun:
+    """The motion in steps twice as long: over GAIN, its difference is what the start that was found is off."""
+    motion = found.coarse.orbit.run
+    times = some_of(motion.t[motion.t <= run.solution.t[-1]], motion.y.shape[1], False)
+    return OtherRun(sampled(motion, times), times, 1 / GAIN, kind="start")

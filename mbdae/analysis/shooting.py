@@ -165,11 +165,14 @@ def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
 def _dense_steps(orbit: Orbit, part: slice, n: int) -> Array:
     """(steps, n, n) changes of the departures over the steps of a part of the orbit, by those at their begin; dense."""
     (m, s), A = orbit.t[part].shape, orbit.table.A_inv
-    fy, fyp = np.empty((2, m, s, n, n))
-    for k, (t, y, yp, own) in enumerate(zip(orbit.t[part], orbit.y[part], orbit.yp[part], orbit.systems[part], strict=True)):
-        with own.within(float(np.mean(t))):
-            for j in range(s):
-                fy[k, j], fyp[k, j] = own.jacobian_parts(t[j], y[j], yp[j])
+    t, y, yp, systems = orbit.t[part], orbit.y[part], orbit.yp[part], orbit.systems[part]
+    if orbit.smooth and all(own is systems[0] for own in systems):
+        fy, fyp = (x.reshape(m, s, n, n) for x in systems[0].dense_stages(t.ravel(), y.reshape(-1, n), yp.reshape(-1, n)))
+    else:
+        fy, fyp = np.empty((2, m, s, n, n))
+        for k, own in enumerate(systems):
+            with own.within(float(np.mean(t[k]))):
+                fy[k], fyp[k] = own.dense_stages(t[k], y[k], yp[k])
     K = np.einsum("k,jl,kjab->kjalb", 1 / orbit.h[part], A, fyp)
     for j in range(s):
         K[:, j, :, j] += fy[:, j]

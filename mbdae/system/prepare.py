@@ -88,6 +88,10 @@ class Prepared:
         rank = replace(self.rank, kept=rows, dropped=dropped)
         return replace(self, mechanics=self.mechanics_with(rows), rank=rank, start=start)
 
+    def begun(self, start: Start) -> Prepared:
+        """The prepared scene continued from a state, with the same rows in force."""
+        return _begun(replace(self, start=continued(self.mechanics, start)), {}, True)
+
     def states(self, t: Array, y: Array) -> tuple[Array, Array, Array]:
         """q (nt, nq), u (nt, nu) of all nodes and s (nt, ns) from the unknowns y (nt, n) of any form."""
         first = self.all_bodies.nq + self.all_bodies.nu
@@ -163,17 +167,22 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     problems, model.conditions.time = _contradictions(all_rows, rank, begin), None
     if problems := problems or _later_contradictions(all_rows, mechanics, rank, begin, end):
         raise StartError(problems)
-    T = characteristic_time(mechanics, begin)
-    touching = expected_contacts(mechanics, begin, ideal.reactions if ideal else {}, T)
-    problems = [problem for contact in touching for problem in contact.problems(start is not None)]
-    if problems:
-        raise StartError(problems)
-    begin.changes += [change for contact in touching for change in contact.changes()]
-    found = Prepared(model, mechanics, rank, begin, T, all_bodies, touching)
+    found = _begun(Prepared(model, mechanics, rank, begin, 0.0, all_bodies), ideal.reactions if ideal else {}, start is not None)
     found.kept["placed"] = starter.drawn
     if start is None and not loose:
         _keep(scene, found, (t0, t_end))
     return found
+
+
+def _begun(prepared: Prepared, reactions: Any, continued: bool) -> Prepared:
+    """The scene with the characteristic time and the contacts of its start; reactions: of joints without their play."""
+    T = characteristic_time(prepared.mechanics, prepared.start)
+    touching = expected_contacts(prepared.mechanics, prepared.start, reactions, T)
+    problems = [problem for contact in touching for problem in contact.problems(continued)]
+    if problems:
+        raise StartError(problems)
+    prepared.start.changes += [change for contact in touching for change in contact.changes()]
+    return replace(prepared, time=T, contacts=touching)
 
 
 def _keep(scene: SceneData, made: Prepared, times: tuple[float, float | None]) -> None:
@@ -214,12 +223,7 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
         model.conditions.time = None
         if not all(np.isfinite(x).all() for x in (begin.q, begin.u, begin.s, begin.acceleration, begin.multipliers)):
             return None
-        T = characteristic_time(mechanics, begin)
-        touching = expected_contacts(mechanics, begin, {}, T)
-        if any(contact.problems(False) for contact in touching):
-            return None
-        begin.changes += [change for contact in touching for change in contact.changes()]
-        made = Prepared(model, mechanics, last.rank, begin, T, all_bodies, touching)
+        made = _begun(Prepared(model, mechanics, last.rank, begin, 0.0, all_bodies), {}, False)
         made.kept["placed"] = starter.drawn if how.placed else last.kept["placed"]
         _keep(scene, made, (t0, t_end))
         return made

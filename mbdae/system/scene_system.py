@@ -130,6 +130,11 @@ class SceneSystem(System):
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return self.assembly.jacobian_values(t, y, yp)
 
+    @alone
+    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as full matrices (k, n, n) at k states, t (k,), y and yp (k, n)."""
+        return self.assembly.dense_stages(t, y, yp)
+
     @property
     def native(self) -> Equations | None:
         """The table by which native methods evaluate these equations."""

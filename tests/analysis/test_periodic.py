@@ -173,6 +173,22 @@ def test_a_swung_beam_with_material_damping_repeats() -> None:
     assert r["A"].torque[-1] == pytest.approx(r["A"].torque[0], abs=2 * r.error("A.torque"))
 
 
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-6])
+def test_errors_contain_that_of_the_start_that_was_found(accuracy: float) -> None:
+    """At the start of the period the run and its companions agree; the motion is off there too."""
+    def f(t: float, z: Any) -> list[float]:
+        return [z[1], LOAD * np.cos(W * t) - z[0] - z[0] ** 3 - LOSS * z[1]]
+
+    r = duffing().periodic(T, accuracy)
+    x = fsolve(lambda z: end(f, z, T) - z, [r["J"].displacement[0], r["J"].rate[0]], xtol=1e-13)
+    for sensor, true in (("m.acceleration", f(0.0, x)[1]), ("spring.force", x[0]), ("J.displacement", x[0])):
+        off = abs(abs(r(r.t[:1]).value(sensor).ravel()[0]) - abs(true))
+        peak = r.peak(sensor, t=(0.0, 1e-6)).error
+        assert peak is not None
+        assert off <= 3 * peak + 1e-14, sensor
+        assert peak <= accuracy, sensor
+
+
 def test_stability_is_read_of_a_motion_of_low_accuracy() -> None:
     assert slider(Pol, x=2.0).periodic(6.6633, accuracy=1e-2).stable
 
