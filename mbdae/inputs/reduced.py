@@ -209,8 +209,8 @@ class ReducedBody(NamesAttributes):
         deformations by its forces and torques (residual flexibility): forces at interfaces and weight deform it statically as all
         of its freedoms would. The right modes where interfaces are held softly or not at all.
 
-        M, K, nodes, interfaces, stress: as in `craig_bampton`; modes: number of modes of the free body, None: those below up_to
-        (Hz, the highest frequency of the loads) over the root of accuracy; stiffening: False, others are refused."""
+        M, K, nodes, interfaces, stiffening, stress: as in `craig_bampton`; modes: number of modes of the free body, None: those
+        below up_to (Hz, the highest frequency of the loads) over the root of accuracy."""
         return cls._reduced(True, (M, K, nodes, interfaces), modes, False, stiffening, stress, accuracy, up_to)
 
     @classmethod
@@ -221,9 +221,6 @@ class ReducedBody(NamesAttributes):
         count = optional("modes", modes, whole, "give the number of modes to be kept, or None", least=0, most=body.inner.shape[1])
         if not callable(stiffening):
             stiffening = option("stiffening", stiffening, flag, "give True, False, or a function of two displacements")
-        if free and stiffening is not False:
-            raise OptionError("stiffening: of a bent body of free modes the change of stiffness by loads comes out wrong: reduce "
-                              "it with held interfaces, by mb.ReducedBody.craig_bampton or reduced(free=False)")
         least = option("accuracy", accuracy, number, "give the largest share to be left out, such as 1e-3", above=0, most=1)
         highest = optional("up_to", up_to, number, "give the highest frequency of the loads, Hz, or None", above=0)
         found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening,
