@@ -141,11 +141,11 @@ def tried(python: Path, made: Path, folder: Path, target: str) -> str:
         return f"not run: no {commands[0] if runner is None else folders[0]} here" if commands else "not run on this machine"
     folder.mkdir(exist_ok=True)
     with zipfile.ZipFile(made) as z:
-        library = f"core{build.TARGETS[target].suffix}"
-        (folder / library).write_bytes(z.read(f"mbdae/native/mbdae.{library}"))
+        library = f"mbdae.core{build.TARGETS[target].suffix}"
+        (folder / library).write_bytes(z.read(f"mbdae/native/{library}"))
     (folder / "program.c").write_text(PROGRAM, encoding="utf-8")
     program = "program.exe" if target.startswith("win") else "program"
-    run(python, "-m", "ziglang", "cc", "-target", build.TARGETS[target].zig, f'-DSOURCES="{build.digest()}"', "program.c",
+    run(python, "-m", "ziglang", "cc", "-O2", "-target", build.TARGETS[target].zig, f'-DSOURCES="{build.digest()}"', "program.c",
         library, "-Wl,-rpath,$ORIGIN", "-o", program, cwd=folder)
     begin = time.monotonic()
     settings = {"WINEDEBUG": "-all", "WINEPREFIX": str(folder / "wine"), "LD_LIBRARY_PATH": str(folder)}
