@@ -16,8 +16,7 @@ import numpy as np
 
 from mbdae.integrators import radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.constant import check_rates, not_finite
-from mbdae.integrators.contact_steps import ROWS, Blocks
+from mbdae.integrators.constant import ROWS, Blocks, check_rates, not_finite
 from mbdae.integrators.dense import Collocation, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant

@@ -24,8 +24,7 @@ from mbdae.errors import AccuracyWarning, OptionError, SolverError
 from mbdae.integrators import CollocationTable, radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.collocation_step import CollocationStep, Demand
-from mbdae.integrators.constant import StepFailedError, check_rates, constant_steps
-from mbdae.integrators.contact_steps import ROWS, Blocks
+from mbdae.integrators.constant import ROWS, Blocks, StepFailedError, check_rates, constant_steps
 from mbdae.integrators.dense import Collocation, hermite, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant

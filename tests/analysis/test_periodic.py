@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -245,6 +247,22 @@ def test_a_flexible_rod_without_the_shock_of_its_start() -> None:
         shock = s.simulate(0.02, accuracy=1e-3, of=["B.force"]).peak("B.force")
     assert shock.value > 1.8 * steady.value
     assert steady.value == pytest.approx(4826.0, rel=5e-4)  # that of the fifth turn of a run: 4827 +- 1 N
+
+
+@pytest.mark.slow
+def test_a_loose_pin_in_lasting_contact_against_a_run_that_has_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The slider-crank of the example, with play at the crank pin, of which every turn is a contact that does not end."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    example, accuracy, turns = importlib.import_module("slider_crank_clearance"), 1e-4, 8
+    s, period = example.scene("B"), example.t_end
+    r = s.periodic(period, accuracy, start=s.simulate(3 * period, accuracy))
+    long = s.simulate(turns * period, accuracy / 10)
+    t = np.linspace(0, period, 101)
+    last = long(np.minimum((turns - 1) * period + t, turns * period))
+    off = np.abs(r(np.minimum(r.t[0] + t, r.t[-1]))["slider"].position - last["slider"].position)
+    assert off.max() <= 10 * accuracy * 0.17
+    assert r.stable
+    assert not r.family
 
 
 @pytest.mark.parametrize(("options", "words"), [

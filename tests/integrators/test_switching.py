@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp, trapezoid
 
 import mbdae as mb
 from mbdae.integrators import watch
-from mbdae.integrators.contact_steps import Blocks
+from mbdae.integrators.constant import Blocks
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watch import SwitchingSteps
 from mbdae.integrators.watched_arguments import MARGIN, StepArguments
