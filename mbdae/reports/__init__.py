@@ -22,7 +22,7 @@ from mbdae.laws.joint_rows import ClearanceRevolute
 from mbdae.laws.joints import Revolute
 from mbdae.laws.journal import JournalContact
 from mbdae.reports.calculus import summed
-from mbdae.reports.joint_page import CONVENTION, JointReport, want_efforts
+from mbdae.reports.joint_page import AXES, JointReport, want_efforts
 from mbdae.reports.law_page import LawPage, Shown
 from mbdae.reports.lecture import lecture, taught
 from mbdae.reports.letters import Letter, effort_unit
@@ -68,7 +68,7 @@ class ForceReport(LawPage):
         planar, none, flat = planar_pages(self)
         pages: list[tuple[Any, list[Block]]] = [(self, [*sections, *none]), *flat]
         head = [*described(self.s.cls), *figure_of(self.s)]
-        return document(title_of(self.s.cls), head, pages, CONVENTION, [provenance(self.d, planar)])
+        return document(title_of(self.s.cls), head, pages, AXES, [provenance(self.d, planar)])
 
     def _derived(self, e: Any) -> Any:
         """Values of an expression of the derived law at the random states."""

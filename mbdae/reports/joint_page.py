@@ -34,12 +34,14 @@ from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.outputs import acceleration, dynamics, position, velocity
 from mbdae.symbolic.vectors import Expr
 
-CONVENTION = (
+AXES = (
     "The axes $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ are fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
     " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn. Coordinates are those of l relative to k, 0 as"
     " drawn. A vector $\\mathbf{a}$ fixed to a body changes by"
-    " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. The equations of motion read"
-    " $\\mathbf{M}\\dot{\\mathbf{u}} + \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots ="
+    " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$."
+)
+CONVENTION = AXES + (
+    " The equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} + \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots ="
     " \\mathbf{0}$: forces listed here stand on the left-hand side, what acts on a body is the opposite."
 )
 RULE = "every vector fixed to a body changes by $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$"

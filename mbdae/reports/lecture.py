@@ -303,6 +303,8 @@ def taught(full: Document, further: list[Block]) -> Document:
             text = ("Every numbered equation was read back as it is printed and compared at random states with the equations that"
                     " are integrated.")
             out += [*further, Paragraph(f"{text} {said}")]
+        elif isinstance(block, Section) and any(isinstance(b, Section) and b.title == "Numeric check" for b in block.blocks):
+            out.append(Section(block.title, taught(Document(block.title, block.blocks), []).blocks, block.level))
         elif not (isinstance(block, Section) and block.title in _LEFT_OUT):
             out.append(block)
     return Document(full.title, out)
