@@ -63,7 +63,9 @@ class Printed:
             centre, point, arm = (rf"\mathbf{{{a}}}_{side}" for a in "crs")
             if {centre, arm} <= self.vectors.keys():
                 self.vectors[centre] = self.vectors.get(point, ZERO) - self.vectors[arm]
-        self.held = any(left == ON_JOINT[-1] for _, left, _ in self.lines)
+        self.held = any(getattr(block, "title", "") == "On the joint" for block in document.blocks)
+        if self.held and (point := r"\mathbf{r}_l") in self.vectors:
+            self.vectors[point] = self._of(K_POINT)
         for name in ON_JOINT if self.held else ():  # a lecture is true where the joint holds: l stands where its relations say
             if right := next((r for _, left, r in self.lines if left == name), ""):
                 self.vectors[name.partition(" - ")[0]] = self.value(right) + (self._of(K_POINT) if " - " in name else ZERO)

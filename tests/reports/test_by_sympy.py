@@ -32,7 +32,8 @@ def drawn(name, level, count=DRAWN):
 
 
 @pytest.mark.parametrize(("name", "level", "least"), [
-    ("revolute", "lecture", 6), ("cylindrical", "lecture", 10), ("spherical", "lecture", 4), ("classical", "full", 30),
+    ("revolute", "lecture", 6), ("cylindrical", "lecture", 10), ("spherical", "lecture", 4),
+    ("screw", "lecture", 9), ("classical", "full", 30),
     ("pointspring", "full", 6), ("rigidbody", "full", 6), ("rolling", "lecture", 6), ("beam", "full", 5),
 ])
 def test_equations_drawn_from_reports_hold(name, level, least):
