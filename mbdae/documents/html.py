@@ -64,7 +64,7 @@ def explained(latex: str, symbols: Mapping[tuple[str, ...], str]) -> str:
 
 
 STYLE = """
-:root { color-scheme: only light; }
+:root { color-scheme: light dark; }
 * { box-sizing: border-box; }
 body { margin: 0 auto; max-width: 54rem; padding: 1rem 1.25rem 3rem; color: #1a1a1a; background: #fff;
   font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", sans-serif; overflow-wrap: break-word; }
@@ -113,6 +113,13 @@ figure svg, figure img { display: block; max-width: 100%; height: auto; }
 figcaption { color: #444; font-size: .9rem; }
 @media (max-width: 700px) { body { padding: .5rem .9rem 2rem; } .equation { padding-left: .6rem; gap: 0 .4rem; }
   .equation .tex:not([open]) { width: .7rem; height: 1.2rem; overflow: hidden; } }
+@media screen and (prefers-color-scheme: dark) {
+  body { color: #e4e4e4; background: #16181b; } h2 { border-color: #3a3e44; } h4, .note, figcaption { color: #c4c7cb; }
+  a, details summary { color: #7db8f0; } .tex, .tex summary, .equation .number { color: #a4a8ad; }
+  .tex code, pre { background: #23272c; } .equation { border-color: #3a4350; }
+  th, td { border-color: #3a3e44; } thead th { border-color: #8a8e94; }
+  figure svg, figure img { background: #fff; border-radius: 4px; }
+}
 @media print {
   body { max-width: none; padding: 0; font-size: 10pt; } nav { display: none; }
   .scroll, .equation .lines, pre { overflow: visible; } pre { white-space: pre-wrap; }

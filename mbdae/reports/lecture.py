@@ -83,8 +83,9 @@ class Relations(RecursiveValues):
             self.writer.bases |= {Base(name, "l") for name in "xyz"}
         moved = t.l.r + self.s.record.atom("s", "l")
         point = self.s.record.lift(moved - (self.s.record.atom("c", "k") + self.s.record.atom("s", "k")))
-        self.wanted[r"\mathbf{r}_l - \mathbf{r}_k"] = BOTH
-        lines.append(f"\\mathbf{{r}}_l - \\mathbf{{r}}_k = {self.writer.vector(point)}")
+        if point.terms:  # where it vanishes, the statement says so
+            self.wanted[r"\mathbf{r}_l - \mathbf{r}_k"] = BOTH
+            lines.append(f"\\mathbf{{r}}_l - \\mathbf{{r}}_k = {self.writer.vector(point)}")
         self.writer.bases |= {Base("r", "k"), Base("r", "l"), Base("w", "l")}
         lines.append(self.line(r"\boldsymbol{\omega}_l", self.s.record.lift(t.spins[0]), self.state.atom(Base("w", "l")), TREE))
         return self.lines(*lines)
@@ -162,10 +163,17 @@ class Forces(Stated):
             self.want(letter, self.at_point(side, self.kernel)[i], KERNEL)
             lines.append(f"{letter} = {text}")
         for name, symbol in self.s.coordinates.items():
-            partials = ((row, self.number(p[symbol])) for row, (_, p) in self.s.gradients.items())
-            e = sum((se.Symbol(f"lambda_{row}") * p for row, p in partials), se.Integer(0))
+            partials = {row: self.number(p[symbol]) for row, (_, p) in self.s.gradients.items()}
+            along = self.along([partials[row] for row in three])
+            left = self.single if along is not None else list(partials)
+            text = w.scalar(sum((se.Symbol(f"lambda_{row}") * partials[row] for row in left), se.Integer(0)))
+            if along is not None and along.terms:
+                minus = w.vector(along).startswith("-")
+                product = rf"\boldsymbol{{\lambda}}_{ALL}\cdot \left({w.vector(along * -1 if minus else along)}\right)"
+                text = f"{'-' if minus else ''}{product}" if text == "0" else f"{text} {'-' if minus else '+'} {product}"
             unit = effort_unit(self.known[name].unit)
-            lines.append(self.line(effort(name), e, self.kernel.get(("u", self.s.places[name], 0), 0.0), KERNEL, unit))
+            self.want(effort(name), self.kernel.get(("u", self.s.places[name], 0), 0.0), KERNEL, unit)
+            lines.append(f"{effort(name)} = {text}")
         vector = f"; $\\boldsymbol{{\\lambda}}_{ALL}$ (N) is that of $\\mathbf{{c}}_{ALL}$" if three else ""
         text = (f"Each row has a multiplier $\\lambda$, the force or moment that holds it{vector}. By the virtual work"
                 " $\\sum\\lambda\\,\\delta c$ the joint acts with $-\\mathbf{f}_k$, $-\\mathbf{m}_k$ on k and with"
@@ -183,6 +191,18 @@ class Forces(Stated):
         apart = r"\left(\mathbf{r}_l - \mathbf{r}_k\right)"
         forms |= {rf"{apart}\times {letter}": turned, rf"-{apart}\times {letter}": -turned}
         return next((text for text, form in forms.items() if float(np.max(np.abs(got - form))) < ROUND), None)
+
+    def along(self, parts: list[Any]) -> Vector | None:
+        """The vector of which three scalars, one a row along the inertial axes, are the components; None where there is none."""
+        found, first = self.s.record.zero(), Base("E", "x")
+        for symbol in sorted(se.sympify(parts[0]).free_symbols if parts else (), key=str):
+            pair = self.s.record.dots.get(symbol)
+            if pair is not None and first in pair:
+                other = pair[0] if pair[1] == first else pair[1]
+                found = found + Vector(self.s.record, {other: se.diff(parts[0], symbol)})
+        got = self.values.vector(found) + np.zeros((POINTS, 3))
+        right = all(np.max(np.abs(got[:, i] - self.values.scalar(p))) < ROUND for i, p in enumerate(parts))
+        return found if right else None
 
     def _free(self) -> list[Block]:
         """What the joint cannot hold: along the axes of its coordinates its force or moment vanishes."""

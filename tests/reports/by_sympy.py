@@ -36,7 +36,8 @@ class Printed:
         self.defined = {}
         for _, left, right in self.lines:
             self.defined.setdefault(left, right)
-        moved = " ".join(right for _, left, right in self.lines if left in ON_JOINT)
+        self.held = any(getattr(block, "title", "") == "On the joint" for block in document.blocks)
+        moved = " ".join(right for _, left, right in self.lines if self.held and left in ON_JOINT)
         read = [n for n in symbols if n in self.defined and n in moved and n not in ON_JOINT]  # coordinates, read from the axes
         symbols = [*symbols, *(rf"\boldsymbol{{\lambda}}_{n[11:]}" for n in self.defined if n.startswith(r"\mathbf{c}_{"))]
         for name in symbols:
@@ -63,7 +64,8 @@ class Printed:
             centre, point, arm = (rf"\mathbf{{{a}}}_{side}" for a in "crs")
             if {centre, arm} <= self.vectors.keys():
                 self.vectors[centre] = self.vectors.get(point, ZERO) - self.vectors[arm]
-        self.held = any(left == ON_JOINT[-1] for _, left, _ in self.lines)
+        if self.held and (point := r"\mathbf{r}_l") in self.vectors:
+            self.vectors[point] = self._of(K_POINT)
         for name in ON_JOINT if self.held else ():  # a lecture is true where the joint holds: l stands where its relations say
             if right := next((r for _, left, r in self.lines if left == name), ""):
                 self.vectors[name.partition(" - ")[0]] = self.value(right) + (self._of(K_POINT) if " - " in name else ZERO)

@@ -41,6 +41,12 @@ def test_html_is_well_formed_and_needs_nothing_else(read_html):
     assert "5 $ and <code>code</code>" in html
 
 
+def test_pages_are_dark_where_the_reader_asks_for_it_and_figures_stay_on_white():
+    dark = SAMPLE.to_html().partition("@media screen and (prefers-color-scheme: dark)")[2].partition("@media")[0]
+    assert "color: #e4e4e4; background: #16181b" in dark
+    assert "figure svg, figure img { background: #fff" in dark
+
+
 def test_markdown_and_latex_hold_the_same():
     md, tex = SAMPLE.to_markdown(), SAMPLE.to_latex()
     assert r"\tag{3}" in md
