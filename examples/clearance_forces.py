@@ -54,6 +54,6 @@ def picture(r):
     upper.plot(1e3 * r.t, r["B"].force[:, :2], label=["$F_x$", "$F_y$"])
     lower.plot(1e3 * r.t, 1e-6 * by.value[:, :2])
     upper.set(ylabel="force at the pin [N]")
-    lower.set(xlabel="t [ms]", ylabel=f"by the race, within {1e-6 * by.error:.1g} [N/um]")
-    upper.legend()
+    lower.set(xlabel="t [ms]", ylabel=f"dF/d(race) [N/um], ±{1e-6 * by.error:.1g}")
+    upper.legend(loc="lower right")
     return figure

@@ -498,6 +498,14 @@ def test_a_number_without_effect_on_a_design_is_named():
     assert "without effect: aside.damper" in str(d)
 
 
+def test_a_long_expression_stands_over_its_axes(data):
+    """Beside them it would cover those of the next; an expression of unknown unit is not called a pure number."""
+    names = "J0.angle", "J0.angle**2 + J1.angle**2 + J0.angle*J1.angle", "J1.angle**2"
+    axes = mb.fit(arm(*TRUE), dict.fromkeys(names, data["J0.angle"]), to=TO[:1]).plot().axes
+    assert [axis.get_ylabel() for axis in axes] == ["J0.angle [rad]", "", "J1.angle**2"]
+    assert axes[1].get_title("left") == "J0.angle**2 + J1.angle**2 + J0.angle*J1.angle"
+
+
 def test_a_chained_comparison_is_refused():
     with pytest.raises(mb.OptionError, match="give two bounds"):
         -0.5 <= mb.at_end("P.displacement") <= 2.0  # noqa: B015

@@ -15,13 +15,13 @@ import numpy as np
 from mbdae.derivatives import names_of
 from mbdae.errors import AccuracyWarning, ListsAttributes, MbdaeError, OptionError, naming_arguments, warn
 from mbdae.fits.beside import ENOUGH, OutOfRunsError, lower_fit, told
-from mbdae.fits.functions import SceneFunction, identity_of, scene_given, varied
+from mbdae.fits.functions import SceneFunction, identity_of, labelled, scene_given, varied
 from mbdae.integrators.base import end_after
 from mbdae.notation import counted
 from mbdae.results.quantities import named, unit_of
 from mbdae.results.result import Result
 from mbdae.run.control import LEAST_ACCURACY, plausible
-from mbdae.show.plots import new_figure, style, with_unit, written
+from mbdae.show.plots import new_figure, style, written
 from mbdae.study import deviations, limits, measurements
 from mbdae.study.kept import Readings, resume_path, told_when_interrupted
 from mbdae.system.base import Array
@@ -95,7 +95,7 @@ class Fit(ListsAttributes):
         for axis, (name, (t, measured)) in zip(axes, self.data.items(), strict=True):
             axis.plot(t, measured, ".", color="0.55", label="measured")
             axis.plot(self.result.t, self.result.value(name), label="fitted", **style(0))
-            axis.set_ylabel(with_unit(named(name), unit_of(self.result, name)))
+            labelled(axis, named(name), unit_of(self.result, name))
         axes[0].legend(frameon=False)
         axes[-1].set_xlabel("t [s]")
         return written(figure, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from mbdae.results.result import Result
 from mbdae.run.checkpoint import versions
 from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
-from mbdae.show.plots import new_figure, style, with_unit, written
+from mbdae.show.plots import new_figure, style, written
 from mbdae.study.statements import changed, stated_value
 from mbdae.system.base import Array
 from mbdae.values import array, number, option, sequence, shown, text
@@ -234,6 +235,20 @@ def peak_slopes(run: Result, quantity: Any, times: Array, names: Sequence[str]) 
     return np.array([np.transpose(slopes), np.transpose(errors)])
 
 
+LONG = 30  #: characters of a quantity above which it stands over its axes, in lines, and not beside them
+
+
+def labelled(axis: Any, name: str, unit: str) -> None:
+    """Write a quantity with its unit beside its axis, or over the axes where it is long; an expression, whose unit is not known,
+    stands alone."""
+    own = "" if not unit and not name.replace(".", "").replace("_", "").isalnum() else f"[{unit or '-'}]"
+    if len(name) <= LONG:
+        axis.set_ylabel(f"{name} {own}".strip())
+        return
+    axis.set_title(fill(name, 3 * LONG), loc="left", fontsize="small")
+    axis.set_ylabel(own)
+
+
 @dataclass(frozen=True, eq=False)
 class Design(ListsAttributes):
     """A design that was found.
@@ -271,7 +286,7 @@ class Design(ListsAttributes):
         figure, axes = new_figure(len(asked))
         for axis, name in zip(axes, asked, strict=True):
             axis.plot(self.result.t, self.result.value(name), **style(0))
-            axis.set_ylabel(with_unit(named(name), unit_of(self.result, name)))
+            labelled(axis, named(name), unit_of(self.result, name))
             for held in self.bounds:
                 if isinstance(held.bound.of, Objective) and (held.bound.of.quantity, held.bound.of.kind) == (name, "largest"):
                     for side in (1, -1) if np.min(self.result.value(name)) < 0 else (1,):

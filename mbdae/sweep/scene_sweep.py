@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -127,12 +128,19 @@ class SceneSweep(ListsAttributes):
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row for every point: its numbers, the estimated error of the run, of every quantity asked for
-        the peak, its time (s) and its error, why the point failed, and its warnings."""
+        the peak, its time (s) and its error, its derivatives at the last output with their errors where these were asked for
+        (of a vector, of every component), why the point failed, and its warnings."""
         table: dict[str, Any] = dict(zip(self.grid.names, self.grid.values(0, len(self.grid)).T, strict=True))
         table["estimate"] = self.estimate.ravel()
         for name in self.of:
             found = self.peaks(name)
             table |= {f"{name} {word}": values.ravel() for word, values in zip(("peak", "t", "error"), found, strict=True)}
+        for name, to in product(self.of, self.to):
+            slopes = self.derivatives(name, to)
+            last = np.asarray(slopes.value)[(slice(None),) * len(self.grid.shape) + (-1,)].reshape(len(self.grid), -1)
+            heads = [name] if last.shape[1] == 1 else [f"{name}[{i}]" for i in range(last.shape[1])]
+            table |= {f"d {head}/d {to}": values for head, values in zip(heads, last.T, strict=True)}
+            table[f"d {name}/d {to} error"] = np.ravel(slopes.error)
         for word, said in ("failure", self.failures), ("warnings", self.warnings):
             table[word] = [said.get(i, "") for i in range(len(self.grid))]
         return library("pandas").DataFrame(table)

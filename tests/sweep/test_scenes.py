@@ -64,6 +64,10 @@ def test_derivatives_are_columns_of_every_run(tmp_path):
     assert error[1] < 1e-5 * np.abs(value[1]).max()
     assert np.isnan(value[2]).all()
     assert np.isnan(error[2])
+    frame = found.to_dataframe()  # at the last output
+    np.testing.assert_array_equal(frame["d A.force[1]/d b.mass"], value[:, -1, 1])
+    np.testing.assert_array_equal(frame["d A.force/d b.mass error"], error)
+    np.testing.assert_array_equal(frame["d B.angle/d a.mass"], found.derivatives("B.angle", "a.mass").value[:, -1])
     again = here(arm(), grid, accuracy=1e-6, resume=tmp_path, **asked)
     np.testing.assert_array_equal(again.derivatives("B.angle", "a.mass").value, found.derivatives("B.angle", "a.mass").value)
     with pytest.raises(mb.OptionError, match="there are no derivatives of"):
