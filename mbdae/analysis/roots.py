@@ -158,7 +158,8 @@ def _by_stages(E: Array, A: Array) -> tuple[Complex, Complex, Array]:
 def _solved(E: Array, A: Array, shift: float | None) -> tuple[Complex, Complex, Array]:
     """Roots, vectors and errors (n,) from one standard problem: that of E^-1 A, or the inverse one about a shift."""
     S = -solved(E, A) if shift is None else -solved(A + shift * E, E)
-    balanced, (scale, order) = scipy.linalg.matrix_balance(S, separate=True)
+    with np.errstate(invalid="ignore"):  # it rounds the scales too to whole numbers, of which it reads the permutation alone
+        balanced, (scale, order) = scipy.linalg.matrix_balance(S, separate=True)
     found, left, right = scipy.linalg.eig(balanced, left=True, right=True)
     V = np.empty_like(right)
     V[order] = right * scale[order, None] if len(scale) else right

@@ -35,6 +35,8 @@ MARGIN = 0.1
 SLOPE = 4 / 27
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 4
+#: largest number of steps in one native call, and in the first call where each may hide a contact or switch
+ROWS, FEW = 256, 8
 #: fractions of a step; a zero of the gap nearer than this to its beginning, or to its end, counts as being there, by default
 MET = 1e-2, 1e-2
 EXACT = 1e-7  #: share of an impact's duration that counts as none: 3e-11 of its change of speed, for a force of the power 1.5
@@ -100,6 +102,26 @@ class Cubic(NamedTuple):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.value(middle) > 0 else (low, middle)
         return high
+
+
+class Blocks:
+    """How many steps are made in one native call, where each may hide a contact or switch: `rows`, at most `most` (1 where every
+    step has to be looked at by itself). A block of which a step has to be looked at is thrown away from there on. Where that is
+    the first one, twice as many steps as the last time are made one by one before another block is tried."""
+
+    def __init__(self, most: int, watched: bool) -> None:
+        """watched: whether steps are looked at for contacts and switches."""
+        self.most, self.rows = most, min(most, FEW) if watched else most
+        self._singles = self._left = 0  # number of single steps after the last block, and of those that are left
+
+    def made(self, count: int, kept: int) -> None:
+        """To be called after `count` steps were made in one call, of which the first `kept` were accepted."""
+        if self.rows > 1:
+            self._left = self._singles = 0 if kept == count else 1 if kept else min(max(2 * self._singles, 1), self.most)
+            self.rows = 1 if self._left else min(2 * self.rows, self.most)
+        elif kept:
+            self._left -= 1
+            self.rows = 1 if self._left > 0 else min(FEW, self.most)
 
 
 class ContactSteps:

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Paragraph, Section, Table
-from mbdae.reports.joint_page import effort
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import effort_unit, unit_text, worded
-from mbdae.reports.page import BOTH, DERIVED, KERNEL, below, described, document, made_from
+from mbdae.reports.page import BOTH, DERIVED, KERNEL, below, described, document, effort, made_from
 from mbdae.reports.recursive_page import matrix
 from mbdae.reports.recursive_values import TREE, RecursiveValues
 from mbdae.reports.sections import ANGLE, LENGTH, figure_of, plus, title_of_joint
@@ -81,11 +80,12 @@ class Relations(RecursiveValues):
             reached = t.reached or [self.s.record.atom(name, "k") for name in "xyz"]
             lines += [self.line(rf"\mathbf{{{name}}}_l", a, self.state.atom(Base(name, "l")), TREE)
                       for name, a in zip("xyz", reached, strict=True)]
+            self.writer.bases |= {Base(name, "l") for name in "xyz"}
         moved = t.l.r + self.s.record.atom("s", "l")
         point = self.s.record.lift(moved - (self.s.record.atom("c", "k") + self.s.record.atom("s", "k")))
         self.wanted[r"\mathbf{r}_l - \mathbf{r}_k"] = BOTH
         lines.append(f"\\mathbf{{r}}_l - \\mathbf{{r}}_k = {self.writer.vector(point)}")
-        self.writer.bases |= {Base("r", "k"), Base("r", "l")}
+        self.writer.bases |= {Base("r", "k"), Base("r", "l"), Base("w", "l")}
         lines.append(self.line(r"\boldsymbol{\omega}_l", self.s.record.lift(t.spins[0]), self.state.atom(Base("w", "l")), TREE))
         return self.lines(*lines)
 

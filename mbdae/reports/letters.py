@@ -53,6 +53,11 @@ RESULTS = (
     (r"\delta\mathbf{f}", "N", "changes of the forces"), (r"\delta\mathbf{m}", "N m", "changes of the moments"),
     (r"m^{\text{2D}}", "N m", "moments in the plane"), (r"c^{\text{2D}}", "", "rows in the plane"),
     (r"\dot c^{\text{2D}}", "", "rows of velocities in the plane"),
+    (r"\frac{\partial \mathbf{f}", "", "derivatives of forces by a parameter"),
+    (r"\frac{\partial \mathbf{m}", "", "derivatives of moments by a parameter"),
+    (r"\frac{\partial \mu}", "", "derivatives of the friction coefficient by a parameter"),
+    (r"\frac{\partial f_n", "", "derivatives of the normal force by a parameter"),
+    (r"\frac{\partial h_{", "", "derivatives of terms in the equations of coordinates by a parameter"),
     (r"h_{", "", "terms in the equations of coordinates"), ("V", "J", "potential energy"),
     ("D", "W", "dissipation function"), ("P", "W", "power"), ("q", "", "length or angle along which a force works"),
     ("Q", "", "generalised force along $q$"), (r"\mathbf{F}", "N", "stated force on l"),
@@ -293,8 +298,8 @@ _ALONG, _OF = "derivative by the length", "change of ${}$"
 SCALARS_OF_ELEMENTS = {
     "L": Letter("L_i", "1", "shape function of node i: 1 there, 0 at all others"), "Ls": Letter("L_i'", "1/m", _ALONG),
     "weight": Letter("w", "m", "weight of the integration point: that of Gauss times the length per unit of the element"),
-    "p0i": Letter("p_{0i}", "1", "scalar part of the quaternion of node i"), "p0": Letter("p_0", "1", "value at the point"),
-    "p0s": Letter("p_0'", "1/m", _ALONG), "nu": Letter(r"\nu", "1", "square of the quaternion's length"),
+    "p0i": Letter("e_{0i}", "1", "scalar part of the quaternion of node i"), "p0": Letter("e_0", "1", "value at the point"),
+    "p0s": Letter("e_0'", "1/m", _ALONG), "nu": Letter(r"\nu", "1", "square of the quaternion's length"),
     "u0": Letter("u_0", "1", "scalar part of the inverse quaternion"), "k0": Letter("k_0", "1/m", "stretch of the quaternion"),
     "a0": Letter(r"\alpha_i", "1", "scalar part of the quaternion that turns the section to node i"),
     "b0": Letter(r"\beta_i", "1", "part of the rotation of node i that the section takes as it is"),
@@ -304,8 +309,8 @@ SCALARS_OF_ELEMENTS = {
 }
 VECTORS_OF_ELEMENTS = {
     Base("r", "i"): (r"\mathbf{r}_i", "m", "position of node i"),
-    Base("p", "i"): (r"\mathbf{p}_i", "1", "vector part of the quaternion of node i"),
-    Base("p", "b"): (r"\mathbf{p}", "1", "value at the point"), Base("ps", "b"): (r"\mathbf{p}'", "1/m", _ALONG),
+    Base("p", "i"): (r"\mathbf{e}_i", "1", "vector part of the quaternion of node i"),
+    Base("p", "b"): (r"\mathbf{e}", "1", "value at the point"), Base("ps", "b"): (r"\mathbf{e}'", "1/m", _ALONG),
     Base("u", "b"): (r"\mathbf{u}", "1", "vector part of the inverse quaternion"),
     Base("k", "b"): (r"\mathbf{k}", "1/m", "half the curvature, inertial"),
     Base("a", "i"): (r"\mathbf{a}_i", "1", "vector part of the quaternion that turns the section to node i"),

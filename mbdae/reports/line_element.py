@@ -111,7 +111,7 @@ class StrainElement(DiscretePage):
         spin = product(inverse, slope)[1]
         lines += [f"{self.known[f'kappa{i + 1}'].latex} = {w.scalar(2 * dot(spin, self.record.axis(i)))}" for i in range(3)]
         told = ("An element of order $p$ has $p + 1$ nodes: its ends, and between them the extrema of the Legendre polynomial of"
-                " degree $p$. Positions and quaternions $(p_0, \\mathbf{p})$ of the nodes, of any length, are interpolated by the"
+                " degree $p$. Positions and quaternions $(e_0, \\mathbf{e})$ of the nodes, of any length, are interpolated by the"
                 " polynomials $L_i$ of degree $p$; the axes of the section are those of the interpolated quaternion, its"
                 " curvature follows from its inverse $(u_0, \\mathbf{u})$ and its derivative:")
         return self.section("The element: interpolation", told, *lines)
@@ -262,7 +262,7 @@ class StrainElement(DiscretePage):
         v, node, point = {base: latex for base, (latex, *_) in VECTORS_OF_ELEMENTS.items()}, layout.node, layout.point
         weights, L, slopes = interpolation(order, points)
         known = layout.sums() | {"L_i": layout.both(L), "L_i'": layout.both(slopes / ds[..., None]), "w": point(ds * weights),
-                                 "p_{0i}": node(P[..., 0])}
+                                 "e_{0i}": node(P[..., 0])}
         known |= {v[Base(kind, "i")]: node(value) for kind, value in (
             ("p", P[..., 1:]), ("r", r), ("dr", virtual[0]), ("dpsi", virtual[1]), ("Dr", change[0]), ("Dpsi", change[1]))}
         known |= {self.known[p].latex: point(value) for p, value in numbers.items()}
@@ -278,11 +278,11 @@ class StrainElement(DiscretePage):
         return known, self.wanted | found, len(known["L_i"])
 
 
-
 class DistributedElement(DiscretePage):
     """What a load or inertia per length adds to the equations of the nodes."""
 
     inertia, turning = r"\mathbf{J}", r"\bar{\mathbf{m}}_i"  #: rotary inertia per length; moment of node i in its own axes
+    loaded, moving = (rf"\mathbf{{f}}_{{i,\text{{{of}}}}}" for of in ("load", "inertia"))  #: what they add to the force of node i
 
     def blocks(self) -> list[Block]:
         """The section."""
@@ -292,12 +292,12 @@ class DistributedElement(DiscretePage):
         told = ("Loads and inertia are integrated with $p + 1$ Gauss points. They add to the left-hand side of the equations of"
                 " the nodes")
         if load.terms:
-            lines.append(f"{NODAL[0]} = -{self.summed('g', load, AT_NODE)}")
+            lines.append(f"{self.loaded} = -{self.summed('g', load, AT_NODE)}")
             told += " (a load on the axis makes no moments)"
         if momentum.terms:
             moving = inserted(momentum, {Base("v", "b"): v["dv", "b"]}, {})
             lines += [f"{w.vector(v['dv', 'b'])} = {self.summed('i', v['dv', 'i'] * L)}",
-                      f"{NODAL[0]} = {self.summed('g', moving, AT_NODE)}"]
+                      f"{self.moving} = {self.summed('g', moving, AT_NODE)}"]
         if spins:
             rows = [[se.diff(e, se.Symbol(name)) for name in spins] for e in spins.values()]
             own, rate, momentum = (v[name] for name in (("W", "b"), ("dW", "b"), ("H", "i")))
@@ -331,12 +331,12 @@ class DistributedElement(DiscretePage):
             constants = numbers | {str(LENGTH): ds, str(WEIGHT): ds * at.weights}
             kernel = LineKernel(self.d, at, {p: constants[p] for p in self.d.parameters})
             q = np.concatenate([rng.normal(size=(POINTS, n, 3)), P], -1).reshape(POINTS, -1)
-            wanted[NODAL[0]] = node(kernel.values(q).reshape(POINTS, n, 6)[..., :3])
+            wanted[self.loaded] = node(kernel.values(q).reshape(POINTS, n, 6)[..., :3])
         if self.d.mass:
             M = mass_blocks(mesh, numbers, NodeKind.SPATIAL, self.d)
             rates = np.einsum("pij,pj->pi", M, np.concatenate([moving, turning], -1).reshape(POINTS, -1)).reshape(POINTS, n, 6)
             gyroscopic = GyroscopicKernel(M, n).values(spin.reshape(POINTS, -1)).reshape(POINTS, n, 3)
-            wanted[NODAL[0]] = node(rates[..., :3])
+            wanted[self.moving] = node(rates[..., :3])
             wanted |= {self.turning: node(rates[..., 3:] + gyroscopic)} if self.of.momenta[1] else {}
         return known, {latex: Wanted(value, KERNEL) for latex, value in wanted.items()}, size
 

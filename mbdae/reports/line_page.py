@@ -198,7 +198,7 @@ class LinePage(Page):
                     for part, kind in zip(parts, ("drs", "dpsi", "dpsis"), strict=True)), se.Integer(0))
         letters = (r"\mathbf{n}", r"\mathbf{q}", r"\mathbf{m}")
         along = "the forces that are integrated, along a virtual displacement of the fields"
-        lines = [self.line(r"\delta W", work, self._work(), along)]
+        lines = [self.line(r"\delta W'", work, self._work(), along)]
         moves = [w.vector(self.a[kind]) for kind in ("drs", "dpsi", "dpsis")]
         lines.append("= " + " + ".join(rf"{x}\cdot {move}" for x, move in zip(letters, moves, strict=True)))
         lines += [self.line(letter, total) for letter, total in zip(letters, sums, strict=True)]

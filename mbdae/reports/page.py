@@ -19,6 +19,7 @@ from mbdae.kernels.plan import linearised_plan
 from mbdae.reports.letters import Letter, introduced, results, worded
 from mbdae.reports.reading import RELATIONS, Key, LatexReader, Symbols, UnreadError, key_of, members
 from mbdae.reports.states import POINTS, residual
+from mbdae.reports.units import ambiguous
 from mbdae.reports.writer import Writer, inlined
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import fingerprint
@@ -274,7 +275,8 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
     sides = list(dict.fromkeys(item for units in stated for item in units.items()))
     letters += [name for name, _ in sides]
     twice = [name for name in dict.fromkeys(letters) if letters.count(name) > 1]
-    checks += [Check(f"{symbol} has one meaning", float("inf")) for symbol in twice]
+    twice += ambiguous([(type(page), page.symbols(), list(part)) for (page, _), part in zip(pages, blocks, strict=True)])
+    checks += [Check(f"{symbol} has one meaning", float("inf")) for symbol in dict.fromkeys(twice)]
     units = list(dict.fromkeys(c for page, _ in pages for c in page.units()))
     head = [*head, *(Paragraph(f"**The units do not fit: {c.what}.**") for c in units if not c.holds)]
     checks += units
@@ -337,3 +339,8 @@ def provenance(d: Derived, planar: Derived | None) -> Section:
     rates = "With the rates of its rows, its coordinates and its branches:"
     return Section("Origin", [Paragraph(text), Paragraph(f"`{fingerprint(d)}`"), Paragraph(rates),
                               Paragraph(f"`{fingerprint(d, rates=True)}`"), Table(head, rows, caption)])
+
+
+def effort(name: str) -> str:
+    """Letter of the generalised force of the rows on a coordinate."""
+    return f"h_{below(name)}"

@@ -52,6 +52,7 @@ class RecursivePage(RecursiveValues):
         t, l, lines = self.tree, self.tree.l, list[str]()
         if t.reached and not any(step.rotation for step in self.motion.steps):
             lines += [self.line(rf"\mathbf{{{name}}}_l", a) for name, a in zip("xyz", t.reached, strict=True)]
+            self.writer.bases |= {Base(name, "l") for name in "xyz"}
         for latex, e in ((r"\mathbf{c}_l", l.r), (r"\boldsymbol{\omega}_l", t.spins[0]), (r"\dot{\mathbf{c}}_l", l.v),
                          (r"\dot{\boldsymbol{\omega}}_l", t.spins[1]), (r"\ddot{\mathbf{c}}_l", l.a)):
             lines.append(self.line(latex, self.s.record.lift(e)))

@@ -12,7 +12,7 @@ import numpy as np
 from mbdae.analysis import linearize
 from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, Table, escaped, numbered
-from mbdae.errors import MbdaeError, SteadyError
+from mbdae.errors import AccuracyWarning, MbdaeError, SteadyError
 from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.reports.letters import unit_text
@@ -176,7 +176,9 @@ class Sheet:
         if self.system.n > EIGEN_UP_TO:
             return Section(title, [Paragraph(f"Not computed for {self.system.n} unknowns.")])
         try:
-            found = linearize(self.scene)
+            with warnings.catch_warnings(record=True) as heard:  # what linearize tells of the roots stands beside them
+                warnings.simplefilter("always", AccuracyWarning)
+                found = linearize(self.scene)
         except SteadyError as error:
             told = f"There are none: the start is no steady motion; {str(error).split(';')[0]}."
             return Section(title, [Paragraph(f"{escaped(told)} s.equilibrium() looks for a state at rest.")])
@@ -186,7 +188,8 @@ class Sheet:
         rows = [[f"{v.real:.6g}", f"{v.imag:.6g}", f"{abs(v.imag) / 2 / np.pi:.6g}"] for v in values]
         head = ["real part [1/s]", "imaginary part [rad/s]", "frequency [Hz]"]
         caption = f"Of small motions about the start, {len(found.eigenvalues)} in all; one of each conjugate pair"
-        return Section(title, [Table(head, rows, caption)])
+        notes = [Paragraph(f"Note: {escaped(str(w.message))}.") for w in heard if issubclass(w.category, AccuracyWarning)]
+        return Section(title, [Table(head, rows, caption), *notes])
 
     def sparsity(self) -> Section:
         """Section with the sparsity pattern of the iteration matrix."""

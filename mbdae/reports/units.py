@@ -1,5 +1,5 @@
 """Units as products of powers of m, kg and s, with angles of unit 1. Units of what laws state are found by scaling m, kg and s:
-a sum whose terms scale differently has no unit."""
+a sum whose terms scale differently has no unit. And letters that two pages of a document use for different quantities."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.documents.blocks import Block, Equation, every
 from mbdae.errors import MbdaeError
 from mbdae.reports.letters import specs_of_coordinates, unit_on
+from mbdae.reports.reading import Key, key_of, members
 from mbdae.reports.states import SymbolValues, random_state
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
@@ -149,7 +151,8 @@ class Dimensions:
 
     def powers(self, e: Expr, by: Callable[[SymbolValues, Expr], Any] = SymbolValues.scalar) -> NDArray[np.float64] | None:
         """Powers of m, kg and s (3,) of an expression, nan where it is 0; None if it has no unit. by: evaluates it in a state."""
-        before, *after = (np.real(by(state, e)).reshape(-1, 1) for state in (self.plain, *self.scaled))
+        with np.errstate(all="ignore"):  # states in which a law has no value, as a point within a sheave, tell nothing of units
+            before, *after = (np.real(by(state, e)).reshape(-1, 1) for state in (self.plain, *self.scaled))
         found = powers_of(before, after)
         return None if found is None else found[:, 0]
 
@@ -224,3 +227,23 @@ def law_faults(d: Derived, coordinates: Mapping[str, str] | None = None) -> list
     return found[0] if found and all(found) else []
 
 
+# -- one letter, one meaning
+
+
+def ambiguous(pages: Sequence[tuple[type, Sequence[Sequence[str]], Sequence[Block]]]) -> list[str]:
+    """Letters to which two pages give different meanings. A page is its kind, its rows of the table of symbols and its blocks; a
+    letter means what its row says or the formula that defines it. Pages of one kind define the same of different laws."""
+    found: dict[Key, list[tuple[type, set[tuple[str, ...]]]]] = {}
+    for kind, rows, blocks in pages:
+        meanings: dict[Key, set[tuple[str, ...]]] = {}
+        for cell, *row in rows:
+            for letter in (part for formula in re.findall(r"\$([^$]*)\$", cell) for part in re.split(r",\\ |, ", formula)):
+                meanings.setdefault(key_of(letter), set()).add(tuple(row))
+        for equation in every(Equation, blocks):
+            (_, left), *rest = members(key_of(equation.latex))
+            if rest and rest[0][0] == "=":
+                meanings.setdefault(left, set()).add(rest[0][1])
+        for letter, said in meanings.items():
+            found.setdefault(letter, []).append((kind, said))
+    return [f"${' '.join(letter)}$" for letter, each in found.items()
+            if any(kind is not of and not said & other for i, (kind, said) in enumerate(each) for of, other in each[:i])]

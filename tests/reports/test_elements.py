@@ -31,7 +31,7 @@ def test_an_element_holds(name, options):
         assert "## The element" in text
         assert ("## Tangent of the element" in text) == (name == "beam" and level == "full")
     assert r"\mathbf{f}_i = \sum_g w\,L_i'\,\mathbf{n}" in text or name == "lineload"
-    assert r"\mathbf{f}_i = -\sum_g w\,L_i\,\left(" in text or name == "beam"
+    assert r"\mathbf{f}_{i,\text{load}} = -\sum_g w\,L_i\,\left(" in text or name == "beam"
 
 
 def test_the_page_interpolates_by_polynomials_of_its_own():

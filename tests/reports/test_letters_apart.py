@@ -6,7 +6,11 @@ import pytest
 import sympy as sp
 
 import mbdae as mb
+from mbdae.documents.blocks import Equation
 from mbdae.reports.letters import read_alike
+from mbdae.reports.line_element import ElementWriter
+from mbdae.reports.units import ambiguous
+from mbdae.reports.vectors import Base
 
 
 def law(name: str) -> type:
@@ -60,3 +64,22 @@ def test_symbols_of_an_audit_are_printed_apart() -> None:
     page = mb.audit(text).document().to_markdown()
     assert r"\mathrm{omegak}" in page
     assert page.count(r"$\omega^{k}$") == 1
+
+
+def test_a_letter_with_two_meanings_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The momentum per length and the quaternion of an element, both written p."""
+    told = "$\\mathbf { p }$ has one meaning"
+    assert told not in mb.report("beam").to_markdown()
+    monkeypatch.setitem(ElementWriter.told, Base("p", "b"), (r"\mathbf{p}", "1", "value at the point"))
+    assert told in mb.report("beam").to_markdown()
+
+
+def test_two_pages_mean_the_same_where_they_share_a_row_or_a_formula() -> None:
+    row, other = ["$a,\\ b$", "m", "sides"], ["$a$", "s", "a time"]
+    one, two = type("One", (), {}), type("Two", (), {})
+    assert ambiguous([(one, [row], []), (two, [row], [Equation("a = 2")])]) == []
+    assert ambiguous([(one, [row], []), (two, [other], [])]) == ["$a$"]
+    assert ambiguous([(one, [row], []), (two, [], [Equation("a = 2")])]) == ["$a$"]
+    assert ambiguous([(one, [], [Equation("b = c")]), (two, [], [Equation("b = d")])]) == ["$b$"]
+    assert ambiguous([(one, [], [Equation("b = c")]), (two, [], [Equation("b = c = d")])]) == []
+    assert ambiguous([(one, [], [Equation("b = c")]), (one, [], [Equation("b = d")])]) == []

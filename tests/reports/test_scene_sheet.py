@@ -163,3 +163,17 @@ def test_moments_of_joints_are_shown_and_read_back():
     assert r"T_{\text{A},z} =" in text
     assert "NOT EQUAL" not in text
     assert ["C", "JointSpring", "2", "N m/rad", "stiffness: stiffness"] in table(mb.report(four_bar()), "Forces").rows
+
+
+def test_roots_at_a_kink_have_a_note_and_random_states_warn_of_nothing(monkeypatch, recwarn):
+    """A mass that just touches a stop; a rope, points within its sheaves among the states; a gyroscope of scales 1e21 apart."""
+    s = mb.Scene("touching")
+    body = s.rigid_body("b", 2.0, 1.0, at=(0, 0))
+    s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0, 0), spring=20.0, limits=(None, 0.0), stop=mb.Stop(180.0))
+    text = mb.report(s).to_markdown()
+    assert "Note: 'P' has a kink exactly at this state" in text
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    hoist, gyroscope = (runpy.run_path(str(EXAMPLES / f"{name}.py"))["scene"]() for name in ("hook_block", "gyroscope"))
+    assert "The units do not fit" not in mb.report(hoist).to_markdown()
+    Sheet(gyroscope).eigenvalues()
+    assert [str(w.message) for w in recwarn] == []
