@@ -13,7 +13,7 @@ from runner import Case, Claim, Found
 
 claim = Claim("derivatives", "the derivative of what is read at the end of a run, by every number of its scene, is right within "
               "ten times the accuracy, or refused by name; `.error` covers it, at the median at most 50 times", 0.0, "scenes",
-              "differences of order 4 and 8 of runs by DOP853 at 1e-13 or Radau IIA(5) at 1e-12")
+              "differences of order 4 and 8, at three distances, of runs by DOP853 at 1e-13 or Radau IIA(5) at 1e-12")
 FINE = 1e-8  #: the other accuracy at which errors are counted
 QUICK, FEW, WHOLE = "pendulum", (9, 53), range(100)
 

@@ -24,6 +24,13 @@ NEAR = {4: ((1, -1, 2, -2), (0, 1, 2, 3, 4), (0, -1, -2, -3, -4)),
         8: ((1, -1, 2, -2, 3, -3, 4, -4), tuple(range(9)), tuple(range(0, -9, -1)))}
 EXACT = ((mb.DOP853(rtol=1e-13), 1e-13), (mb.RadauIIA(5, rtol=1e-12), 1e-11))  #: methods of runs, and their errors, of their size
 PATIENCE = 5.0  #: s; a scene whose run by the first method takes longer is stiff and run by the second
+#: differences of runs one after another, by order and by how much farther the values are apart, until one decides: nearer, where
+#: a kink lies between the values (a clearance that closes); farther, where runs differ by more than the number changes them
+TRIED = ((4, 1.0), (8, 1.0), (8, 1 / 16), (8, 8.0))
+#: noise of a difference over what its nine values scatter about a polynomial of degree 5, which leaves three free: of scatter so
+#: measured one in a hundred is less than a fifth of the true one, and a difference is rarely off by more than three times its own
+UNSURE, DEGREE = 15.0, 5
+FEWEST = 10  #: ratios of error to what is off of which a median is judged
 NOTHING = 1e-10  #: a derivative below this share of the motion over the number counts as 0
 
 
@@ -134,10 +141,18 @@ class Reference:
                 continue
             break
         found, lower = (np.tensordot(weights(nodes[:k]), runs[:k], 1) for k in (None, -2))
-        apart = float(np.abs(found - lower).max())
-        if order == 4 and 0 not in nodes:  # each order lower by two is off by the same factor more
-            apart *= min(apart / (float(np.abs(found).max()) or 1.0), 1.0)
-        return found, apart + self.rounded * self.most * float(np.abs(weights(nodes)).sum())
+        if order == 4:
+            noise = float(np.abs(found - lower).max())
+            if 0 not in nodes:  # each order lower by two is off by the same factor more
+                noise *= min(noise / (float(np.abs(found).max()) or 1.0), 1.0)
+        else:  # runs that scatter, or whose motion has a kink between the values, leave the same smooth polynomial
+            at = np.array(sorted({0, *nodes}), dtype=float)
+            rows = [runs[nodes.index(int(k))] if k in nodes else 0 * self.own for k in at]
+            basis = np.linalg.qr(np.vander(at / np.abs(at).max(), DEGREE + 1, increasing=True))[0]
+            left = np.array(rows) - basis @ (basis.T @ np.array(rows))
+            scatter = float(np.linalg.norm(left, axis=0).max()) / np.sqrt(len(at) - DEGREE - 1)
+            noise = UNSURE * scatter * float(np.linalg.norm(weights(nodes)))
+        return found, noise + self.rounded * self.most * float(np.abs(weights(nodes)).sum())
 
 
 KINDS = ("right", "zero", "told", "wrong", "uncovered", "refused", "no reference")
@@ -179,27 +194,38 @@ class Judged:
         by = {n: reference.distance(n, self.sizes[n] * len(names)) * (-1) ** i for i, n in enumerate(names)}
         change = sum(self.values[n] * x for n, x in by.items())
         error = sum(self.told[n].error * abs(x) for n, x in by.items())
-        for order in NEAR if len(names) == 1 else [4]:
-            made = self._made(lambda order=order: reference.difference(by, order), names)
+        best = None
+        for order, apart in TRIED if len(names) == 1 else TRIED[:1]:
+            near = {n: apart * x for n, x in by.items()}
+            made = self._made(lambda order=order, near=near: reference.difference(near, order), names if best is None else ())
             if made is None:
                 break
-            off = float(np.abs(change - made[0]).max())
-            if off + made[1] <= error and (len(names) > 1 or made[1] <= error / 10):
+            off, noise = float(np.abs(change - made[0] / apart).max()), made[1] / apart
+            if off + noise <= error and (len(names) > 1 or noise <= error / 10):
+                best = off, noise
                 break
-        if len(names) > 1 and (made is None or off + made[1] > error):
+            if order > 4:
+                best = (off, noise) if best is None or noise < best[1] else best
+                if best[0] - best[1] <= error and best[1] <= self._bar(names[0]) * abs(by[names[0]]):
+                    break
+        if best is not None:
+            if len(names) == 1 and best[1] <= error:
+                self.found["wide"].append(error / (best[0] or best[1]))
+            for name in names:
+                self._one(name, abs(by[name]), *best, error)
+        elif len(names) > 1:
             for name in names:
                 self.some([name])
-        elif made is not None:
-            if len(names) == 1 and made[1] <= error:
-                self.found["wide"].append(error / (off or made[1]))
-            for name in names:
-                self._one(name, abs(by[name]), off, made[1], error)
+
+    def _bar(self, name: str) -> float:
+        """By how much a derivative may be off."""
+        return 10 * self.accuracy * self.sizes[name] + NOTHING * self.reference.most / self.reference.value(name)
 
     def _one(self, name: str, by: float, off: float, noise: float, error: float) -> None:
         nothing = NOTHING * self.reference.most / self.reference.value(name)
         largest, beyond = self.sizes[name], max(off - noise, 0.0) / by
         text = f"{name} ({largest:.9g}, off {off / by:.1e}, error {error / by:.1e}, noise {noise / by:.1e})"
-        bar = 10 * self.accuracy * largest + nothing
+        bar = self._bar(name)
         if beyond > 3 * error / by + nothing or (beyond > bar and f"'{name}'" not in self.warned):
             kind = "wrong"
         elif beyond > bar:
@@ -247,8 +273,10 @@ def counted(parts: list[dict[str, list[str]]]) -> list[Found]:
     compared = right + len(both["told"])
     said = (f"{right} derivatives right ({len(both['zero'])} of them 0), {len(both['told'])} beyond ten times the accuracy, with "
             f"a warning, {len(both['refused'])} refused, {len(both['no reference'])} without a reference")
+    middle = float(np.median(both["wide"])) if len(both["wide"]) >= FEWEST else 0.0
     return [Found(len(both["wrong"]), 0, "derivatives", "wrong", note=f"{said}; wrong: {', '.join(both['wrong']) or 'none'}"),
             Found(len(both["uncovered"]), max(0.01 * compared, 1), "derivatives", "errors that do not cover",
                   note=", ".join(both["uncovered"])),
-            Found(float(np.median(both["wide"])) if both["wide"] else 0.0, 50, "errors", "median of errors over what is off",
-                  note=f"of {len(both['wide'])} compared with a reference that is more exact than the error")]
+            Found(middle, 50, "errors", "median of errors over what is off",
+                  note=f"of {len(both['wide'])} compared with a reference that is more exact than the error"
+                       f"{'' if len(both['wide']) >= FEWEST else ', too few to judge'}")]
