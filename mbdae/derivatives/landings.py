@@ -186,6 +186,16 @@ def tell_grazing(run: Solution, prepared: Prepared, found: dict[int, Landing]) -
              "slightly other numbers, and the derivative holds for smaller changes only")
 
 
+def tell_another_sequence(run: Solution, coarser: dict[int, Landing], found: dict[int, Landing]) -> None:
+    """Warn where a run at a larger tolerance has other contacts, or in another order (coarser), than a run (found)."""
+    one, other = ([(landing.contact, landing.closes) for landing in some.values()] for some in (coarser, found))
+    if one != other:
+        k = next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+        at = [*found][min(k, len(other) - 1)] if other else 0
+        warn(f"derivatives: the sequence of contacts is another one with a smaller tolerance from t = {run.t[at]:.6g} s on: "
+             "their errors are not known; ask for a smaller accuracy")
+
+
 # -- y' and multipliers
 
 

@@ -80,6 +80,19 @@ def test_bounces_against_differences(made, at, name, of):
     assert g.error < 1e-4 * abs(d)
 
 
+@pytest.mark.parametrize("asked", [10.0, 300.0, 1e4])
+@pytest.mark.parametrize("accuracy", [1e-6, 3e-7, 1e-7, 1e-8])
+def test_the_last_run_through_contacts_has_one_before_it_at_a_tolerance_not_far_above(accuracy, asked):
+    """Its error is the difference of the two: at one tolerance, with other steps alone, they have errors in common."""
+    of = Refined(ball().simulate(0.1, accuracy, solver=mb.RadauIIA(3)), ["ball.mass"])
+    finer, tolerances = 1.0, [of._tolerance(1.0)]
+    while not of._at_round_off(finer):
+        finer *= of._finer_through_contacts(finer, asked)
+        tolerances.append(of._tolerance(finer))
+    assert tolerances[-1] == pytest.approx(of._tightest)
+    assert 3 < tolerances[-2] / tolerances[-1] < 32
+
+
 @pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853()])
 def test_a_body_that_rests_has_no_force_that_jumps(solver):
     """The plate is driven at a constant speed: its acceleration is rounding alone, and jumps by that wherever it is read."""
