@@ -228,6 +228,9 @@ def test_what_the_modes_leave_out_is_told_by_a_verified_run() -> None:
     q = fine.simulate(0.02, accuracy=1e-5)
     off = np.max(np.linalg.norm(r(t)["beam.tip"].position - q(t)["beam.tip"].position, axis=1)) / r.prepared.length
     assert off / 3 < r.accuracy.mesh < 10 * off  # of all nodes and angles, not of the tip alone
+    force, torque = ([np.linalg.norm(getattr(x, of), axis=1) for x in (r(t)["wall"], q(t)["wall"])] for of in ("force", "torque"))
+    off = max(np.max(abs(a - b)) for a, b in (force, torque)) / np.max(force)  # the torque over 1 m, the scene's length
+    assert off / 3 < r.accuracy.reactions < 10 * off
 
 
 def test_without_accelerations_a_weight_is_shown_by_the_modes_alone() -> None:
