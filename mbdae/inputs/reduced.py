@@ -185,7 +185,8 @@ class ReducedBody(NamesAttributes):
     def displacement(self, coordinates: Any, nodes: Any = slice(None)) -> Array:
         """(..., k, 6 or 3) displacements of all nodes, or of some by number, in the body's frame, m and rad, from coordinates
         (..., n), m, or from r["<name>.modes"] of a result."""
-        return np.asarray(np.einsum("kfn,...n->...kf", self.shapes[nodes], _modes_given(coordinates, self.shapes.shape[2])))
+        body, modes = self._moved(coordinates)
+        return np.asarray(np.einsum("kfn,...n->...kf", body.shapes[nodes], modes))
 
     @classmethod
     def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
@@ -275,18 +276,26 @@ class ReducedBody(NamesAttributes):
         or r["<name>.modes"] of a result; those by the modes: what the reduction leaves out has stresses too."""
         if not len(self.stresses):
             raise OptionError("the stresses of this body are not known: give craig_bampton(stress=...), or a mesh to mb.read_fe")
-        return np.asarray(np.einsum("ksn,...n->...ks", self.stresses, _modes_given(coordinates, self.stresses.shape[2])))
+        body, modes = self._moved(coordinates)
+        return np.asarray(np.einsum("ksn,...n->...ks", body.stresses, modes))
 
     def von_mises(self, coordinates: Any) -> Array:
         """(..., k) von Mises stress at the nodes, Pa; coordinates as in `stress`."""
         xx, yy, zz, yz, xz, xy = np.moveaxis(self.stress(coordinates), -1, 0)
         return np.asarray(np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2)))
 
-
-def _modes_given(coordinates: Any, n: int) -> Array:
-    if n and hasattr(coordinates, "mode1"):
-        coordinates = np.stack([getattr(coordinates, f"mode{i + 1}") for i in range(n)], axis=-1)
-    found = option("coordinates", coordinates, array, f"give {n} coordinates, m")
-    if found.ndim == 0 or found.shape[-1] != n:
-        raise OptionError(f"coordinates = {shown(coordinates)}: give {n} in the last dimension, one for each mode, m")
-    return found
+    def _moved(self, coordinates: Any) -> tuple[ReducedBody, Array]:
+        """The body and the coordinates of its modes; of a sensor its own body, which has more modes in the run by which the error
+        of those kept is measured."""
+        if not hasattr(coordinates, "mode1"):
+            body = self
+        elif np.shape((body := coordinates._item.laws[0].reduced).nodes) != self.nodes.shape or np.any(body.nodes != self.nodes):
+            raise OptionError(f"coordinates = {shown(coordinates)}: they are those of a body with other nodes; give its own")
+        else:
+            names = coordinates._item.scalars[: len(body.modal_mass)]
+            coordinates = np.stack([getattr(coordinates, name) for name in names], axis=-1)
+        n = len(body.modal_mass)
+        found = option("coordinates", coordinates, array, f"give {n} coordinates, m")
+        if found.ndim == 0 or found.shape[-1] != n:
+            raise OptionError(f"coordinates = {shown(coordinates)}: give {n} in the last dimension, one for each mode, m")
+        return body, found
