@@ -266,3 +266,77 @@ def refuse_soft(values: Array, terms: float = 0.0) -> None:
     if free := int(np.sum(values <= max(1e-13 * values[-1], 1e-16 * terms))):
         raise OptionError(f"K lets the body deform without force (a mechanism): {free} motions that are not rigid have no "
                           f"stiffness")
+
+
+def inertia_points(M: Any, nodes: Array, shapes: Array, inertia: Array, modal_mass: Array, mass: float, center: Array,
+                   **_: Any) -> Array:
+    """Points by which the body moves in space, see `ReducedBody.points`: as few as have the inertia of all its nodes.
+
+    Kinetic energy about the centre of mass, where the sum of points s is 0, is a sum of (omega x s + s')^2, linear in the modes,
+    in which products of components of s count alone. These are those of the nodes' masses (sums of rows of M; rotary inertia as
+    masses beside the node), corrected so that inertia tensor, modal masses and orthogonality to rigid motions are exactly those
+    of M."""
+    k, f, n = shapes.shape
+    along = np.tile(np.eye(f)[:, :3], (k, 1))
+    lumped = np.einsum("kaa->k", (M @ along).reshape(k, f, 3)[:, :3]) / 3
+    rows = np.concatenate([(nodes - center)[:, :, None], shapes[:, :3]], axis=2) * np.sqrt(np.maximum(lumped, 0))[:, None, None]
+    if f == 6:
+        at = (6 * np.arange(k)[:, None] + np.arange(3, 6))[:, :, None] + np.zeros((1, 1, 3), dtype=int)
+        own = np.asarray(sp.csr_matrix(M)[at.ravel(), at.swapaxes(1, 2).ravel()]).reshape(k, 3, 3)
+        second, axes = np.linalg.eigh(np.einsum("kaa->k", own)[:, None, None] / 2 * np.eye(3) - own)
+        arms = np.sqrt(np.maximum(second, 0))[:, None] * axes  # masses on these; they turn with the node
+        turned = np.cross(shapes[:, None, 3:], arms.transpose(0, 2, 1)[..., None], axis=2)
+        beside = np.concatenate([arms.transpose(0, 2, 1)[..., None], turned], axis=3)
+        rows = np.concatenate([rows, beside.reshape(-1, 3, 1 + n)])
+    found = _balanced(_fewest(_corrected(_fewest(rows), inertia, modal_mass)))
+    return np.asarray(found * np.sqrt(len(found) / mass))
+
+
+def _fewest(points: Array) -> Array:
+    """As few points (p, 3, 1 + n) as have the same sums of products of their components."""
+    size = np.sqrt(np.sum(points**2, axis=(0, 1)))
+    size = np.where(size > 0, size, 1.0)
+    factor = np.linalg.qr((points / size).reshape(len(points), -1), mode="r")
+    _, sigma, V = np.linalg.svd(factor, full_matrices=False)
+    kept = sigma > 1e-9 * sigma[0]
+    return np.asarray((sigma[:, None] * V)[kept].reshape(-1, 3, points.shape[2]) * size)
+
+
+def _balanced(points: Array) -> Array:
+    """One point more, with the same sums of products of components, and sums of components that are 0: a reflection of them that
+    takes the direction of the new point, which is 0, into that of equal numbers."""
+    count = len(points) + 1
+    normal = np.full(count, 1 / np.sqrt(count))
+    normal[-1] -= 1
+    found = np.concatenate([points, np.zeros((1, *points.shape[1:]))])
+    return np.asarray(found - np.multiply.outer(normal * 2 / (normal @ normal), np.tensordot(normal, found, 1)))
+
+
+def _root(matrix: Array, power: float) -> Array:
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.maximum(values, 1e-300) ** power) @ vectors.T)
+
+
+def _corrected(points: Array, inertia: Array, modal_mass: Array) -> Array:
+    """The points with small changes of their places and of their displacements by the modes, for exact sums."""
+    n = len(modal_mass)
+    wanted = np.trace(inertia) / 2 * np.eye(3) - inertia
+    size = np.trace(wanted)
+    second, axes = np.linalg.eigh(np.einsum("pa,pb->ab", points[:, :, 0], points[:, :, 0]))
+    for s, axis in zip(second, axes.T, strict=True):  # a direction in which no node lies beside the others
+        if s <= 1e-9 * size and (more := axis @ wanted @ axis) > 0:
+            points = np.concatenate([points, np.r_[np.sqrt(more), np.zeros(n)] * axis[None, :, None]])
+    x, moved = points[:, :, 0], points[:, :, 1:]
+    there, goal = np.einsum("pa,pb->ab", x, x) / size + 1e-14 * np.eye(3), _root(wanted / size + 1e-14 * np.eye(3), 0.5)
+    x = x @ (goal @ _root(goal @ there @ goal, -0.5) @ goal)
+    if n:
+        turning = np.linalg.pinv(np.trace(x.T @ x) * np.eye(3) - x.T @ x, rcond=1e-12) @ np.sum(
+            np.cross(x[:, :, None], moved, axis=1), axis=0)
+        moved = moved - np.cross(turning[None], x[:, :, None], axis=1)
+        unit = moved / np.sqrt(modal_mass)
+        products = np.einsum("pca,pcb->ab", unit, unit)
+        if np.min(np.linalg.eigvalsh(products)) < 0.1:
+            raise OptionError("M has modes whose inertia is not in the masses and rotary inertias of its nodes: keep fewer "
+                              "modes, or give a finer mesh")
+        moved = unit @ _root(products, -0.5) * np.sqrt(modal_mass)
+    return np.concatenate([x[:, :, None], moved], axis=2)

@@ -8,25 +8,28 @@ that they leave, centre of mass and angular momentum of small deformations stay 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from hashlib import sha256
 from itertools import chain
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
-from mbdae.deferred import later, sp
+from mbdae.deferred import later
 from mbdae.errors import NamesAttributes, OptionError
 from mbdae.notation import counted
 from mbdae.values import Array, array, flag, number, option, optional, shown, whole
 
 if TYPE_CHECKING:
-    from mbdae.inputs.matrices import drawn_edges, stresses_by_modes
+    from mbdae.inputs.matrices import drawn_edges, inertia_points, stresses_by_modes
     from mbdae.inputs.reduction import FiniteElements, rigid_motions
 else:
     FiniteElements, rigid_motions = later("mbdae.inputs.reduction", "FiniteElements", "rigid_motions")
-    drawn_edges, stresses_by_modes = later("mbdae.inputs.matrices", "drawn_edges", "stresses_by_modes")
+    drawn_edges, inertia_points, stresses_by_modes = later("mbdae.inputs.matrices", "drawn_edges", "inertia_points",
+                                                           "stresses_by_modes")
 
 #: largest displacement by a mode, over the size of a body, that is not told: where a cantilever's end deflects by 14 % of its
 #: length, its mode displaces by 5.4 % and the deflection is 1.4 % off; at a tenth of that load by 0.54 % and 0.013 %
@@ -40,6 +43,8 @@ LIGHT = 0.008
 ADVICE = "reduce it with stiffening=True, or use s.beam"
 STEPS = 1000  #: largest number of steps of a run at which forces at interfaces are looked at
 MORE = 6  #: further modes, beside twice as many, of the body by which the error of its modes is measured
+#: what reduces the matrices again, with more modes, by the content of a body: an equal one, as of a copied scene, finds it here
+_AGAIN: WeakValueDictionary[bytes, Callable[[], ReducedBody]] = WeakValueDictionary()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,7 +185,8 @@ class ReducedBody(NamesAttributes):
     def displacement(self, coordinates: Any, nodes: Any = slice(None)) -> Array:
         """(..., k, 6 or 3) displacements of all nodes, or of some by number, in the body's frame, m and rad, from coordinates
         (..., n), m, or from r["<name>.modes"] of a result."""
-        return np.asarray(np.einsum("kfn,...n->...kf", self.shapes[nodes], _modes_given(coordinates, self.shapes.shape[2])))
+        body, modes = self._moved(coordinates)
+        return np.asarray(np.einsum("kfn,...n->...kf", body.shapes[nodes], modes))
 
     @classmethod
     def craig_bampton(cls, M: Any, K: Any, nodes: Any, interfaces: Mapping[str, Any], modes: int | None = None,
@@ -231,17 +237,31 @@ class ReducedBody(NamesAttributes):
         made = cls(**found, points=inertia_points(body.M, **found), free=free)
         body.judge(made.lowest_held)
         most = min(2 * len(made.held_frequencies) + MORE, body.inner.shape[1])
-        vars(made)["finer"] = lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to, lines)
+        vars(made)["again"] = _AGAIN.setdefault(
+            made._content, lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to, lines))
         return made
 
     def finer(self) -> ReducedBody:
         """The body with at least twice as many modes with held interfaces, by which the error of those kept is measured."""
-        raise OptionError("the reduced body was not made from its matrices in this process: reduce it again")
+        again = _AGAIN.get(self._content)
+        if again is None:
+            raise OptionError("the reduced body was not made from its matrices in this process: reduce it again")
+        return again()
+
+    @cached_property
+    def _content(self) -> bytes:
+        """Equal for bodies that move alike."""
+        found = sha256()
+        for name in (f.name for f in fields(self) if f.name != "edges"):
+            value = getattr(self, name)
+            for key, part in (value if isinstance(value, dict) else {name: value}).items():
+                found.update(key.encode() + np.asarray(part, dtype=float).tobytes())
+        return found.digest()
 
     def drawn(self, edges: Any) -> ReducedBody:
         """The same body, drawn by lines between nodes, (e, 2) by their numbers."""
         made = replace(self, edges=edges)
-        vars(made).update({name: value for name, value in vars(self).items() if name == "finer"})
+        vars(made).update({name: value for name, value in vars(self).items() if name == "again"})
         return made
 
     def __deepcopy__(self, memo: Any) -> ReducedBody:
@@ -249,99 +269,33 @@ class ReducedBody(NamesAttributes):
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the matrices."""
-        return {name: value for name, value in vars(self).items() if name != "finer"}
+        return {name: value for name, value in vars(self).items() if name != "again"}
 
     def stress(self, coordinates: Any) -> Array:
         """(..., k, 6) stresses at the nodes, Pa, xx yy zz yz xz xy in the body's axes, from coordinates of the modes (..., n), m,
         or r["<name>.modes"] of a result; those by the modes: what the reduction leaves out has stresses too."""
         if not len(self.stresses):
             raise OptionError("the stresses of this body are not known: give craig_bampton(stress=...), or a mesh to mb.read_fe")
-        return np.asarray(np.einsum("ksn,...n->...ks", self.stresses, _modes_given(coordinates, self.stresses.shape[2])))
+        body, modes = self._moved(coordinates)
+        return np.asarray(np.einsum("ksn,...n->...ks", body.stresses, modes))
 
     def von_mises(self, coordinates: Any) -> Array:
         """(..., k) von Mises stress at the nodes, Pa; coordinates as in `stress`."""
         xx, yy, zz, yz, xz, xy = np.moveaxis(self.stress(coordinates), -1, 0)
         return np.asarray(np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2)))
 
-
-def _modes_given(coordinates: Any, n: int) -> Array:
-    if n and hasattr(coordinates, "mode1"):
-        coordinates = np.stack([getattr(coordinates, f"mode{i + 1}") for i in range(n)], axis=-1)
-    found = option("coordinates", coordinates, array, f"give {n} coordinates, m")
-    if found.ndim == 0 or found.shape[-1] != n:
-        raise OptionError(f"coordinates = {shown(coordinates)}: give {n} in the last dimension, one for each mode, m")
-    return found
-
-
-def inertia_points(M: Any, nodes: Array, shapes: Array, inertia: Array, modal_mass: Array, mass: float, center: Array,
-                   **_: Any) -> Array:
-    """Points by which the body moves in space, see `ReducedBody.points`: as few as have the inertia of all its nodes.
-
-    Kinetic energy about the centre of mass, where the sum of points s is 0, is a sum of (omega x s + s')^2, linear in the modes,
-    in which products of components of s count alone. These are those of the nodes' masses (sums of rows of M; rotary inertia as
-    masses beside the node), corrected so that inertia tensor, modal masses and orthogonality to rigid motions are exactly those
-    of M."""
-    k, f, n = shapes.shape
-    along = np.tile(np.eye(f)[:, :3], (k, 1))
-    lumped = np.einsum("kaa->k", (M @ along).reshape(k, f, 3)[:, :3]) / 3
-    rows = np.concatenate([(nodes - center)[:, :, None], shapes[:, :3]], axis=2) * np.sqrt(np.maximum(lumped, 0))[:, None, None]
-    if f == 6:
-        at = (6 * np.arange(k)[:, None] + np.arange(3, 6))[:, :, None] + np.zeros((1, 1, 3), dtype=int)
-        own = np.asarray(sp.csr_matrix(M)[at.ravel(), at.swapaxes(1, 2).ravel()]).reshape(k, 3, 3)
-        second, axes = np.linalg.eigh(np.einsum("kaa->k", own)[:, None, None] / 2 * np.eye(3) - own)
-        arms = np.sqrt(np.maximum(second, 0))[:, None] * axes  # masses on these; they turn with the node
-        turned = np.cross(shapes[:, None, 3:], arms.transpose(0, 2, 1)[..., None], axis=2)
-        beside = np.concatenate([arms.transpose(0, 2, 1)[..., None], turned], axis=3)
-        rows = np.concatenate([rows, beside.reshape(-1, 3, 1 + n)])
-    found = _balanced(_fewest(_corrected(_fewest(rows), inertia, modal_mass)))
-    return np.asarray(found * np.sqrt(len(found) / mass))
-
-
-def _fewest(points: Array) -> Array:
-    """As few points (p, 3, 1 + n) as have the same sums of products of their components."""
-    size = np.sqrt(np.sum(points**2, axis=(0, 1)))
-    size = np.where(size > 0, size, 1.0)
-    factor = np.linalg.qr((points / size).reshape(len(points), -1), mode="r")
-    _, sigma, V = np.linalg.svd(factor, full_matrices=False)
-    kept = sigma > 1e-9 * sigma[0]
-    return np.asarray((sigma[:, None] * V)[kept].reshape(-1, 3, points.shape[2]) * size)
-
-
-def _balanced(points: Array) -> Array:
-    """One point more, with the same sums of products of components, and sums of components that are 0: a reflection of them that
-    takes the direction of the new point, which is 0, into that of equal numbers."""
-    count = len(points) + 1
-    normal = np.full(count, 1 / np.sqrt(count))
-    normal[-1] -= 1
-    found = np.concatenate([points, np.zeros((1, *points.shape[1:]))])
-    return np.asarray(found - np.multiply.outer(normal * 2 / (normal @ normal), np.tensordot(normal, found, 1)))
-
-
-def _root(matrix: Array, power: float) -> Array:
-    values, vectors = np.linalg.eigh(matrix)
-    return np.asarray((vectors * np.maximum(values, 1e-300) ** power) @ vectors.T)
-
-
-def _corrected(points: Array, inertia: Array, modal_mass: Array) -> Array:
-    """The points with small changes of their places and of their displacements by the modes, for exact sums."""
-    n = len(modal_mass)
-    wanted = np.trace(inertia) / 2 * np.eye(3) - inertia
-    size = np.trace(wanted)
-    second, axes = np.linalg.eigh(np.einsum("pa,pb->ab", points[:, :, 0], points[:, :, 0]))
-    for s, axis in zip(second, axes.T, strict=True):  # a direction in which no node lies beside the others
-        if s <= 1e-9 * size and (more := axis @ wanted @ axis) > 0:
-            points = np.concatenate([points, np.r_[np.sqrt(more), np.zeros(n)] * axis[None, :, None]])
-    x, moved = points[:, :, 0], points[:, :, 1:]
-    there, goal = np.einsum("pa,pb->ab", x, x) / size + 1e-14 * np.eye(3), _root(wanted / size + 1e-14 * np.eye(3), 0.5)
-    x = x @ (goal @ _root(goal @ there @ goal, -0.5) @ goal)
-    if n:
-        turning = np.linalg.pinv(np.trace(x.T @ x) * np.eye(3) - x.T @ x, rcond=1e-12) @ np.sum(
-            np.cross(x[:, :, None], moved, axis=1), axis=0)
-        moved = moved - np.cross(turning[None], x[:, :, None], axis=1)
-        unit = moved / np.sqrt(modal_mass)
-        products = np.einsum("pca,pcb->ab", unit, unit)
-        if np.min(np.linalg.eigvalsh(products)) < 0.1:
-            raise OptionError("M has modes whose inertia is not in the masses and rotary inertias of its nodes: keep fewer "
-                              "modes, or give a finer mesh")
-        moved = unit @ _root(products, -0.5) * np.sqrt(modal_mass)
-    return np.concatenate([x[:, :, None], moved], axis=2)
+    def _moved(self, coordinates: Any) -> tuple[ReducedBody, Array]:
+        """The body and the coordinates of its modes; of a sensor its own body, which has more modes in the run by which the error
+        of those kept is measured."""
+        if not hasattr(coordinates, "mode1"):
+            body = self
+        elif np.shape((body := coordinates._item.laws[0].reduced).nodes) != self.nodes.shape or np.any(body.nodes != self.nodes):
+            raise OptionError(f"coordinates = {shown(coordinates)}: they are those of a body with other nodes; give its own")
+        else:
+            names = coordinates._item.scalars[: len(body.modal_mass)]
+            coordinates = np.stack([getattr(coordinates, name) for name in names], axis=-1)
+        n = len(body.modal_mass)
+        found = option("coordinates", coordinates, array, f"give {n} coordinates, m")
+        if found.ndim == 0 or found.shape[-1] != n:
+            raise OptionError(f"coordinates = {shown(coordinates)}: give {n} in the last dimension, one for each mode, m")
+        return body, found

@@ -111,13 +111,14 @@ class Errors:
         return [(other, self._forces(other)) for other in self.others if len(other.times)]
 
     def _forces(self, other: OtherRun) -> tuple[float, float]:
-        if not self.prepared.model.scene.connections:
-            return 0.0, 0.0
+        """Largest force at the times of a comparison, and the largest difference there, N."""
         scene = other.prepared or self.prepared
-        own = wrenches(self.prepared, states_of(self.prepared, self.solution, other.times))
-        compared = wrenches(scene, states_of(scene, other.run, other.times))
+        meshes = scene is not self.prepared  # the inertia of reduced bodies with more modes is at other points
+        items = [c.name for c in self.prepared.model.scene.connections if not (meshes and c.kind == "inertia")]
+        own = wrenches(self.prepared, states_of(self.prepared, self.solution, other.times), items)
+        compared = wrenches(scene, states_of(scene, other.run, other.times), items)
         size, apart = (float(np.max(np.maximum(np.linalg.norm(w[..., :3], axis=2),
-                                               np.linalg.norm(w[..., 3:], axis=2) / self.prepared.length)))
+                                               np.linalg.norm(w[..., 3:], axis=2) / self.prepared.length), initial=0.0))
                        for w in (own, compared - own))
         return size, apart
 

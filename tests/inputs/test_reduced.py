@@ -228,6 +228,9 @@ def test_what_the_modes_leave_out_is_told_by_a_verified_run() -> None:
     q = fine.simulate(0.02, accuracy=1e-5)
     off = np.max(np.linalg.norm(r(t)["beam.tip"].position - q(t)["beam.tip"].position, axis=1)) / r.prepared.length
     assert off / 3 < r.accuracy.mesh < 10 * off  # of all nodes and angles, not of the tip alone
+    force, torque = ([np.linalg.norm(getattr(x, of), axis=1) for x in (r(t)["wall"], q(t)["wall"])] for of in ("force", "torque"))
+    off = max(np.max(abs(a - b)) for a, b in (force, torque)) / np.max(force)  # the torque over 1 m, the scene's length
+    assert off / 3 < r.accuracy.reactions < 10 * off
 
 
 def test_without_accelerations_a_weight_is_shown_by_the_modes_alone() -> None:
@@ -470,3 +473,32 @@ def test_lines_of_a_drawing_pass_every_edge_once() -> None:
     edges = np.array([(i, j) for i in range(6) for j in range(i)])
     passed = [tuple(sorted(pair)) for trail in _trails(edges) for pair in pairwise(trail)]
     assert sorted(passed) == sorted(tuple(sorted(pair)) for pair in edges.tolist())
+
+
+def test_peaks_at_nodes_contain_the_error_of_the_modes_and_other_bodies_are_refused() -> None:
+    """Displacement and von Mises stress at nodes between the interfaces, against a body with nearly all modes."""
+    M, K, nodes = beam_matrices(6)
+
+    def run(modes: int, accuracy: float, verify: bool) -> list[Any]:
+        def stress(u: Any) -> Any:
+            bent = np.gradient(np.reshape(u, (-1, 6))[:, 5], nodes[:, 0])
+            return 2.1e9 * bent[:, None] * np.eye(6)[0]
+
+        body = mb.ReducedBody.craig_bampton(M, K, nodes, {"root": [0], "tip": [6]}, modes, stress=stress)
+        s = mb.Scene("shaken")
+        s.reduced_body("beam", body, damping=0.05)
+        s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+        s.force("F", "beam.tip", (0, 20.0 * sympy.sin(300 * mb.t), 0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", mb.AccuracyWarning)
+            r = s.simulate(0.01, accuracy, verify=verify)
+            with pytest.raises(mb.OptionError, match="body with other nodes"):
+                reduced(0).displacement(r["beam.modes"])
+            return [r.peak(lambda r: body.von_mises(r["beam.modes"])[:, 2]),
+                    r.peak(lambda r: body.displacement(r["beam.modes"])[:, 3, :3])]
+
+    for told, true in zip(run(0, 1e-4, True), run(20, 1e-5, False), strict=True):
+        off = abs(told.value - true.value)
+        assert off > 1e-3 * true.value
+        assert told.error is not None
+        assert off / 3 < told.error < 10 * off

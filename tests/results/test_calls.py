@@ -11,6 +11,8 @@ from types import FrameType
 from typing import Any
 
 import pytest
+import sympy as sp
+from reduced_bodies.beam import beam_matrices
 
 import mbdae as mb
 from mbdae.run import checkpoint, choice
@@ -183,3 +185,33 @@ def test_an_own_law_counts_by_what_it_states(prepared: list[mb.Scene], monkeypat
     monkeypatch.setattr(sys.modules[__name__], "FACTOR", [3.0])
     assert end_of(s) != before
     assert len(prepared) == 2
+
+
+def elastic(kind: str) -> mb.Scene:
+    """A rod held at one end and shaken at the other: of modes, of an element, or rigid on a spring."""
+    s, shaken = mb.Scene(kind, gravity=(0, -9.81, 0)), (0, 2 * sp.sin(60 * mb.t), 0)
+    if kind == "modes":
+        s.reduced_body("rod", mb.ReducedBody.craig_bampton(*beam_matrices(2, 2e10), {"root": [0], "tip": [2]}, 0), damping=0.02)
+        s.weld("root", s.ground, "rod.root", at=(0, 0, 0))
+        s.force("F", "rod.tip", shaken)
+    elif kind == "beam":
+        rod = s.beam("rod", (0, 0, 0), (1, 0, 0), section=mb.Section.circular(0.01, 2e10, 0.3, 7800), elements=1, order=2)
+        s.weld("root", s.ground, rod, at=(0, 0, 0))
+        s.force("F", rod, shaken, at=(1, 0, 0))
+    else:
+        rod = s.rigid_body("rod", 1.0, (0.01, 0.1, 0.1), at=(0.5, 0, 0))
+        s.revolute("root", s.ground, rod, at=(0, 0, 0), axis=(0, 0, 1), spring=200.0)
+        s.force("F", rod, shaken, at=(1, 0, 0))
+    return s
+
+
+@pytest.mark.filterwarnings("ignore::mbdae.AccuracyWarning")
+@pytest.mark.parametrize("kind", [pytest.param("modes", marks=pytest.mark.slow), "beam", "rigid"])
+def test_a_later_call_tells_what_the_first_told(kind: str, prepared: list[mb.Scene]) -> None:
+    told = []
+    for _ in range(3):  # the second prepares a copy of the scene, which the third uses
+        r = elastic(kind).simulate(0.01, 1e-4, verify=True)
+        told.append((r.accuracy.as_data(), r.accuracy.not_covered, r.warnings, r.info.runs, r.reliable, r["root"].force.tolist()))
+    assert told[0][0]["found_reactions"] is not None
+    assert (told[0][0]["mesh"] is None) == (kind == "rigid")
+    assert told[1:] == [told[0]] * 2
