@@ -272,8 +272,10 @@ class Forces(Stated):
         load = np.concatenate([force := np.array(LOAD), np.cross(arm, force)])
         columns = self.relations.columns(state)
         A = np.array([np.concatenate([move[0], turn[0]]) for _, _, move, turn in columns]).reshape(-1, 6)
-        held = -np.linalg.pinv(A) @ (A @ load) if len(A) else np.zeros(6)
-        efforts = -np.linalg.pinv(A @ A.T) @ (A @ load) if len(A) else []
+        if np.max(np.abs(A @ A.T - np.eye(len(A))), initial=0.0) > 1e-9:  # a force along one coordinate acts along others too
+            return []
+        efforts = -A @ load
+        held = A.T @ efforts
         lam, *_ = np.linalg.lstsq(G.T, load + held, rcond=None)
         if np.max(np.abs(G.T @ lam - load - held)) > 1e-9:
             return []
