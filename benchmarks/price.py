@@ -101,7 +101,10 @@ def price(name: str, accuracy: float, asked_too: bool) -> Price | None:
     if str(EXAMPLES) not in sys.path:
         sys.path.insert(0, str(EXAMPLES))
     example = importlib.import_module(name)
-    scene = example.scene()
+    try:
+        scene = example.scene()
+    except ImportError:  # of a package that is not there
+        return None
     of = tuple(f"{joint.name}.force" for joint in scene.joints)[:FORCES] if asked_too else ()
     if asked_too and not of:
         return None

@@ -285,6 +285,13 @@ class Scene(SceneData):
         give_back(taken_, key)
         return found
 
+    def _continued(self, prepared: Prepared, end: float, accuracy: float, wanted: Any) -> Result:
+        """A default run to `end` (s) of the scene as it was prepared at a state that another run came to; wanted: as of `of`."""
+        times, watched = output_times(prepared.start.t, end, DEFAULT_OUTPUTS), Watched([], [], ends_of_curves(self))
+        prepared.model.conditions.end = end
+        return self._solved(prepared, end, accuracy, None, None, times, True, False, Asked(end, wanted=wanted), watched,
+                            DEFAULT_OUTPUTS)
+
     def _solved(self, prepared: Prepared, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
                 continued: bool, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:
         """`simulate` after the scene has been prepared."""

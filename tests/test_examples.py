@@ -394,3 +394,15 @@ def test_the_hook_rises_with_a_quarter_of_the_drums_speed():
     r = example.scene().simulate(2.0, accuracy=1e-5)
     assert r["guide"].rate[-1] == pytest.approx(example.R * example.RATE / 4, rel=3e-3)  # the rope to the drum is not upright
     assert r["rope"].tension[-1] == pytest.approx(example.LOAD * example.G / 4, rel=3e-3)
+
+
+@pytest.mark.parametrize("name", ["crane_scipy", "crane_torch", "crane_jax"])
+def test_a_crane_leaves_no_swing(name):
+    """By SciPy, and by torch and jax where they are installed: the same two numbers."""
+    pytest.importorskip(name.removeprefix("crane_"))
+    example = importlib.import_module(name)
+    r = example.run()
+    found, expected = example.number(r)
+    assert found == pytest.approx(expected, rel=1e-6)
+    assert abs(r["rope"].angle[-1]) < 1e-6
+    assert abs(r["rope"].rate[-1]) < 1e-6

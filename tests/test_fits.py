@@ -119,6 +119,60 @@ def test_what_the_data_do_not_tell_is_named():
     assert "do not tell one, two apart" in str(f)
 
 
+def brake(damper):
+    """A body that slides 2/damper far, and strikes another one, on a spring, 0.7 m away: below a damping of 2.86 N s/m."""
+    s = mb.Scene("brake")
+    body, other = (s.rigid_body(name, m, 1.0, at=(x, 0), velocity=(v, 0)) for name, m, x, v in (("a", 2, 0, 1), ("b", 1, 0.8, 0)))
+    s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0, 0), damper=damper)
+    s.prismatic("Q", s.ground, other, at=(0.8, 0), axis=(1, 0, 0), spring=1.0)
+    s.contact("hit", body, other, mb.Sphere(radius=0.05), mb.Sphere(radius=0.05), normal=mb.Hertz(1e6))
+    return s
+
+
+def test_a_fit_that_begins_where_the_data_do_not_depend_on_a_number_finds_where_they_do():
+    t = np.linspace(0.1, 2.0, 30)
+    seen = brake(2.0).simulate(2.0, 1e-8, outputs=np.r_[0.0, t])["Q"].displacement[1:]
+    f = mb.fit(brake(4.0), {"Q.displacement": (t, seen)}, to=["P.damper"], sigma=1e-3)
+    assert f.values["P.damper"] == pytest.approx(2.0, abs=f.errors["P.damper"])
+    still = {"Q.displacement": (t, 0 * t)}  # what all dampers above 2.86 give
+    with pytest.warns(mb.AccuracyWarning, match="other values of it give the same run to its accuracy, but not P.damper = "):
+        assert mb.fit(brake(4.0), still, to=["P.damper"], sigma=1e-3).errors["P.damper"] == np.inf
+
+
+@pytest.mark.parametrize("begin", [0.0, 1e-9, -1e-3])
+@pytest.mark.parametrize("sigma", [1e-3, None])
+def test_a_fit_leaves_a_saddle(begin, sigma):
+    """The square of a displacement does not tell its sign: the slope vanishes at 0, where the sum of squares is largest."""
+    t = np.linspace(0.1, 1.0, 12)
+    s = mb.Scene("push")
+    s.prismatic("P", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), force=mb.number("F", begin))
+    f = mb.fit(s, {"P.displacement**2": (t, (2.0 * t**2 / 2) ** 2 + 1e-3 * np.sin(40 * t))}, to=["F"], sigma=sigma)
+    assert abs(f.values["F"]) == pytest.approx(2.0, abs=4 * f.errors["F"])
+
+
+@pytest.mark.parametrize("sigma", [1e-2, None])
+def test_a_fit_leaves_a_saddle_where_every_number_moves_the_run(sigma):
+    """Two pushes 1 + a and 1 - a: their product says a = .5, their difference, which is not weighed as much, a = 0."""
+    t, a = np.linspace(0.1, 1.0, 12), mb.number("a", 0.0)
+    s = mb.Scene("two")
+    for i, force in enumerate((1 + a, 1 - a)):
+        s.prismatic(f"P{i}", s.ground, s.rigid_body(f"b{i}", 1.0, 1.0, at=(0, i)), at=(0, i), axis=(1, 0, 0), force=force)
+    seen = {"P0.displacement*P1.displacement": (t, 0.75 * t**4 / 4), "(P0.displacement - P1.displacement)/30": (t, 0 * t)}
+    f = mb.fit(s, seen, to=["a"], sigma=sigma)
+    a = np.linspace(0.3, 0.6, 30001)[:, None]
+    squares = np.sum(((1 - a**2) - 0.75) ** 2 * t**8 / 16 + (a * t**2 / 30) ** 2, axis=1)
+    assert abs(f.values["a"]) == pytest.approx(float(a[np.argmin(squares), 0]), abs=1e-4)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_the_unit_of_the_measurements_does_not_decide_where_a_fit_ends(unit):
+    t = np.linspace(0.1, 1.5, 20)
+    exact = arm(*TRUE).simulate(1.5, 1e-9, outputs=np.r_[0.0, t]).value("J0.angle")[1:]
+    f = mb.fit(arm(3.0, *TRUE[1:]), {f"J0.angle*{unit!r}": (t, unit * (exact + 1e-3 * np.sin(50 * t)))}, to=["J0.spring"])
+    assert f.values["J0.spring"] == pytest.approx(2.0, abs=4 * f.errors["J0.spring"])
+    assert f.errors["J0.spring"] < 0.02
+
+
 def test_a_number_without_effect_is_named_also_alone(data):
     s = arm(*TRUE)
     s.prismatic("aside", s.ground, s.rigid_body("b", 1.0, 1.0, at=(0, 2)), at=(0, 2), axis=(1, 0, 0), damper=0.3, position0=0.1)
@@ -190,8 +244,11 @@ def test_runs_are_kept(data, fitted, tmp_path):
 @pytest.mark.parametrize(("given", "said"), [
     ({"to": []}, "give one or more names"), ({"sigma": -1.0}, "positive standard deviations"),
     ({"data": 3}, "mapping of sensors"),
-    ({"data": {"J0.angle": ([0.1], [1.0, 2.0])}}, "as many values as times"), ({"bounds": {"x": (0, 1)}}, "names in `to`"),
-    ({"bounds": {"J0.damper": (1, 0)}}, "not below the largest"), ({"runs": 0}, "runs"), ({"progress": 3}, "progress"),
+    ({"data": {"J0.angle": ([0.1], [1.0, 2.0])}}, "as many values as times"),
+    ({"data": {"J0.angle": ([0.0], [1.0])}}, "where the run begins, so that there is no run to fit"),
+    ({"data": {"J0.angle": ([-0.1, 0.2], [1.0, 1.0])}}, "a time of -0.1 s: runs begin at 0 s"),
+    ({"bounds": {"x": (0, 1)}}, "names in `to`"), ({"bounds": {"J0.damper": (1, 0)}}, "not below the largest"),
+    ({"runs": 0}, "runs"), ({"progress": 3}, "progress"),
 ])
 def test_mistakes_are_named(data, given, said):
     options = {"data": data, "to": ["J0.damper"]} | given
@@ -212,6 +269,30 @@ def test_pullback_is_the_jacobian_transposed_and_that_is_a_difference():
     assert mb.function(arm(*TRUE), 0.6, "J0.angle", "J0.spring")([2.0]).shape == (1,)
     with pytest.raises(mb.OptionError, match="call the function with numbers first"):
         mb.function(arm(*TRUE), 0.6, "J0.angle", "J0.spring").jacobian()
+    for wrong in (np.ones(3), np.ones((2, 4)), 1.0, np.ones(8)):
+        with pytest.raises(mb.OptionError, match=r"give the shape of the values, \(4, 2\)"):
+            f.pullback(wrong)
+
+
+def test_derivatives_are_never_those_of_another_call():
+    """After a call that fails there are none, but for numbers that are given, which calls in between do not change."""
+    f, w = mb.function(arm(*TRUE), 0.3, "J0.angle", ["l0.mass", "J0.spring"]), np.ones(1)
+    f([1.0, 2.0])
+    here = f.jacobian()
+    with pytest.raises(mb.SceneError):
+        f([-1.0, 2.0])
+    assert f.result is None
+    for read in (f.jacobian, lambda: f.pullback(w), lambda: f.errors):
+        with pytest.raises(mb.OptionError, match="none gave values"):
+            read()
+    f([1.3, 2.0])
+    assert np.allclose(f.pullback(w, [1.0, 2.0]), here[0], rtol=1e-6)
+    assert not np.allclose(f.jacobian(p=[1.3, 2.0]), here, rtol=1e-3)
+    run = f.result
+    f.pullback(w, np.array([1.3, 2.0]))
+    assert f.result is run  # the same numbers: no further run
+    with pytest.raises(mb.OptionError, match="p has the shape"):
+        f.jacobian([1.0])
 
 
 def test_a_gradient_descent_in_torch():
@@ -222,11 +303,12 @@ def test_a_gradient_descent_in_torch():
     class Run(torch.autograd.Function):
         @staticmethod
         def forward(context, p):
+            context.save_for_backward(p)
             return torch.as_tensor(f(p.detach().numpy()))
 
         @staticmethod
         def backward(context, weights):
-            return torch.as_tensor(f.pullback(weights.numpy()))
+            return torch.as_tensor(f.pullback(weights.numpy(), context.saved_tensors[0].numpy()))
 
     seen = torch.as_tensor(f(TRUE[:2]))
     x = torch.tensor([1.2, 1.5], dtype=torch.float64, requires_grad=True)  # over the true numbers
@@ -254,13 +336,10 @@ def test_a_gradient_descent_in_jax():
 
         @jax.custom_vjp
         def run(p):
-            return jax.pure_callback(lambda p: f(np.asarray(p)), shape, p)
+            return jax.pure_callback(f, shape, p, vmap_method="sequential")
 
-        def back(p, w):
-            f(np.asarray(p))
-            return f.pullback(np.asarray(w))
-
-        run.defvjp(lambda p: (run(p), p), lambda p, w: (jax.pure_callback(back, p, p, w),))
+        run.defvjp(lambda p: (run(p), p),
+                   lambda p, w: (jax.pure_callback(lambda p, w: f.pullback(w, p), p, p, w, vmap_method="sequential"),))
         slope = jax.value_and_grad(lambda p: 1e3 * ((run(p) - seen) ** 2).sum())
         p, step = jax.numpy.array([2.6]), 0.0
         before, g = slope(p)
@@ -272,6 +351,9 @@ def test_a_gradient_descent_in_jax():
             p, g, q = q, now, q - step * now
         assert float(value) < 1e-8 * float(before)
         assert abs(float(q[0]) - TRUE[0]) < 1e-4
+        rows = jax.jacrev(run)(q)  # one call for every value, by vmap
+        assert np.allclose(rows, f.jacobian(np.asarray(q)), rtol=1e-8)
+        assert np.allclose(jax.vmap(run)(jax.numpy.stack([p, q]))[1], f(q))
 
 
 def oscillator(damper=0.3):
@@ -373,10 +455,44 @@ def test_a_design_does_not_end_at_a_maximum_or_saddle(force, to, least):
     assert d.minimum == pytest.approx(least * np.exp(-1.0), rel=1e-5)
 
 
+@pytest.mark.parametrize("begin", [4.0, 8.0, 2.0])
+def test_a_design_that_begins_where_nothing_depends_on_a_number_finds_where_it_does(begin):
+    """The other body goes farthest where the damping is least."""
+    d = mb.design(brake(begin), minimize=mb.at_end("-Q.displacement"), to={"P.damper": (0.5, 8.0)}, t_end=2.0)
+    assert d.found
+    assert d.values["P.damper"] == pytest.approx(0.5, abs=1e-6)
+    assert not d.without_effect
+
+
+def test_a_least_value_that_is_flat_is_said():
+    """Above a damping of 2.86 the other body stays where it is."""
+    with pytest.warns(mb.AccuracyWarning, match="depends on P.damper, but elsewhere in the range they do, as at P.damper = [12]"):
+        d = mb.design(brake(6.0), minimize=mb.at_end("Q.displacement"), to={"P.damper": (0.5, 8.0)}, t_end=2.0)
+    assert d.minimum == 0.0
+    assert d.values["P.damper"] > 2.86
+    assert not d.without_effect
+    assert "near which nothing depends on P.damper" in str(d)
+
+
+def test_two_numbers_of_which_each_alone_has_no_effect():
+    """A push that both must be positive to give: no slope, and no end of one range, shows it."""
+    s = hill(lambda a, c: -sympy.Max(a - 1, 0) * sympy.Max(c - 1, 0))
+    d = mb.design(s, minimize=mb.at_end("P.displacement"), to={"a": (0.0, 3.0), "c": (0.0, 2.0)}, t_end=1.0)
+    assert d.found
+    assert d.minimum == pytest.approx(-2.0 * np.exp(-1.0), rel=1e-5)
+
+
+def test_too_few_runs_to_know_of_an_effect_are_said():
+    with pytest.warns(mb.AccuracyWarning, match="too few runs are left to know whether other values of P.damper matter"):
+        d = mb.design(brake(4.0), minimize=mb.at_end("-Q.displacement"), to={"P.damper": (0.5, 8.0)}, t_end=2.0, runs=1)
+    assert not d.found
+    assert not d.without_effect
+
+
 def test_a_number_without_effect_on_a_design_is_named():
     s = hill(lambda a, c: a**2 + 0 * c)
     s.prismatic("aside", s.ground, s.rigid_body("d", 1.0, 1.0, at=(0, 2)), at=(0, 2), axis=(1, 0, 0), damper=0.3, position0=0.1)
-    with pytest.warns(mb.AccuracyWarning, match="depends on aside.damper: its value"):
+    with pytest.warns(mb.AccuracyWarning, match="depends on aside.damper, at other values in the range too"):
         d = mb.design(s, minimize=mb.at_end("P.displacement"), to={"a": (-1.0, 1.0), "aside.damper": (0.1, 1.0)}, t_end=1.0)
     assert d.without_effect == ("aside.damper",)  # and not `a`, whose slope vanishes where the search begins and ends
     assert "without effect: aside.damper" in str(d)

@@ -124,6 +124,16 @@ def test_source_archives_hold_everything() -> None:
     assert {path.relative_to(ROOT).parts[0] for path in kept_files()} == by_itself | set(settings["only-include"])
 
 
+def test_the_recipe_for_conda_asks_for_what_the_project_asks_for() -> None:
+    """conda-forge has other names for three packages; the version is that of the package."""
+    recipe = (ROOT / ".ci" / "recipe.yaml").read_text(encoding="utf-8")
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    other = {"python-symengine": "symengine", "matplotlib-base": "matplotlib"}
+    run = re.findall(r"^    - ([\w-]+) (>=[\w.]+)$", recipe.split("  run:\n")[1], re.MULTILINE)
+    assert [other.get(name, name) + low for name, low in run] == [f"python{stated['requires-python']}", *stated["dependencies"]]
+    assert f'version: "{stated["version"]}"' in recipe
+
+
 def test_the_quick_part_names_tests_that_exist() -> None:
     lines = (ROOT / "tests" / "quick.txt").read_text(encoding="utf-8").splitlines()
     listed = [line for line in lines if line and not line.startswith("#")]

@@ -95,6 +95,7 @@ GALLERY: dict[str, dict[str, Card]] = {
                                   of=lambda run: run.result),
         "lightest_four_bar": Card("The lightest four-bar", "Counterweights under a bound on a torque, beside a linear program.",
                                   of=lambda run: run.result),
+        "crane_scipy": Card("A crane that leaves no swing", "The scene as a function with a Jacobian, for SciPy, torch and jax."),
         "ground_resonance_boundary": Card("Boundary of ground resonance", "The gradient of one root says which damper moves it.",
                                           of=lambda run: importlib.import_module("ground_resonance").run()),
     },

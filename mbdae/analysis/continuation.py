@@ -19,6 +19,7 @@ from mbdae.analysis.equilibrium import Equilibrium, equilibrium
 from mbdae.analysis.followed import Along, Orbits, Place, Rests
 from mbdae.analysis.multipliers import GAIN
 from mbdae.analysis.periodic import Periodic
+from mbdae.analysis.state import told
 from mbdae.errors import MbdaeError, OptionError, SteadyError, naming_arguments, warn
 from mbdae.run.verification import with_finer_beams
 from mbdae.scene.scene import SceneData
@@ -150,6 +151,9 @@ def continuation(scene: SceneData, name: str, over: Any, of: Any = None, steps: 
     for end in branch.ends:
         if end != WHOLE:
             warn(f"the branch along {called} ends inside its range: {end}")
+    for i, p in enumerate(branch.values):
+        if told(branch.result(i), f"the branch along {called}, first at {p:.6g}: "):
+            break
     if isinstance(start, Equilibrium) and start.prepared.model.lines:
         branch._finer = partial(_on_finer_beams, scene, called, begin, (low, high), most)
     return branch

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from mbdae.analysis.frame import body_of, motion_in_words
 from mbdae.analysis.plane import LOOK, DenseStiffness, Tangent, looked_at
-from mbdae.analysis.state import at_kinks, kinks
+from mbdae.analysis.state import at_kinks, kinks, told
 from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
 from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments, warn
@@ -131,14 +131,14 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     """
     refuse_sampled(scene, "equilibrium")
     body = body_of(scene, frame if frame is not None else scene.ground)
-    told = optional("progress", progress, function, "give a function progress(load_factor, iterations), or None",
-                    takes="load_factor, iterations")
+    report = optional("progress", progress, function, "give a function, or None", takes="load_factor, iterations")
     look = option("out_of_plane", out_of_plane, flag, LOOK)
     statics = Statics(Rest(prepare(scene), body))
     statics.check_steady(statics.begin)
-    found = _Path(statics, told or (lambda factor, iterations: None)).run()
+    found = _Path(statics, report or (lambda factor, iterations: None)).run()
     if kinked := kinks(statics.mechanics, (found.prepared.start.t, *(part[0] for part in found._states)), resting=True):
         warn(at_kinks(kinked, "the stiffness and the number of unstable directions"))
+    found.info = replace(found.info, warnings=told(found))
     if look:
         found.out_of_plane = looked_at(found.prepared, found.frame)
     return found

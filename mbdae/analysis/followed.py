@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mbdae.analysis.linearization import linearize
+from mbdae.analysis.linearization import linearized
 from mbdae.analysis.multipliers import on_circle, prepared_from
 from mbdae.analysis.orbit import halved
 from mbdae.analysis.pencil import derivatives
@@ -156,7 +156,7 @@ class Orbits(_Varied):
         prepared, system = self.at(p)
         shooting, nb = Shooting(prepared, system, self.free), system.numbering
         shooting.acting = nb.nq + nb.nu + np.arange(len(nb.states))
-        return shooting, shooting.shot(system.starting(system.t0, *system.restarted(system.t0, y)), period, self.shares)
+        return shooting, shooting.shot(shooting.begun_at(system.t0, y), period, self.shares)
 
     def moved(self, place: Place, z: Array) -> Place:
         p, shot = place.p + self.unit * float(z[-1]), place.made
@@ -260,7 +260,7 @@ class Rests(_Varied):
     def judged(self, place: Place) -> Place:
         at = self._result(place.p, place.made[0])
         try:
-            found = linearize(at.prepared.model.scene, at, out_of_plane=False)
+            found = linearized(at.prepared.model.scene, at, out_of_plane=False)
             sign, size = np.linalg.slogdet(found.K)
         except MbdaeError:
             return place

@@ -15,12 +15,13 @@ from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
 from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced, refuse_rolling
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, motion, participants, repeated, scaled, shares
 from mbdae.analysis.spectrum import Structure, spectrum
-from mbdae.analysis.state import at_kinks, kinks, pencil_at, pencil_with_errors, sides, structure
+from mbdae.analysis.state import at_kinks, kinks, pencil_at, pencil_with_errors, sides, structure, told
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, naming_arguments, warn
 from mbdae.formulations import Index3
 from mbdae.notation import counted
 from mbdae.results.result import Result
+from mbdae.results.stored_parts import started
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
 from mbdae.system.assembled.assembly import Assembly
@@ -156,6 +157,14 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     have a kink exactly at the state. Raises SteadyError, with the equations of that instant as `.frozen`, where they depend on
     time in that frame.
     """
+    found = linearized(scene, at, frame, count, out_of_plane)
+    told(started(found.prepared))
+    return found
+
+
+def linearized(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None,
+               out_of_plane: bool = True) -> Linearization:
+    """`linearize`, without warnings of what the laws leave out at the state."""
     refuse_sampled(scene, "linearize")
     count = optional("count", count, whole, "give the number of lowest modes, 1 or more, or None for all", least=1)
     look = option("out_of_plane", out_of_plane, flag, LOOK)

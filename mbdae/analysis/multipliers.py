@@ -22,10 +22,11 @@ from mbdae.analysis.orbit import MOST, RETURN, Departures, Return, check_return,
 from mbdae.analysis.reduced import refuse_rolling
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, motion, participants, repeated, scaled, shares
 from mbdae.analysis.shooting import propagated
-from mbdae.analysis.state import at_kinks
+from mbdae.analysis.state import at_kinks, told
 from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
 from mbdae.formulations import system_for
 from mbdae.notation import counted
+from mbdae.results.stored_parts import started
 from mbdae.scene.models import with_open_tree
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
@@ -208,6 +209,7 @@ def multipliers_of(scene: SceneData, period: float, at: Any, count: int | None, 
     refuse_rolling(prepared.mechanics, "floquet", "where the motion is steady, use s.linearize; else simulate small disturbances")
     system = system_for(prepared, highest_index=3)
     returned = check_return(prepared, system, period, max(RETURN, 100 * off))
+    told(started(prepared))
     directions = departures(prepared, system, returned, period)
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, returned.shares, wanted, accuracy)

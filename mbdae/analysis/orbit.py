@@ -29,7 +29,6 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
-from mbdae.system.model.moved_bodies import expressions_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
@@ -56,7 +55,7 @@ SAMPLES = 24  #: largest number of times at which the equations are compared wit
 @dataclass(frozen=True)
 class Orbit:
     """One period in steps of h (steps,) s, shorter at breaks of inputs: t (steps, s), y and y' (steps, s, n) at all stages, and
-    the system (steps,) that holds in every step; run: the same as a solution."""
+    the system (steps,) that holds in every step; run: the same as a solution; smooth: whether no input jumps or has a kink."""
 
     h: Array
     systems: list[SceneSystem]
@@ -65,6 +64,7 @@ class Orbit:
     y: Array
     yp: Array
     run: Solution
+    smooth: bool
 
 
 def followed(system: SceneSystem, period: float, shares: Array) -> Orbit:
@@ -82,8 +82,10 @@ def followed(system: SceneSystem, period: float, shares: Array) -> Orbit:
     Z = np.concatenate([dense.inner, (dense.ends - solution.y[:-1])[:, None]], axis=1)
     yp = np.einsum("ij,kjn->kin", table.A_inv, Z) / widths[:, None, None]
     systems = _systems(solution, system, solution.t[:-1])
+    line = None if system.timeline is None else system.timeline(system.t0, system.t0 + period)
+    smooth = line is None or not (len(line.breaks) or len(line.stretches.kinks))
     return Orbit(widths, systems, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp,
-                 solution)
+                 solution, smooth)
 
 
 def shares_of(run: Solution, free: bool) -> Array:
@@ -103,9 +105,12 @@ def halved(shares: Array) -> Array:
     return np.sort(np.concatenate([shares, (shares[1:] + shares[:-1]) / 2]))
 
 
-def time_free(prepared: Prepared) -> bool:
-    """Whether no equation depends on the time: the motion repeats by itself, where it repeats."""
-    return not any(se.Symbol(str(time_symbol())) in se.sympify(e).free_symbols for e in expressions_of(prepared.model))
+def timed_item(prepared: Prepared) -> str | None:
+    """Name of the first item that depends on the time; None where none does: the motion repeats by itself, where it repeats."""
+    model, clock = prepared.model, se.Symbol(str(time_symbol()))
+    items = [(instance.item, instance.timed) for _, _, instance in model.instances()]
+    items += [(line.beam.name, line.timed) for line in model.lines]
+    return next((name for name, timed in items if any(clock in se.sympify(e).free_symbols for e in timed.values())), None)
 
 
 def _systems(run: Solution, system: SceneSystem, t: Array) -> list[SceneSystem]:
@@ -146,7 +151,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float, most: f
         raise SteadyError(f"the equations do not repeat after period = {period:.9g} s, although the motion does: "
                           f"{changed_equation}; give a period after which loads and prescribed motions repeat too (a force "
                           f"that grows with every turn never does)")
-    return Return(off, acting, shares_of(run, time_free(prepared)), sign, _stays_at(prepared, run, period))
+    return Return(off, acting, shares_of(run, timed_item(prepared) is None), sign, _stays_at(prepared, run, period))
 
 
 def _stays_at(prepared: Prepared, run: Solution, period: float) -> list[tuple[str, Array]]:

@@ -24,16 +24,18 @@ from mbdae.analysis.orbit import (
     halved,
     later,
     shares_of,
-    time_free,
+    timed_item,
 )
 from mbdae.analysis.reduced import refuse_rolling
 from mbdae.analysis.shooting import NOT_FOUND, Shooting, Shot
-from mbdae.errors import SolverError, SteadyError, naming_arguments, warn
-from mbdae.formulations import system_for
+from mbdae.errors import OptionError, SolverError, SteadyError, naming_arguments, warn
+from mbdae.formulations import shared_system
 from mbdae.inputs.sensed import numbers_in, with_values
 from mbdae.integrators.solution import Solution
+from mbdae.results.clearance import OtherRun, sampled, some_of
 from mbdae.results.result import Result
-from mbdae.results.stored_parts import Wanted, started, wanted_of
+from mbdae.results.stored_parts import Wanted, told, wanted_of
+from mbdae.run.checkpoint import give_back, taken
 from mbdae.run.estimate import measure_of
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
@@ -45,9 +47,10 @@ from mbdae.values import number, option, optional
 
 SHARE = 0.2  #: part of the accuracy that the error of the shooting may be; the rest is that of the run over the period
 PERIOD = 1e-8  #: largest relative error of a period that is found
-#: below ALIKE (or 100 times the error), to which the motion is known, others lie beside it; a change of the start along which the
-#: share TUNES of it is of the period leads to other periods
-ALIKE, TUNES = 1e-7, 1e-4
+#: changes of the start that change the end by less than ALIKE of the largest lead to other periodic motions, and so do those by
+#: less than 100 times the error of the motion of which half as many steps show FALLS times as much; one of which the share TUNES
+#: is of the period leads to other periods
+ALIKE, TUNES, FALLS = 1e-7, 1e-4, 4.0
 UNFOLLOWED = "the motion over one period cannot be followed in steps of one pattern, as its jumps do not stay where they were: {}"
 FINE = 1e-8  #: accuracy of multipliers
 WAITS = (2, 8, 32)  #: numbers of periods that a motion is followed where no correction helps
@@ -57,6 +60,8 @@ SPANS, SLOW, NEAR = (20.0, 80.0, 320.0, 1280.0, 5120.0, 20480.0), 4000, 0.1
 RESTS = 1e-6  #: a motion that stays this near to its start, in lengths of the scene and rad, is at rest
 REST = ("the only motion found that repeats is rest, which has no period: start the scene in motion, or give start=(result, t) "
         "of a run that has come near a periodic motion; where damping ends every motion there is none")
+DRIVEN = ("period = None: it is found for scenes without loads and drives that depend on the time, and '{}' depends on it; give "
+          "the period (s) after which they repeat, such as 2 * pi / rate")
 LOST = ("the motion does not come near to a state in which it was before: give the period, or a start near a periodic motion, "
         "start=(result, t)")
 #: what is told of a motion beside which others are
@@ -126,11 +131,14 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
                       most=1e-2)
     refuse_sampled(scene, "periodic")
     begin = start_at(scene, start, "start")
-    prepared = prepared_from(scene, begin, length or 0.0)
+    by_start = ("periodic", length) if begin is None else None
+    prepared, key = taken(scene, by_start, lambda made: prepared_from(made, begin, length or 0.0))
     refuse_rolling(prepared.mechanics, "periodic", "simulate until transients have died out")
-    found = _Search(prepared, accuracy, length, wanted_of(of, prepared)).run()
-    made = _result(scene, found, accuracy, of)
+    wanted = wanted_of(of, prepared)
+    found = _Search(prepared, accuracy, length, wanted).run()
+    made = _result(scene, found, accuracy, wanted)
     made.stated = period
+    give_back(prepared, key)
     return made
 
 
@@ -141,11 +149,12 @@ def _number(period: Any) -> Any:
 
 @dataclass(frozen=True)
 class Found:
-    """A periodic motion: the shot, its error relative as accuracies are, that of the period (s), whether nothing depends on the
-    time, and whether others lie beside it."""
+    """A periodic motion: the shot, that in steps twice as long, the error relative as accuracies are, that of the period (s),
+    whether nothing depends on the time, and whether others lie beside it."""
 
     prepared: Prepared
     shot: Shot
+    coarse: Shot
     error: float
     period_error: float
     autonomous: bool
@@ -156,7 +165,9 @@ class _Search(Shooting):
     """Newton's method from the start of a prepared scene. period: s, None where it is found too."""
 
     def __init__(self, prepared: Prepared, accuracy: float, period: float | None, wanted: Wanted) -> None:
-        super().__init__(prepared, system_for(prepared, highest_index=3), period is None or time_free(prepared))
+        if period is None and (name := timed_item(prepared)) is not None:
+            raise OptionError(DRIVEN.format(name))
+        super().__init__(prepared, shared_system(prepared, highest_index=3), timed_item(prepared) is None)
         self.accuracy, self.given, self.rests = accuracy, period, False
         self.measure = measure_of(self.system, prepared, wanted)
 
@@ -190,8 +201,9 @@ class _Search(Shooting):
                     raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
                 self._refuse_rest(shot)
                 self._refuse_changing(shot)
-                beside = self._beside(shot, error)
-                found = Found(self.prepared, shot, error, of_period if self.free else 0.0, self.autonomous, len(beside) > 0)
+                beside = self._beside(coarse, shot, error)
+                of_period = of_period if self.free else 0.0
+                found = Found(self.prepared, shot, coarse, error, of_period, self.autonomous, len(beside) > 0)
                 return found, bool(np.any(np.abs(beside[:, -1]) > TUNES)) if self.free else True
 
     def _refuse_rest(self, shot: Shot) -> None:
@@ -199,11 +211,18 @@ class _Search(Shooting):
         if self.autonomous and self.extent(shot) < RESTS:
             raise SteadyError(REST)
 
-    def _beside(self, shot: Shot, error: float) -> Array:
-        """Changes (k, departures and share of the period) of the start that lead to other periodic motions."""
-        M = self.matrix(shot)[0]
-        _, sizes, rows = np.linalg.svd(M)
-        return np.asarray(rows[sizes <= max(ALIKE, 100 * error) * sizes[0]])
+    def _beside(self, coarse: Shot, fine: Shot, error: float) -> Array:
+        """Changes (k, departures and share of the period) of the start that lead to other periodic motions: their size in the
+        matrix is that of rounding, or falls with the steps like their errors, where that of a motion alone stays."""
+        _, sizes, rows = np.linalg.svd(self.matrix(fine)[0])
+        near = sizes <= max(ALIKE, 100 * error) * sizes[0]
+        if np.all(sizes[near] <= ALIKE * sizes[0]):
+            return np.asarray(rows[near])
+        k = len(fine.residual)
+        changes = rows[near].T.copy()
+        changes[:k] = coarse.directions.Q.T @ fine.directions.Q @ changes[:k]
+        falls = np.linalg.norm(self.matrix(coarse)[0] @ changes, axis=0) > FALLS * sizes[near]
+        return np.asarray(rows[near][falls | (sizes[near] <= ALIKE * sizes[0])])
 
     def _refuse_changing(self, shot: Shot) -> None:
         """Raise SteadyError where the equations are others a period later."""
@@ -284,20 +303,31 @@ class _Search(Shooting):
         return float(np.max(self.measure(t, *ends)))
 
 
-def _result(scene: SceneData, found: Found, accuracy: float, of: Any) -> Periodic:
+def _result(scene: SceneData, found: Found, accuracy: float, wanted: Wanted) -> Periodic:
     """The run over the period, with the error of the periodic motion."""
     shot = found.shot
     (q,), (u,), (s,) = found.prepared.states(np.array([shot.system.t0]), shot.system.y0[None])
-    begin = replace(found.prepared.start, q=q, u=u, s=s)
-    prepared = replace(found.prepared, start=begin)
-    run = scene.simulate(shot.system.t0 + shot.period, max(accuracy * (1 - SHARE), 1e-9), start=started(prepared), of=of)  # type: ignore[attr-defined]
+    prepared = found.prepared.begun(replace(found.prepared.start, t=shot.system.t0, q=q, u=u, s=s))
+    end = shot.system.t0 + shot.period
+    run = scene._continued(prepared, end, max(accuracy * (1 - SHARE), 1e-9), wanted)  # type: ignore[attr-defined]
     known = run.accuracy
     estimate = None if known.estimated is None else known.estimated + found.error
-    made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=replace(known, asked=accuracy, estimated=estimate, of={
-        key: None if error is None else error + found.error for key, error in known.of.items()})), run.t)
+    known = replace(known, asked=accuracy, estimated=estimate)
+    if (errors := known.errors) is not None:
+        others = (*errors.others, _from_coarse_start(found, run))
+        errors = replace(errors, asked=accuracy, others=others, reactions=None, _known={})
+        known = told(run, replace(known, found_reactions=errors), wanted)[0]
+    made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=known), run.t)
     made.period, made.period_error = shot.period, found.period_error
     made.shares = shot.shares
     made.autonomous, made.family = found.autonomous, found.family
-    if estimate is not None and known.estimated is not None and estimate > accuracy >= known.estimated:
+    if estimate is not None and estimate > accuracy >= estimate - found.error:
         warn(f"scene '{scene.name}': the periodic motion is off by about {estimate:.1e}, where {accuracy:g} was asked")
     return made
+
+
+def _from_coarse_start(found: Found, run: Result) -> OtherRun:
+    """The motion in steps twice as long: over GAIN, its difference is what the start that was found is off."""
+    motion = found.coarse.orbit.run
+    times = some_of(motion.t[motion.t <= run.solution.t[-1]], motion.y.shape[1], False)
+    return OtherRun(sampled(motion, times), times, 1 / GAIN, kind="start")

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from mbdae.analysis.orbit import SOLVER, Departures, Indices, Orbit, Return, departures, followed, later, time_free
+from mbdae.analysis.orbit import SOLVER, Departures, Indices, Orbit, Return, departures, followed, later, timed_item
 from mbdae.analysis.pencil import derivatives
 from mbdae.errors import OptionError, SolverError, SteadyError
 from mbdae.integrators.solution import Solution
@@ -66,7 +66,7 @@ class Shooting:
 
     def __init__(self, prepared: Prepared, system: SceneSystem, free: bool) -> None:
         self.prepared, self.system, self.free = prepared, system, free
-        self.autonomous = time_free(prepared)
+        self.autonomous = timed_item(prepared) is None
         self.shrinks = False  #: whether a correction was left out that would lead to rest
 
     def followed_from(self, system: SceneSystem, span: float) -> Solution:
@@ -74,9 +74,10 @@ class Shooting:
         return replace(SOLVER, rtol=LOOSE).solve(system, system.t0 + span)
 
     def begun_at(self, t: float, y: Array) -> SceneSystem:
-        """The system started with unknowns y at the time of its start; with a found period any time is the same."""
+        """The system started with unknowns y at the time of its start, with the stresses that its strains cause; with a found
+        period any time is the same."""
         begin = self.system.t0 if self.free else t
-        return self.system.starting(begin, *self.system.restarted(begin, y))
+        return self.system.starting(begin, *self.system.restarted(begin, self.system.strained(y)))
 
     def shot(self, system: SceneSystem, period: float, shares: Array) -> Shot:
         """The motion over one period (s), in steps that end at shares (steps + 1,) of it."""
@@ -164,11 +165,14 @@ def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
 def _dense_steps(orbit: Orbit, part: slice, n: int) -> Array:
     """(steps, n, n) changes of the departures over the steps of a part of the orbit, by those at their begin; dense."""
     (m, s), A = orbit.t[part].shape, orbit.table.A_inv
-    fy, fyp = np.empty((2, m, s, n, n))
-    for k, (t, y, yp, own) in enumerate(zip(orbit.t[part], orbit.y[part], orbit.yp[part], orbit.systems[part], strict=True)):
-        with own.within(float(np.mean(t))):
-            for j in range(s):
-                fy[k, j], fyp[k, j] = own.jacobian_parts(t[j], y[j], yp[j])
+    t, y, yp, systems = orbit.t[part], orbit.y[part], orbit.yp[part], orbit.systems[part]
+    if orbit.smooth and all(own is systems[0] for own in systems):
+        fy, fyp = (x.reshape(m, s, n, n) for x in systems[0].dense_stages(t.ravel(), y.reshape(-1, n), yp.reshape(-1, n)))
+    else:
+        fy, fyp = np.empty((2, m, s, n, n))
+        for k, own in enumerate(systems):
+            with own.within(float(np.mean(t[k]))):
+                fy[k], fyp[k] = own.dense_stages(t[k], y[k], yp[k])
     K = np.einsum("k,jl,kjab->kjalb", 1 / orbit.h[part], A, fyp)
     for j in range(s):
         K[:, j, :, j] += fy[:, j]

@@ -18,6 +18,9 @@ from mbdae.analysis.pencil import ROUNDED, Basis, Pencil, basis, pencil, with_er
 from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.roots import EPS, sign
 from mbdae.analysis.spectrum import Structure
+from mbdae.errors import warn
+from mbdae.results.result import Result
+from mbdae.run.assessment import past_their_domain
 from mbdae.scene.models import not_joined
 from mbdae.symbolic.outputs import loads, position
 from mbdae.system.assembled.assembly import Assembly
@@ -245,6 +248,15 @@ def sides(state: tuple[float, Array, Array, Array], across: Array) -> list[list[
     """q, u, s on both sides of a state, along a direction of `kinks`."""
     at = np.cumsum([len(x) for x in state[1:3]])
     return [[x + side * BESIDE[0] * d for x, d in zip(state[1:], np.split(across, at), strict=True)] for side in (1, -1)]
+
+
+def told(at: Result, where: str = "") -> tuple[str, ...]:
+    """Warn, as runs do, of what the laws leave out at a state or in a motion, such as the change of a reduced body's stiffness by
+    loads; where: a text on where on a branch it is. Returns the warnings."""
+    found = tuple(where + text for text in past_their_domain(at))
+    for text in found:
+        warn(text)
+    return found
 
 
 def at_kinks(found: list[tuple[str, Array]], what: str) -> str:

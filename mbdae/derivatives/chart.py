@@ -170,7 +170,7 @@ class Equations:
         assembly = self._assembled(lambda ordered: MovedBodies(model, trees, ordered=ordered))
         ev = assembly.operations()
         if not (assembly._inert or ev.explicit):
-            ev.with_rates(assembly._inertia, assembly.columns)
+            ev.with_rates(assembly.inertia, assembly.columns)
         once = [] if ev._steady is None else [ev._steady[0]]
         return Listed.with_matrices(ev, ev.operations.part(*once, ev.rates_part), ev.rates, assembly.n, assembly.n)
 
@@ -180,7 +180,7 @@ class Equations:
         if any(group.derived.reactive for group in model.groups) or not self.spec.eliminated:
             return None
         full = Assembly(model, list(self.rows), replace(self.spec, eliminated=False), None, self.prepared.all_bodies.moved)
-        kernel = acceleration_kernel(full, as_full(full.constant_mass), full.row_of, (start.t, self.start))
+        kernel = acceleration_kernel(full, as_full(full.constant_mass), full.row_of, (start.t, self.start), own=True)
         n = full.numbering.start["lambda"]
         return None if kernel is None else Listed.with_matrices(kernel, kernel.part, kernel.rates, n, n)
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from mbdae.errors import DerivativeError, warn
 from mbdae.integrators import radau_table
 from mbdae.integrators.contact_steps import Cubic
 from mbdae.integrators.solution import Solution
+from mbdae.integrators.watched_arguments import ROUND
 from mbdae.native.explicit import ALL
 from mbdae.system.base import Array
 from mbdae.system.motion.states import gaps_of
@@ -32,7 +34,9 @@ from mbdae.system.prepare import Prepared
 
 BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops
 SIDES = (1, -1, 2, -2, 3, -3)
-MEETS = 1e-6  #: a touch nearer to the end of a step than this share of the step counts as being there, in runs with derivatives
+#: a touch nearer to the beginning of a step, or to its end, than this share of the step counts as being there, in runs with
+#: derivatives: the end exactly, because it may be that of the run, where what the touch has changed by then is all that there is
+MEETS = 1e-6, 0.0
 OFF = 1e-3  #: the same, for a derivative that is given: 1.5 powers of it are the share of a derivative that is lost
 #: a contact that closes at less than this share of its largest closing speed, or a gap that passes its minimum at less than the
 #: square of it, of the largest gap, counts as grazing
@@ -40,16 +44,20 @@ GRAZING = 1e-2
 #: y' is compared on both sides of an instant, this share of the run away from it; a difference of more than JUMP times the
 #: largest y' of the run counts as a jump
 BESIDE, JUMP = 1e-9, 1e-5
-BISECTIONS = 60
+BISECTIONS, TINY = 60, 1e-300
 #: impacts are resolved by steps that are shorter by the ratio of the tolerances to this power, for their order 2.5, and at most
 #: by this factor
 CLOSER, CLOSEST = 0.4, 0.1
+TOWARDS = 2.0  #: ratio of the distances from the instant at which a contact opens, between which there is a step at least
+#: power of the steps beside that instant with which errors fall; a step is beside it that ends nearer than this share of itself
+PARTED, BY_IT = 1.5, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Landing:
     """The end of a step at which a contact (its number) closes or opens. by_state (n,), by_numbers (P,): derivatives of its gap;
-    rate: of the gap, m/s or rad/s; by_time: that without the motion of the unknowns; yp (n,): y' there."""
+    rate: of the gap, m/s or rad/s; by_time: that without the motion of the unknowns; yp (n,): y' there;
+    off: s, from the touch."""
 
     contact: int
     closes: bool
@@ -58,6 +66,7 @@ class Landing:
     rate: float
     by_time: float
     yp: Array
+    off: float
 
     def moves(self, D: Array, shift: Array) -> Array:
         """(P,) how much later the touch is; D (n, P): derivatives of the state at the end of the step, which is later by `shift`
@@ -81,9 +90,9 @@ def landings(run: Solution, charts: Sequence[Chart], scale: Array) -> dict[int, 
     closed, size = values[:, :, 0] < 0, np.maximum(np.abs(run.y).max(axis=0), scale)
     touches: dict[int, tuple[int, bool]] = {}
     for m, i in np.argwhere(closed[1:] != closed[:-1]):
-        off = np.abs(values[[m, m + 1], i, 0]) / np.maximum(np.abs(values[[m, m + 1], i, 1]), 1e-300)
+        off = np.abs(values[[m, m + 1], i, 0]) / np.maximum(np.abs(values[[m, m + 1], i, 1]), TINY)
         at, h = m + int(off[1] < off[0]), run.t[m + 1] - run.t[m]
-        if off.min() > OFF * h and min(m, 1):
+        if off.min() > max(OFF * h, ROUND * run.t[m + 1]) and min(m, 1):
             raise DerivativeError(f"no step of the run ends where contact {contact_name(run, i)} closes or opens near t = "
                                   f"{run.t[m + 1]:.6g} s, so that it has no derivative; ask for a smaller accuracy")
         if at:
@@ -102,14 +111,31 @@ def landings(run: Solution, charts: Sequence[Chart], scale: Array) -> dict[int, 
     by_states = np.stack(slopes, axis=1) / by
     by_numbers = np.stack([chart.varied.explicit(lambda one: read(one.prepared, y))[0] for chart in charts], axis=1)
     rates = values[places, of, 1]
+    offs = np.abs(values[places, of, 0]) / np.maximum(np.abs(rates), TINY)
     return {int(m): Landing(contact, closes, by_states[k], by_numbers[k], float(rates[k]),
-                            float(rates[k] - by_states[k] @ run.yp[m]), run.yp[m])
+                            float(rates[k] - by_states[k] @ run.yp[m]), run.yp[m], float(offs[k]))
             for k, (m, (contact, closes)) in enumerate(touches.items())}
 
 
 def closer_impacts(finer: float) -> float:
     """Factor on the longest step during an impact in a run whose tolerance is divided by `finer`."""
     return float(max(finer**-CLOSER, CLOSEST))
+
+
+def towards_partings(run: Solution, found: dict[int, Landing], finer: float) -> Array:
+    """Times (s) between which steps become shorter towards the instants at which contacts of a run open. Steps before such an
+    instant move with the touch before it, so that the derivative of the force ends there with the power 0.5 of the time that is
+    left. What it lacks falls with the power 1.5 of the steps beside the instant, whose lengths are those that happen to remain:
+    here they are shorter than in this run, for one whose tolerance is divided by `finer`, so that its errors fall as much."""
+    times, touches = [], [0, *found]
+    for last, m in pairwise(touches):
+        if not found[m].closes:
+            h, left = np.diff(run.t[last : m + 1]), run.t[m] - run.t[last + 1 : m + 1]
+            least, span = float(h[left < BY_IT * h].max(initial=0.0)) / finer ** (1 / PARTED), run.t[m] - run.t[last]
+            least = max(least, ROUND * run.t[m])
+            count = int(np.ceil(np.log(span / least) / np.log(TOWARDS))) if least < span else 0
+            times.append(run.t[m] - span / TOWARDS ** np.arange(1, count + 1))
+    return np.concatenate([np.zeros(0), *times])
 
 
 def rates_at_nodes(run: Solution, stages: int, some: slice) -> Array:
@@ -129,12 +155,14 @@ def contact_name(run: Solution, contact: int) -> str:
 
 def refuse_forces_that_jump(of: Any, beside: float, jump: float) -> None:
     """Raise DerivativeError where y' of a run (`steps.Derived`) jumps at a touch, by more than this share: the derivatives
-    of speeds jump there. beside: distance from the touch at which y' is taken, over the length of the run."""
+    of speeds jump there. beside: distance from the touch at which y' is taken, over the length of the run. At a tenth of that
+    a jump is as large; what is smaller there grows from the touch on, and may be the largest of a run that ends soon after."""
     run = of.run
     for m, one in of.landings.items():
-        span = beside * (run.t[-1] - run.t[0])
-        with of.within(float(run.t[m])):
-            if np.any(of.jump(np.clip([run.t[m] - span, run.t[m] + span], run.t[0], run.t[-1])) > jump):
+        t, span = float(run.t[m]), max(beside * (run.t[-1] - run.t[0]), 100 * one.off)
+        with of.within(t):
+            far, near = (of.jump(t + part * span * np.array([-1, 1])) for part in (1.0, 0.1))
+            if np.any((far > jump) & (near > far / 2)):
                 raise DerivativeError(f"there are no derivatives of this run: the force of {contact_name(run, one.contact)} "
                                       f"jumps at t = {run.t[m]:.6g} s as bodies touch or part, and derivatives do not pass such "
                                       "jumps yet; state a normal law that begins at zero, such as mb.Hertz, or compare runs")

@@ -37,12 +37,10 @@ from mbdae.system.model.moved_bodies import timeline
 REPEATED = 1e-6  #: largest distance of a repeated step from the run's, relative to the unknown's size
 RESTS = 1e-6  #: an unknown whose rate would move it by less than this share of its typical size in the run counts as at rest
 BLOCK = 64  #: steps of one call of C, for which the derivatives of inputs of time are made beforehand
-A = np.zeros((ALL, ALL))
-for _i, _j, _a in STAGES:
-    A[_i, _j] = _a
-D = np.zeros((4, ALL))
-for _i, _j, _a in DENSE:
-    D[_i, _j] = _a
+A, D = np.zeros((ALL, ALL)), np.zeros((4, ALL))
+for _table, _entries in ((A, STAGES), (D, DENSE)):
+    for _i, _j, _a in _entries:
+        _table[_i, _j] = _a
 C = A.sum(axis=1)
 
 
@@ -200,7 +198,9 @@ class Derived:
 
     def jump(self, sides: Array) -> Array:
         """(k,) jump of y' between two times, over its largest; of F at equal y', over its terms with y' and multipliers."""
-        y, size = self.run(sides), np.maximum(np.abs(self.run.yp).max(axis=0), RESTS * self.scale / np.ptp(self.run.t))
+        known = np.clip(sides, self.run.t[0], self.run.t[-1])
+        y = self.run(known) + (sides - known)[:, None] * self.run.yp[-1]
+        size = np.maximum(np.abs(self.run.yp).max(axis=0), RESTS * self.scale / np.ptp(self.run.t))
         if self.lists.n > self.n or not self.solved:
             a, b = [self.balance.at(t, x)[1][: self.n] if self.solved else self.lists.value(t, x, np.zeros_like(x))
                     for t, x in zip(sides, y, strict=True)]

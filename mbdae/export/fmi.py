@@ -31,10 +31,11 @@ from mbdae.export.scene import STATE, beside, loose, scene_program
 from mbdae.formulations import ODE, Form, Index1
 from mbdae.kernels.plan import plan
 from mbdae.native import build
-from mbdae.native.program import CHOLESKY, LOOKUP, LU, READ, Operations, Step, Tangent
+from mbdae.native.program import CHOLESKY, LOOKUP, LU, READ, Operations, Step
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target, position, scaled, velocity
 from mbdae.symbolic.vectors import Expr
+from mbdae.system.assembled.evaluation import Tangent
 from mbdae.system.prepare import prepare
 
 #: functions of a unit, by the number that fmi3.inc gives them

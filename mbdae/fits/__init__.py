@@ -14,13 +14,15 @@ import numpy as np
 
 from mbdae.derivatives import names_of
 from mbdae.errors import AccuracyWarning, ListsAttributes, MbdaeError, OptionError, naming_arguments, warn
-from mbdae.fits.functions import SceneFunction, deviations, identity_of, limits, measurements, scene_given, varied
+from mbdae.fits.beside import ENOUGH, OutOfRunsError, lower_fit, told
+from mbdae.fits.functions import SceneFunction, identity_of, scene_given, varied
 from mbdae.integrators.base import end_after
 from mbdae.notation import counted
 from mbdae.results.quantities import named, unit_of
 from mbdae.results.result import Result
 from mbdae.run.control import LEAST_ACCURACY, plausible
 from mbdae.show.plots import new_figure, style, with_unit, written
+from mbdae.study import deviations, limits, measurements
 from mbdae.study.kept import Readings, resume_path, told_when_interrupted
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
@@ -28,10 +30,8 @@ from mbdae.values import function as checked_function
 from mbdae.values import number, option, optional, shown, whole
 
 MOST_RUNS = 100  #: default of the largest number of runs of a fit
-ENOUGH = 1e-8  #: change of the sum of squares, and of the numbers, relative, at which a fit ends
-#: a combination of the numbers counts as not told by the data where its change by the size of the numbers moves the run by less
-#: than its error, or by this many times the accuracy over what the best told combination moves; the share that a number has in it
-UNTOLD, SHARE = 10.0, 1e-2
+SHARE = 1e-2  #: share that a number has in a combination that the data do not tell, above which it is not told itself
+TURNS, GROWN = 8, 100.0  #: most searches, each from where the sum is lower than at the end of the one before; growth of a size
 #: a number ends at a bound where it is this near to it, over the size of the number, and the sum of squares falls beyond
 REACHED = 1e-4
 EDGE = 1e-6  #: least size of a number that must not be 0, over what the scene states of it
@@ -139,7 +139,7 @@ class _Fitting:
         """Values (times, quantities) of the run with the numbers p."""
         if self._p is None or np.any(p != self._p):
             if self.runs == self.most:
-                raise _OutOfRunsError
+                raise OutOfRunsError
             self.runs, self._p = self.runs + 1, None
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)
@@ -184,6 +184,11 @@ class _Fitting:
         error = np.where(np.isfinite(of_run), of_run, self.f.accuracy * most)
         return float(np.sqrt(sum(np.sum((error[j] / self.sigma[name]) ** 2) for j, name in enumerate(self.data))))
 
+    def measure_again(self) -> None:
+        """Take the sizes of numbers that have become far larger for their units."""
+        grown = np.where(np.abs(self.best) > GROWN, np.abs(self.best), 1.0)
+        self.best, self.unit = self.best / grown, self.unit * grown
+
     def solved(self, low: Array, high: Array) -> str:
         """Find the best numbers; returns why it ended."""
         from scipy.optimize import least_squares
@@ -194,14 +199,10 @@ class _Fitting:
                 raise self.refused or OptionError("the run with the numbers stated is not finite")
             ended = least_squares(self.residuals, begin, self.jacobian, bounds=(low, high), x_scale="jac",
                                   ftol=ENOUGH, xtol=ENOUGH, gtol=ENOUGH)
-        except _OutOfRunsError:
+        except OutOfRunsError:
             return f"{self.most} runs were made, as many as allowed: the numbers may not be the best"
         self.best = ended.x
         return "the sum of squares falls no more" if ended.status > 0 else "too many steps: the numbers may not be the best"
-
-
-class _OutOfRunsError(Exception):
-    """A fit has made as many runs as it may."""
 
 
 @naming_arguments
@@ -212,9 +213,11 @@ def fit(scene: Any, data: Any, to: Any, sigma: Any = None, bounds: Any = None, a
     data: sensor -> (times (n,), s, measured values (n,)); to: names of numbers, as in `Result.gradient`, which begin at what the
     scene states; sigma: standard deviations of the measurements, a number, an array (n,), or either by sensor; None where they
     are not known: equal for all sensors, and as large as the residuals say. bounds: name -> (least, largest), None for none.
-    runs: largest number of runs. progress(runs, sum of squares): called after every run. resume: a JSON file that keeps runs.
+    runs: largest number of runs. progress(runs, sum of squares): called after every run; the sum is over sigma, or over the mean
+    square of the measurements. resume: a JSON file that keeps runs.
 
-    A local minimum may be found; begin near the answer. A warning names numbers that the data do not tell, and says where the
+    A local minimum may be found; begin near the answer. Where the fit begins at a saddle, or where the data do not depend on a
+    number yet, other values of it are looked at. A warning names numbers that the data do not tell, and says where the
     error of the run itself, or a model that does not explain the data, moves the numbers by more than their errors say."""
     scene = option("scene", scene, scene_given, "give a mb.Scene")
     names = names_of(to)
@@ -230,28 +233,32 @@ def fit(scene: Any, data: Any, to: Any, sigma: Any = None, bounds: Any = None, a
     most = option("runs", runs, whole, "give the largest number of runs", least=1)
     work = _Fitting(f, measured, errors, kept, most, tell)
     with told_when_interrupted(kept.path, "runs", lambda: (work.runs, most), lambda: None):
-        message = work.solved(low / work.unit, high / work.unit)
+        others: dict[str, float] = {}
+        for _ in range(TURNS):
+            message = work.solved(low / work.unit, high / work.unit)
+            if work.runs == most:
+                break
+            work.measure_again()
+            ranges = low / work.unit, high / work.unit
+            lower, others = lower_fit(work, _ended(work, work.best, *ranges) == 0, *ranges, known)
+            if not lower:
+                break
         work.most += 2
-        return _made(work, known, message, low / work.unit, high / work.unit)
+        return _made(work, known, message, low / work.unit, high / work.unit, others)
 
 
-def _made(work: _Fitting, known: bool, message: str, low: Array, high: Array) -> Fit:
+def _made(work: _Fitting, known: bool, message: str, low: Array, high: Array, others: Mapping[str, float]) -> Fit:
     """The fit at the best numbers, which are between low and high (k,), over the units; known: whether standard deviations were
-    given."""
+    given; others: values with another run, of numbers that the data do not tell."""
     f, x = work.f, work.best
-    ended = _ended(work, x, low, high)
+    free = (ended := _ended(work, x, low, high)) == 0
     x = np.where(ended < 0, low, np.where(ended > 0, high, x))
-    off, J = work.residuals(x), work.jacobian(x)
-    values_at = work.run(x * work.unit)
+    off, (size, combinations, lost) = work.residuals(x), told(work, x, free)
     assert f.result is not None
-    free = ended == 0
     left = len(off) - int(free.sum())
     spread = float(np.sqrt(off @ off / max(left, 1))) if known or left > 0 else np.nan
-    _, size, combinations = np.linalg.svd(J[:, free], full_matrices=True)
-    size = np.concatenate([size, np.zeros(int(free.sum()) - len(size))])
-    lost = size <= max(UNTOLD * f.accuracy * size.max(initial=0.0), work.unsure(values_at))
-    told, scale = ~lost, 1.0 if known else spread
-    part = combinations[told] / size[told][:, None]
+    scale = 1.0 if known else spread
+    part = combinations[~lost] / size[~lost][:, None]
     unit = work.unit[free] * scale
     covariance: Array = np.full((len(x), len(x)), np.nan)
     inner = unit[:, None] * (part.T @ part) * unit
@@ -274,7 +281,7 @@ def _made(work: _Fitting, known: bool, message: str, low: Array, high: Array) ->
     made = Fit(values, errors, covariance, weakest, untold, held, np.inf if known else left,
                varied(f.scene, f.names, p.tolist(), f.t_end), f.result, dict(work.data), sigma, residuals,
                spread if known else 1.0, work.runs, message)
-    _warn(made, f.accuracy)
+    _warn(made, f.accuracy, others)
     return made
 
 
@@ -287,12 +294,14 @@ def _ended(work: _Fitting, x: Array, low: Array, high: Array) -> Array:
     return np.asarray(np.where((x - low < near) & (slope > 0), -1.0, np.where((high - x < near) & (slope < 0), 1.0, 0.0)))
 
 
-def _warn(made: Fit, accuracy: float) -> None:
+def _warn(made: Fit, accuracy: float, others: Mapping[str, float]) -> None:
     """Say what the errors of the numbers do not contain."""
     if made.untold:
         those = "it" if len(made.untold) == 1 else "them"
-        warn(f"fit: the data do not tell {', '.join(made.untold)}: other values of {those} give the same run to its accuracy; "
-             "fix some of them, or measure what depends on them")
+        further = [f"{name} = {others[name]:.4g}" for name in made.untold if name in others]
+        but = f", but not {' and '.join(further)}" if further else ""
+        warn(f"fit: the data do not tell {', '.join(made.untold)}: other values of {those} give the same run to its "
+             f"accuracy{but}; fix some of them, or measure what depends on them")
     for name, bound in made.at_bounds.items():
         warn(f"fit: '{name}' ended at its bound {bound:g}, beyond which the sum of squares falls: it has no standard deviation, "
              "and those of the others are for this value of it; see whether bound and scene are right")

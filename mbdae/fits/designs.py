@@ -14,28 +14,22 @@ import numpy as np
 from mbdae.derivatives import Bound, Objective
 from mbdae.derivatives.reading import maxima
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, naming_arguments, warn
-from mbdae.fits.functions import HELD, Design, Held, Mass, identity_of, peak_slopes, ranges, scene_given, stated_values, varied
+from mbdae.fits.beside import ASIDE, ENOUGH, UNSURE, OutOfRunsError, lower_beside, lower_elsewhere
+from mbdae.fits.functions import HELD, Design, Held, Mass, identity_of, peak_slopes, scene_given, stated_values, varied
 from mbdae.integrators.base import end_after
 from mbdae.results.result import Result
 from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
+from mbdae.study import ranges
 from mbdae.study.kept import Readings, packed, resume_path, told_when_interrupted
 from mbdae.system.base import Array
 from mbdae.values import function, option, optional, shown, whole
 
 MOST_RUNS = 100  #: default of the largest number of runs
-ENOUGH = 1e-8  #: change of what is made least, over its size at the start, at which the search ends
 TURNS = 8  #: most searches, of which each knows the maxima over time that largest values have where the one before ended
 MOVED = 0.05  #: a maximum over time that has moved by more than this share of the run is gone
-#: curvature is looked at by gradients this part of a range away, along at most so many directions; what is found is no least
-#: value where it is below minus this share of the largest
-ASIDE, LOOKS, CURVED = 1e-2, 5, 1e-3
 #: distance, as a part of the range of a number, of the differences by which masses follow it: they are straight lines in it
 APART = 1e-3
-
-
-class _OutOfRunsError(Exception):
-    """A search has made as many runs as it may."""
 
 
 class _Kept(Readings):
@@ -53,7 +47,7 @@ class _Designing:
         self.scene, self.names, self.low, self.range = scene, list(names), low, high - low
         self.t_end, self.accuracy, self.most, self.tell, self.kept, self.all = t_end, accuracy, most, tell, kept, objectives
         self.runs, self._x = 0, np.zeros(0)
-        self.felt: Any = np.zeros(len(names), dtype=bool)  #: whether some slope by a number was larger than its error
+        self.felt: list[tuple[Array, Any]] = []  #: x, and whether (k,) slopes by the numbers were larger than their errors there
         self.followed: dict[int, Array] = {}  #: (m, 2) times and signs of the maxima of a largest value that are followed
         kept.load()
 
@@ -69,7 +63,7 @@ class _Designing:
         """The run at x."""
         if not np.array_equal(x, self._x):
             if self.runs == self.most:
-                raise _OutOfRunsError
+                raise OutOfRunsError
             self.runs += 1
             made: Any = self.at(x)
             self.result: Result = made.simulate(self.t_end, self.accuracy, derivatives=True)
@@ -95,16 +89,16 @@ class _Designing:
         of = self.all[i]
         if isinstance(of, Mass):
             found = np.array([self._mass_slope(of, x, e) for e in np.eye(len(x))])
-            self.felt |= np.abs(found) > HELD**2 * of.of(self.at(x))
+            self.felt.append((x.copy(), np.abs(found) > HELD**2 * of.of(self.at(x))))
             return found
         value, error = self._found(x, f"slope {i}", lambda: np.array(
             [[one.value, one.error] for one in self.run(x).gradient(of, to=self.names).values()]).T)
-        self.felt |= np.abs(value) > error
+        self.felt.append((x.copy(), np.abs(value) > error))
         return np.asarray(value * self.range)
 
     def _mass_slope(self, of: Mass, x: Array, e: Array) -> float:
-        by = APART if x @ e < 0.5 else -APART
-        return (of.of(self.at(x + by * e)) - of.of(self.at(x))) / by
+        one, other = np.clip(x + APART * e, 0.0, 1.0), np.clip(x - APART * e, 0.0, 1.0)
+        return (of.of(self.at(one)) - of.of(self.at(other))) / float(np.sum(one - other))
 
     # -- largest values, known by their maxima over time
 
@@ -134,7 +128,7 @@ class _Designing:
         times, signs = self.peaks(i, x)[:, 0], self.followed[i][:, 1]
         value, error = self._found(x, f"slopes {i} {packed(times)}", lambda: peak_slopes(
             self.run(x), self.all[i].quantity, times, self.names))
-        self.felt |= np.any(np.abs(value) > error, axis=0)
+        self.felt.append((x.copy(), np.any(np.abs(value) > error, axis=0)))
         return np.asarray(signs[:, None] * value * self.range)
 
     def follow(self, i: int, x: Array, limit: float) -> bool:
@@ -172,15 +166,32 @@ class _Designing:
             found.append(-one.sign * slopes / scale)
         return np.concatenate(found) if found else np.zeros((0, len(x)))
 
-    def error(self, i: int) -> float | None:
-        """The estimated error of a number of the last run; None where it is exact or not known."""
-        of = self.all[i]
-        if isinstance(of, Mass) or not self.runs:
-            return None
-        if of.kind == "largest":
-            return self.result.peak(of.quantity).error
-        error = self.result.error(of.quantity)
-        return None if error is None else error * (self.t_end if of.kind == "integral" else 1.0)
+    def error(self, i: int, x: Array) -> float | None:
+        """The estimated error of a number of the run at x; None where it is exact or not known."""
+        return None if isinstance(self.all[i], Mass) or np.isnan(
+            error := float(self._found(x, f"error {i}", lambda: np.array(self._error(self.all[i], self.run(x)))))) else error
+
+    def _error(self, of: Objective, run: Result) -> float:
+        error = run.peak(of.quantity).error if of.kind == "largest" else run.error(of.quantity)
+        return np.nan if error is None else error * (self.t_end if of.kind == "integral" else 1.0)
+
+    # -- numbers on which nothing depends
+
+    def felt_at(self, x: Array, beside: float = 0.0) -> Any:
+        """(k,) whether a slope by a number was larger than its error at x, or so far beside it."""
+        for i in range(len(self.all)):
+            (self.peak_slopes if self.largest(i) else self.slope)(i, x)
+        return np.any([felt for at, felt in self.felt if np.abs(at - x).max() <= beside], axis=0)
+
+    def merits(self, limits: Sequence[Bound], x: Array) -> tuple[float, Array, Array]:
+        """By how much of themselves the bounds are passed at x; values (n,) of what is made least and bounded, and what these may
+        be off by."""
+        values = np.array([self.value(i, x) for i in range(len(self.all))])
+        known = [self.error(i, x) for i in range(len(self.all))]
+        size = np.where([isinstance(of, Mass) for of in self.all], HELD**3, UNSURE * self.accuracy) * np.abs(values)
+        off = np.array([share if one is None else one for one, share in zip(known, size, strict=True)])
+        passed = [one.sign * (value - one.limit) / (abs(one.limit) or 1.0) for one, value in zip(limits, values[1:], strict=True)]
+        return max(*passed, 0.0) if passed else 0.0, values, off
 
 
 @naming_arguments
@@ -211,34 +222,54 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
     work = _Designing(scene, names, low, high, end, accuracy, most, tell, kept, [minimize, *(one.of for one in limits)])
     x = np.clip((stated_values(scene, names, end) - low) / (high - low), 0.0, 1.0)
     with told_when_interrupted(kept.path, "runs", lambda: (work.runs, most), lambda: None):
+        others: dict[str, float] | None = None
+        better: Array | None = None
         for turn in range(TURNS):
             passed = [work.follow(i, x, limit) for i, limit in enumerate([work.value(0, x), *(one.limit for one in limits)])
                       if work.largest(i)]
-            if turn and not any(passed):
+            if turn and better is None and not any(passed):
                 break
             x, ended, message = _searched(work, limits, x)
-            if ended and (lower := _beside(work, limits, x)) is not None:
-                x, ended, message = _searched(work, limits, lower)
+            better = lower_beside(work, limits, x) if ended else None
+            if better is None and others is None:
+                better, others = lower_elsewhere(work, limits, x)
             work.most += 1
-            if not ended or not passed:
+            if better is not None:
+                x = better
+            elif not ended or not passed:
                 break
         else:
-            ended, message = False, "other maxima become the largest again and again: the values may not be the best"
+            ended, message = False, "the search moved on again and again: the values may not be the best"
         if work.runs or not all(isinstance(one, Mass) for one in work.all):
             work.run(x)
     held = [_held(work, one, i, x) for i, one in enumerate(limits, 1)]
     value = work.value(0, x)
     ended = ended and all(one.kept for one in held)
-    broken = [str(one) for one in held if not one.kept]
+    flat, without = _flat(work, others or {}, x)
+    if without and others is None:
+        message += f"; too few runs are left to know whether other values of {', '.join(without)} matter"
+        ended, without = False, ()
+    if flat and ended:
+        message += f", near which nothing depends on {', '.join(flat)}"
+    _warn([str(one) for one in held if not one.kept], "" if ended else message, flat, without, others or {})
+    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(0, x), minimize, held, without,
+                  work.at(x), work.result if work.runs else None, work.runs, ended, message)
+
+
+def _warn(broken: Sequence[str], failed: str, flat: Sequence[str], without: Sequence[str], others: dict[str, float]) -> None:
+    """Say what a design does not hold. broken: bounds; failed: why the search did not end; flat: numbers on which nothing depends
+    near the end, but at other values (`others`, by name); without: numbers on which nothing depends."""
     if broken:
         warn(f"design: {'; '.join(broken)}")
-    elif not ended:
-        warn(f"design: {message}")
-    without = tuple(name for name, felt in zip(names, work.felt, strict=True) if not felt)
+    elif failed:
+        warn(f"design: {failed}")
     if without:
-        warn(f"design: neither what is made least nor a bound depends on {', '.join(without)}: its value is as good as any other")
-    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(0), minimize, held, without,
-                  work.at(x), work.result if work.runs else None, work.runs, ended, message)
+        warn(f"design: neither what is made least nor a bound depends on {', '.join(without)}, at other values in the range too: "
+             "its value is as good as any other")
+    if flat:
+        place = next((f", as at {name} = {others[name]:.6g}" for name in flat if name in others), "")
+        warn(f"design: near the values found, neither what is made least nor a bound depends on {', '.join(flat)}, but elsewhere "
+             f"in the range they do{place}: values beside are as good, and a lower one may lie where it was not looked for")
 
 
 def _searched(work: _Designing, limits: Sequence[Bound], x: Array) -> tuple[Array, bool, str]:
@@ -281,70 +312,20 @@ def _searched(work: _Designing, limits: Sequence[Bound], x: Array) -> tuple[Arra
     try:
         ended = least(value, begin, jac=slope, bounds=ranges, constraints=held, method="SLSQP",
                       options={"ftol": ENOUGH, "maxiter": 10 * work.most})
-    except _OutOfRunsError:
+    except OutOfRunsError:
         return best[1], False, f"{work.most} runs were made, as many as allowed: the values may not be the best"
     x = np.clip(ended.x[:k], 0.0, 1.0)
     return x, bool(ended.success), "the search ended at a least value" if ended.success else f"the search failed: {ended.message}"
 
 
-def _beside(work: _Designing, limits: Sequence[Bound], x: Array) -> Array | None:
-    """A design beside x (k,) with a lower value, where the slopes vanish at x but it is no least value: a largest one, or one
-    that is least along some directions only. None at a least value.
-
-    The curvature is that of the Lagrange function along the bounds that decide, in the space of a few products with its second
-    derivatives, which are differences of slopes (Lanczos)."""
-    if not work.runs:  # masses alone, which are straight lines
-        return None
-    middle, rng = np.clip(x, ASIDE, 1 - ASIDE), np.random.default_rng(0)
-    scales = [abs(one.limit) or 1.0 for one in limits]
-
-    def least(at: Array) -> Array:
-        return np.asarray(work.peak_slopes(0, at) if work.largest(0) else work.slope(0, at)[None])
-
-    try:
-        size, first = abs(work.value(0, x)) or 1.0, 0
-        ties = np.zeros(0, dtype=int)
-        if work.largest(0):
-            sizes = work.peaks(0, x)[:, 1]
-            first = int(np.argmax(sizes))
-            ties = np.setdiff1d(np.flatnonzero(sizes >= (1 - HELD) * sizes.max()), [first])
-        active = np.flatnonzero(work.rows(limits, scales, x) <= HELD)
-
-        def parts(at: Array) -> tuple[Array, Array]:  # slopes of what is made least, and of the rows that decide
-            own = least(at)
-            return own[first], np.concatenate([own[ties] - own[first], -work.row_slopes(limits, scales, at)[active]])
-
-        of, rows = parts(x)
-        factors = np.linalg.lstsq(rows.T, -of, rcond=None)[0]
-        rest = of + factors @ rows
-        fixed = ((x <= 0) & (rest > HELD * size)) | ((x >= 1) & (rest < -HELD * size))
-        across = np.linalg.svd(np.vstack([rows / (np.abs(rows).max(initial=0.0) or 1.0), np.eye(len(x))[fixed]]))
-        space = across[2][int(np.sum(across[1] > HELD)) :].T
-
-        def slope(at: Array) -> Array:
-            own, others = parts(at)
-            return np.asarray(own + factors @ others)
-
-        basis, products, own = np.zeros((0, len(x))), np.zeros((0, len(x))), slope(middle)
-        v = space @ rng.normal(size=space.shape[1])
-        while len(basis) < min(LOOKS, space.shape[1]) and np.linalg.norm(v) > HELD * size:
-            v = v / np.linalg.norm(v)
-            basis, products = np.vstack([basis, v]), np.vstack([products, (slope(middle + ASIDE * v) - own) / ASIDE])
-            v = space @ (space.T @ products[-1])
-            v -= basis.T @ (basis @ v)
-        bent, along = np.linalg.eigh(basis @ products.T + products @ basis.T) if len(basis) else (np.zeros(1), np.zeros((1, 1)))
-        if bent[0] >= -CURVED * np.abs(bent).max():
-            return None
-        lowest, found = work.value(0, x) - ENOUGH * size, None
-        for step in (10 * ASIDE, -10 * ASIDE, ASIDE, -ASIDE):
-            beside = np.clip(middle + step * (along[:, 0] @ basis), 0.0, 1.0)
-            if (value := work.value(0, beside)) < lowest:
-                lowest, found = value, beside
-    except (_OutOfRunsError, MbdaeError):
-        return None
-    return found
+def _flat(work: _Designing, others: dict[str, float], x: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of numbers on which nothing depends at x (k,) and beside it, but elsewhere; and those without effect anywhere."""
+    here, ever = work.felt_at(x, 2 * ASIDE), np.any([felt for _, felt in work.felt], axis=0)
+    known = [name in others or bool(felt) for name, felt in zip(work.names, ever, strict=True)]
+    return (tuple(name for name, one, felt in zip(work.names, known, here, strict=True) if one and not felt),
+            tuple(name for name, one in zip(work.names, known, strict=True) if not one))
 
 
 def _held(work: _Designing, one: Bound, i: int, x: Array) -> Held:
     value = work.value(i, x)
-    return Held(one, value, work.error(i), abs(value - one.limit) <= HELD * (abs(one.limit) or 1.0))
+    return Held(one, value, work.error(i, x), abs(value - one.limit) <= HELD * (abs(one.limit) or 1.0))

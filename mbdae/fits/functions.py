@@ -3,7 +3,7 @@ and SciPy ask for them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,7 +47,8 @@ class SceneFunction(ListsAttributes):
     """A scene as a function of some of its numbers, p (k,): values of quantities at the end of a run, (quantities,), or at times,
     (times, quantities).
 
-    names: of the numbers; start (k,): their values in the scene; at: the times, s. After a call, `result` is the run."""
+    names: of the numbers; start (k,): their values in the scene; at: the times, s. After a call, `result` is the run, None where
+    it failed."""
 
     def __init__(self, scene: SceneData, names: Sequence[str], of: Sequence[Quantity], t_end: float, times: Array | None,
                  accuracy: float) -> None:
@@ -56,28 +57,33 @@ class SceneFunction(ListsAttributes):
         self.at = np.array([t_end]) if times is None else times
         self.start = stated_values(scene, names, t_end)
         self.result: Result | None = None
+        self._p = np.zeros(0)  # the numbers of the last call
 
     def __call__(self, p: Any) -> Array:
         """Run the scene with the numbers p (k,); values (quantities,) or (times, quantities)."""
+        self.result, self._p = None, np.zeros(0)  # where the run fails there are no derivatives, and not those of the run before
         p = option("p", p, array, f"give {len(self.names)} numbers, in the order {', '.join(self.names)}")
         if p.shape != (len(self.names),):
             raise OptionError(f"p has the shape {p.shape}: give {len(self.names)} numbers, in the order {', '.join(self.names)}")
         made: Any = varied(self.scene, self.names, p.tolist(), self.t_end)
-        self.result = made.simulate(self.t_end, self.accuracy, outputs=self.at, derivatives=True)
-        return self._shaped(_columns(self.result, self.of))
+        result = made.simulate(self.t_end, self.accuracy, outputs=self.at, derivatives=True)
+        values = self._shaped(_columns(result, self.of))
+        self.result, self._p = result, p.copy()
+        return values
 
-    def pullback(self, weights: Any) -> Array:
-        """Derivatives (k,) by the numbers of the sum of weights times values of the last call; weights: of the shape of the
-        values. Their estimated errors (k,) are then in `pullback_errors`."""
-        w = option("weights", weights, array, "give numbers of the shape of the values").reshape(-1, len(self.of))
-        if w.shape != (len(self.at), len(self.of)):
-            raise OptionError(f"weights have the shape {np.shape(weights)}: give the shape of the values, "
-                              f"{self._shaped(np.zeros((len(self.at), len(self.of)))).shape}")
+    def pullback(self, weights: Any, p: Any = None) -> Array:
+        """Derivatives (k,) by the numbers of the sum of weights times values; weights: of the shape of the values. p: as of
+        `jacobian`. Their estimated errors (k,) are then in `pullback_errors`."""
+        given = option("weights", weights, array, "give numbers of the shape of the values")
+        shape = self._shaped(np.zeros((len(self.at), len(self.of)))).shape
+        if given.shape != shape:
+            raise OptionError(f"weights have the shape {given.shape}: give the shape of the values, {shape}")
+        w = given.reshape(-1, len(self.of))
 
         def summed(r: Result) -> Array:
             return np.asarray(np.sum(_columns(r, self.of) * w[np.searchsorted(self.at, r.t).clip(0, len(w) - 1)], axis=1))
 
-        found = self._run().gradient(_Weighted(summed, "weighted sum", times=self.at), to=list(self.names))
+        found = self._run(p).gradient(_Weighted(summed, "weighted sum", times=self.at), to=list(self.names))
         self.pullback_errors = np.array([found[name].error for name in self.names])
         return np.array([found[name].value for name in self.names])
 
@@ -86,17 +92,21 @@ class SceneFunction(ListsAttributes):
         """Estimated largest errors (quantities,) of the values of the last call; nan where the run does not know them."""
         return np.array([np.nan if (error := self._run().error(q)) is None else error for q in self.of])
 
-    def jacobian(self) -> Array:
-        """Derivatives (quantities, k) or (times, quantities, k) of the values of the last call. Their estimated largest errors
-        (quantities, k) are then in `jacobian_errors`."""
-        found = self._run().sensitivity(*self.of, to=list(self.names))
+    def jacobian(self, p: Any = None) -> Array:
+        """Derivatives (quantities, k) or (times, quantities, k) of the values. p (k,): the numbers, where these may not be those
+        of the last call; the scene is run again where they are others. Their estimated largest errors (quantities, k) are then in
+        `jacobian_errors`."""
+        found = self._run(p).sensitivity(*self.of, to=list(self.names))
         by = [np.stack([np.asarray(found[q, name].value) for name in self.names], axis=-1) for q in self.of]
         self.jacobian_errors = np.array([[found[q, name].error for name in self.names] for q in self.of])
         return self._shaped(np.stack(by, axis=1))
 
-    def _run(self) -> Result:
+    def _run(self, p: Any = None) -> Result:
+        if p is not None and not np.array_equal(p, self._p):
+            self(p)
         if self.result is None:
-            raise OptionError("derivatives are those of the last call: call the function with numbers first")
+            raise OptionError("derivatives are those of the last call, and none gave values: call the function with numbers "
+                              "first, or give them here, p=")
         return self.result
 
     def _shaped(self, values: Array) -> Array:
@@ -129,7 +139,7 @@ def function(scene: Any, t_end: float, of: Any, to: Any, outputs: Any = None, ac
 
     of: quantities without components, as in `Result.value`; to: names of numbers, as in `Result.gradient`; outputs: times (s), or
     their number, at which values are wanted, default the end of the run. f(p) returns the values, f.pullback(weights) the
-    derivatives of their weighted sum, f.jacobian() all derivatives of the last call."""
+    derivatives of their weighted sum, f.jacobian() all derivatives, of the last call or of the numbers given to them, p=."""
     scene = option("scene", scene, scene_given, "give a mb.Scene")
     names, end = names_of(to), end_after(0.0, t_end)
     of = [of] if isinstance(of, str) or callable(of) else list(of) if isinstance(of, list | tuple) else []
@@ -271,72 +281,3 @@ class Design(ListsAttributes):
 
     def __repr__(self) -> str:
         return f"<Design: {'; '.join(str(self).splitlines())}>"
-
-
-# -- measurements, as users give them
-
-
-def measurements(data: Any) -> dict[Any, tuple[Array, Array]]:
-    """Measurements as a user gives them; OptionError for anything else."""
-    remedy = "give a mapping of sensors to (times, values), such as {'D.angle': (t, measured)}"
-    if not isinstance(data, Mapping) or not data:
-        raise OptionError(f"data = {shown(data)}: {remedy}")
-    found: dict[Any, tuple[Array, Array]] = {}
-    for name, given in data.items():
-        pair = option(f"data: {shown(name)}", given, sequence, remedy, each=array)
-        if len(pair) != 2:
-            raise OptionError(f"data: {shown(name)} has {counted(len(pair), 'entry')}: {remedy}")
-        t, values = pair
-        if t.ndim != 1 or t.shape != values.shape or not len(t) or t.min() < 0 or t.max() <= 0:
-            raise OptionError(f"data: {shown(name)} has times of shape {t.shape} and values of shape {values.shape}: give as "
-                              "many values as times, from 0 s on")
-        found[name] = t, values
-    return found
-
-
-def deviations(sigma: Any, data: Mapping[Any, tuple[Array, Array]]) -> dict[Any, Array]:
-    """Standard deviations (n,) of the measurements by sensor, 1 where none are given."""
-    remedy = "give positive standard deviations: a number, an array with one for each measurement, or either by sensor"
-    if isinstance(sigma, Mapping) and sigma.keys() != data.keys():
-        raise OptionError(f"sigma is given for {', '.join(map(str, sigma))}: {remedy}, for {', '.join(map(str, data))}")
-    found = {}
-    for name, (t, _) in data.items():
-        given = sigma[name] if isinstance(sigma, Mapping) else 1.0 if sigma is None else sigma
-        one = option("sigma", given, array, remedy)
-        if one.shape not in ((), t.shape) or not np.all(one > 0):
-            raise OptionError(f"sigma = {shown(given)}: {remedy}")
-        found[name] = np.broadcast_to(one, t.shape).astype(float)
-    return found
-
-
-def limits(bounds: Any, names: Sequence[str]) -> tuple[Array, Array]:
-    """Least and largest values (k,) of the numbers."""
-    remedy = "give a mapping of names in `to` to (least, largest), None for none, such as {'C.spring': (0, None)}"
-    given = {} if bounds is None else bounds
-    if not isinstance(given, Mapping) or not given.keys() <= set(names):
-        raise OptionError(f"bounds = {shown(bounds)}: {remedy}")
-    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for name, pair in given.items():
-        both = option(f"bounds: '{name}'", pair, sequence, remedy, each=lambda one: None if one is None else number(one))
-        if len(both) != 2:
-            raise OptionError(f"bounds: '{name}' = {shown(pair)}: {remedy}")
-        for ends, one in ((low, both[0]), (high, both[1])):
-            if one is not None:
-                ends[names.index(name)] = one
-    if np.any(low >= high):
-        raise OptionError(f"bounds: a least value is not below the largest one: {remedy}")
-    return low, high
-
-
-def ranges(to: Any) -> tuple[list[str], Array, Array]:
-    """Names of numbers with their least and largest values."""
-    remedy = "give a mapping of names of numbers to (least, largest), such as {'coupler.mass': (0.1, 2.0)}"
-    if not isinstance(to, Mapping) or not to:
-        raise OptionError(f"to = {shown(to)}: {remedy}")
-    names = [option("to", name, text, remedy) for name in to]
-    pairs = [option(f"to: '{name}'", to[name], sequence, remedy, each=number) for name in names]
-    for name, pair in zip(names, pairs, strict=True):
-        if len(pair) != 2 or pair[0] >= pair[1]:
-            raise OptionError(f"to: '{name}' = {shown(to[name])}: {remedy}")
-    low, high = np.array(pairs).T
-    return names, low, high

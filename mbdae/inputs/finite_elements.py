@@ -3,6 +3,7 @@ meshio and assembled by scikit-fem (`pip install 'mbdae[fe]'`)."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,10 +13,15 @@ import numpy as np
 
 from mbdae.deferred import sp
 from mbdae.errors import NamesAttributes, OptionError, naming_arguments
+from mbdae.inputs.matrices import Solid, assembled, package
 from mbdae.inputs.reduced import ReducedBody
-from mbdae.inputs.solids import Solid, assembled, package
 from mbdae.values import Array, array, flag, number, option, shown, text, whole
 
+#: ending of a file of matrices -> the options that it needs, and its kind
+OPTIONS: dict[str, tuple[tuple[str, ...], str]] = {
+    ".sti": ((), "matrices of CalculiX"), ".mas": ((), "matrices of CalculiX"), ".pch": (("nodes",), "matrices of Nastran"),
+    ".mtx": (("mass", "nodes"), "matrices")}
+MATRICES = " (matrices are in kg, N/m and m)"
 NASTRAN = {"K": ("KAAX", "KGG", "KAA", "K"), "M": ("MAAX", "MGG", "MAA", "M")}  #: names under which DMIG writes the matrices
 
 
@@ -61,27 +67,37 @@ class FiniteElementModel(NamesAttributes):
 
 
 @naming_arguments
-def read_fe(path: Any, mass: Any = None, nodes: Any = None, E: float | None = None, nu: float = 0.3, density: float | None = None,
-            unit: float = 1.0, order: int = 2) -> FiniteElementModel:
+def read_fe(path: Any, mass: Any = None, nodes: Any = None, E: float | None = None, nu: float | None = None,
+            density: float | None = None, unit: float | None = None, order: int | None = None) -> FiniteElementModel:
     """A finite-element model from files.
 
     CalculiX, "job.sti": the matrices of *FREQUENCY, SOLVER=MATRIXSTORAGE, beside it job.mas, job.dof and the input job.inp.
-    Nastran, "job.pch": DMIG matrices KAAX and MAAX (or KGG, MGG); nodes: the file of its GRID points, or (k, 3), m. Matrix
-    Market, "K.mtx"; mass: the file of M; nodes: (k, 3), m, or a file of a mesh with them. Any mesh of tetrahedra or hexahedra
-    that meshio reads, assembled by scikit-fem as a solid with Young's modulus E (Pa), Poisson's ratio nu and density (kg/m^3).
-    unit: length of the unit of the mesh, m (1e-3: a mesh in mm); order: of the elements, 1 or 2: with 1 bending is far too
-    stiff in tetrahedra. With order 2 nodes on edges are new ones, which belong to a set where both ends do.
+    Nastran, "job.pch": DMIG matrices KAAX and MAAX (or KGG, MGG); nodes: the file of its GRID points, which are matched by their
+    numbers, or (k, 3), m, by rising number. Matrix Market, "K.mtx"; mass: the file of M; nodes: (k, 3), m, or a file of a mesh
+    with them. Any mesh of tetrahedra or hexahedra that meshio reads, assembled by scikit-fem as a solid with Young's modulus E
+    (Pa), Poisson's ratio nu (None: 0.3) and density (kg/m^3). unit: length of the unit of the mesh, m (None: 1; 1e-3: a mesh in
+    mm); order: of the elements, 1 or 2 (None: 2): with 1 bending is far too stiff in tetrahedra. With order 2 nodes on edges are
+    new ones, which belong to a set where both ends do. Options that a file of this kind has no use for are refused.
 
     Matrices are in kg and N/m. OptionError names what is missing or does not fit."""
     where = Path(option("path", str(path) if isinstance(path, Path) else path, text, "give the path of a file"))
     if not where.is_file():
         raise OptionError(f"path = {shown(str(where))}: there is no such file")
     kind = where.suffix.lower()
+    given = {"mass": mass, "nodes": nodes, "E": E, "nu": nu, "density": density, "unit": unit, "order": order}
+    used, what = OPTIONS.get(kind, (("E", "nu", "density", "unit", "order"), "a mesh that is assembled"))
+    if unused := [name for name, value in given.items() if value is not None and name not in used]:
+        raise OptionError(f"{unused[0]} = {shown(given[unused[0]])}: of {what}, as {where.name}, nothing depends on it: "
+                          f"{', '.join(used) or 'no option'} is read; leave it out{MATRICES if kind in OPTIONS else ''}")
     if kind in (".sti", ".mas"):
         return _calculix(where)
     if kind == ".pch":
         K, grid = _dmig(where, "K")
-        return FiniteElementModel(_dmig(where, "M")[0], K, _places(nodes, where, len(grid)))
+        M, others = _dmig(where, "M")
+        if others != grid:
+            apart = sorted({*others} ^ {*grid})
+            raise OptionError(f"{where.name}: its matrices K and M have other grid points, such as {apart[0]} of one alone")
+        return FiniteElementModel(M, K, _places(nodes, where, grid))
     if kind == ".mtx":
         from scipy.io import mmread
 
@@ -91,9 +107,9 @@ def read_fe(path: Any, mass: Any = None, nodes: Any = None, E: float | None = No
         return FiniteElementModel(M, K, _places(nodes, where, None))
     young = option("E", E, number, "give Young's modulus, Pa: a mesh alone has no stiffness", above=0)
     rho = option("density", density, number, "give the density, kg/m^3: a mesh alone has no mass", above=0)
-    poisson = option("nu", nu, number, "give Poisson's ratio, up to 0.499", above=-1, most=0.499)
-    length = option("unit", unit, number, "give the length of the unit of the mesh, m", above=0)
-    degree = option("order", order, whole, "give 1 or 2", least=1, most=2)
+    poisson = option("nu", 0.3 if nu is None else nu, number, "give Poisson's ratio, up to 0.499", above=-1, most=0.499)
+    length = option("unit", 1.0 if unit is None else unit, number, "give the length of the unit of the mesh, m", above=0)
+    degree = option("order", 2 if order is None else order, whole, "give 1 or 2", least=1, most=2)
     M, K, places, sets, solid = assembled(_mesh(where), young, poisson, rho, length, degree, where.name)
     return FiniteElementModel(M, K, places, sets, solid)
 
@@ -116,15 +132,50 @@ def _read(path: Path, read: Callable[[Path], Any]) -> Any:
         raise OptionError(f"{path.name}: it is damaged, or of another kind ({error})") from None
 
 
-def _places(given: Any, beside: Path, count: int | None) -> Array:
-    """Nodes (k, 3), m, as given or from the file of a mesh."""
+def _places(given: Any, beside: Path, numbers: list[int] | None) -> Array:
+    """Nodes (k, 3), m, as given or from the file of a mesh; numbers: of the grid points of Nastran's matrices."""
     if given is None:
         raise OptionError(f"nodes = None: {beside.name} has none; give (k, 3), m, or the file of a mesh with them")
+    if numbers is not None and isinstance(given, str | Path) and (at := _grid_points(Path(given))):
+        if missing := [n for n in numbers if n not in at]:
+            raise OptionError(f"{Path(given).name} has no GRID {missing[0]}, which is in the matrices of {beside.name}")
+        return np.array([at[n] for n in numbers])
+    count = None if numbers is None else len(numbers)
     found = np.asarray(_mesh(Path(given)).points, dtype=float) if isinstance(given, str | Path) else option(
         "nodes", given, array, "give (k, 3), m, or the file of a mesh")
     if count is not None and len(found) != count:
         raise OptionError(f"nodes: {len(found)} of them, and matrices for {count}: give those alone that the matrices have")
     return found
+
+
+def _grid_points(path: Path) -> dict[int, Array]:
+    """Places (3,), m, of the GRID points of Nastran by their numbers: fields of 8, of 16 (after *) or between commas."""
+    found: dict[int, Array] = {}
+    written = _read(path, lambda p: p.read_text(errors="replace"))
+    lines = [line.split("$")[0].upper().expandtabs(8) for line in written.splitlines()]
+    for line, more in zip(lines, [*lines[1:], ""], strict=True):
+        if not line.startswith(("GRID", "GRDSET")):
+            continue
+        if "," in line:
+            parts = [x.strip() for x in line.split(",")]
+        else:
+            width, fields = (16, line[8:72].ljust(64) + more[8:72]) if line[:8].strip().endswith("*") else (8, line[8:72])
+            parts = ["", *(fields[i : i + width].strip() for i in range(0, len(fields), width))]
+        parts += [""] * (7 - len(parts))
+        if any(system not in ("", "0", "-1") for system in (parts[2], parts[6])):
+            raise OptionError(f"{path.name}: the line {shown(line.rstrip())} states places or freedoms in the coordinate system "
+                              f"{parts[2] or parts[6]}: give them in the basic one, 0")
+        try:
+            if line.startswith("GRID"):
+                found[int(parts[1])] = np.array([_real(x) if x else 0.0 for x in parts[3:6]])
+        except ValueError:
+            raise OptionError(f"{path.name}: the line {shown(line.rstrip())} is no GRID point") from None
+    return found
+
+
+def _real(x: str) -> float:
+    """A number as Nastran writes it: 1.5, 1.5E-3, 1.5D-3 or 1.5-3."""
+    return float(re.sub(r"(?<=[\d.])D?(?=[+-])", "E", x.upper()))
 
 
 def _calculix(path: Path) -> FiniteElementModel:
@@ -178,7 +229,7 @@ def _dmig(path: Path, of: str) -> tuple[Any, list[int]]:
                 rest = parts[1:]
             for k in range(0, len(rest) - 2, 4):
                 if rest[k]:
-                    value = float(rest[k + 2].upper().replace("D", "E"))
+                    value = _real(rest[k + 2])
                     heads[name].append((int(rest[k]), int(rest[k + 1]), *column, value))
         except (ValueError, IndexError, KeyError):
             raise OptionError(f"{path.name}: the line {shown(line.rstrip())} is not one of a DMIG matrix") from None

@@ -22,11 +22,11 @@ from mbdae.notation import counted
 from mbdae.values import Array, array, flag, number, option, optional, shown, whole
 
 if TYPE_CHECKING:
+    from mbdae.inputs.matrices import drawn_edges, stresses_by_modes
     from mbdae.inputs.reduction import FiniteElements, rigid_motions
-    from mbdae.inputs.solids import drawn_edges, stresses_by_modes
 else:
     FiniteElements, rigid_motions = later("mbdae.inputs.reduction", "FiniteElements", "rigid_motions")
-    drawn_edges, stresses_by_modes = later("mbdae.inputs.solids", "drawn_edges", "stresses_by_modes")
+    drawn_edges, stresses_by_modes = later("mbdae.inputs.matrices", "drawn_edges", "stresses_by_modes")
 
 #: largest displacement by a mode, over the size of a body, that is not told: where a cantilever's end deflects by 14 % of its
 #: length, its mode displaces by 5.4 % and the deflection is 1.4 % off; at a tenth of that load by 0.54 % and 0.013 %
@@ -37,6 +37,7 @@ SLOW = 0.1
 #: force at an interface towards the centre, over the stiffness of the lowest vibration with an interface held and its size, that
 #: is not told: a cantilever buckles at 0.8
 LIGHT = 0.008
+ADVICE = "reduce it with stiffening=True, or use s.beam"
 STEPS = 1000  #: largest number of steps of a run at which forces at interfaces are looked at
 MORE = 6  #: further modes, beside twice as many, of the body by which the error of its modes is measured
 
@@ -131,37 +132,37 @@ class ReducedBody(NamesAttributes):
         return min(found)
 
     def doubts(self, result: Any, item: Any) -> list[str]:
-        """What a run may have left out, a sentence each; item: that of its modes in the scene."""
-        found, t, scalars = [], result.t, item.scalars[: len(self.modal_mass)]
+        """What a run, or a state, may have left out, a sentence each; item: that of its modes in the scene."""
+        scalars, run, found = item.scalars[: len(self.modal_mass)], result.solution, []
+
+        def above(sizes: Array, bound: float) -> list[tuple[str, float, float]]:
+            """Where sizes are above a bound: when first, the largest, and this over the bound."""
+            first = np.flatnonzero(sizes > bound)[:1]
+            when = "at t = {:.6g} s: " if len(run.t) > 1 else ""
+            return [(when.format(result.t[i]), float(np.max(sizes)), float(np.max(sizes)) / bound) for i in first]
+
         nodes = [result.prepared.model.coordinate_node(item.name, mode).q for mode in scalars]
-        speed = np.linalg.norm(result[item.k.name].angular_velocity, axis=1)
         sizes, bound = np.max(np.abs(result.q[:, nodes]), axis=1, initial=0), SMALL * self.size
-        if (beyond := np.flatnonzero(sizes > bound)).size:
-            found.append(f"at t = {t[beyond[0]]:.6g} s: a mode displaces by up to {np.max(sizes):.3g} m, more than {bound:.3g} "
-                         f"m: the body moves as with small deformations, whose error is then about 1 % or more and grows with "
-                         f"the square; use s.beam, or several bodies")
+        found += [f"{when}a mode displaces by up to {most:.3g} m, more than {bound:.3g} m: the body moves as with small "
+                  f"deformations, whose error is then about 1 % or more and grows with the square; use s.beam, or several bodies"
+                  for when, most, _ in above(sizes, bound)]
         if len(self.bends):
             return found
-        bound = SLOW * 2 * np.pi * self.lowest_held
-        if (beyond := np.flatnonzero(speed > bound)).size:
-            found.append(f"at t = {t[beyond[0]]:.6g} s: it turns at up to {np.max(speed):.3g} rad/s, more than {bound:.3g} "
-                         f"rad/s, a tenth of its lowest angular frequency with an interface held: stiffening by centrifugal "
-                         f"forces, of 1 % or more of its stiffness, is left out; reduce it with stiffening=True, or use s.beam")
-        bound, run = LIGHT * self._lowest_held[1] * self.size, result.solution
+        speed, bound = np.linalg.norm(result[item.k.name].angular_velocity, axis=1), SLOW * 2 * np.pi * self.lowest_held
+        found += [f"{when}it turns at up to {most:.3g} rad/s, more than {bound:.3g} rad/s, a tenth of its lowest angular "
+                  f"frequency with an interface held: stiffening by centrifugal forces, about {part**2:.2g} % of its stiffness, "
+                  f"is left out; {ADVICE}" for when, most, part in above(speed, bound)]
         rows = {name: [f"lambda({item.k.name}.interface {name}.{a})" for a in "xyz"] for name in self.interfaces}
         if by_run := run.names is not None and {*chain(*rows.values())} <= {*run.names}:  # its forces are unknowns of the run
-            result = result(t := run.t[:: len(run.t) // STEPS + 1])
-            y = run(t)
-        turned = result[item.k.name].rotation
-        for name, place in self.interfaces.items():
-            arm = place - self.center
+            result = result(run.t[:: len(run.t) // STEPS + 1])
+            y = run(result.t)
+        turned, bound = result[item.k.name].rotation, LIGHT * self._lowest_held[1] * self.size
+        for name, arm in ((name, place - self.center) for name, place in self.interfaces.items()):
             along = turned @ (arm / max(float(np.linalg.norm(arm)), 1e-300))
             force = y[:, [run.names.index(row) for row in rows[name]]] if by_run else result[rows[name][0][7:-3]].force
-            pulled = np.abs(np.sum(force * along, axis=-1))
-            if (beyond := np.flatnonzero(pulled > bound)).size:
-                found.append(f"at t = {t[beyond[0]]:.6g} s: a force of up to {np.max(pulled):.3g} N pulls or presses at its "
-                             f"interface '{name}' towards its centre, more than {bound:.3g} N: what this changes of its "
-                             f"stiffness, 1 % or more, is left out; reduce it with stiffening=True, or use s.beam")
+            found += [f"{when}a force of up to {most:.3g} N pulls or presses at its interface '{name}' towards its centre, more "
+                      f"than {bound:.3g} N: what this changes of its stiffness, about {part:.2g} %, is left out; {ADVICE}"
+                      for when, most, part in above(np.abs(np.sum(force * along, axis=-1)), bound)]
         return found
 
     @property
@@ -170,12 +171,11 @@ class ReducedBody(NamesAttributes):
         f = self.frequencies
         if not len(f):
             return "no modes: it is rigid"
-        held = "free; with these static deformations are complete" if self.free else (
-            f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
+        held = ("free; with these static deformations are complete" if self.free else
+                f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
         return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
                 f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
-                f"{held}; loads "
-                f"{'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
+                f"{held}; loads {'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")
 
     def displacement(self, coordinates: Any, nodes: Any = slice(None)) -> Array:
         """(..., k, 6 or 3) displacements of all nodes, or of some by number, in the body's frame, m and rad, from coordinates
@@ -209,8 +209,8 @@ class ReducedBody(NamesAttributes):
         deformations by its forces and torques (residual flexibility): forces at interfaces and weight deform it statically as all
         of its freedoms would. The right modes where interfaces are held softly or not at all.
 
-        M, K, nodes, interfaces, stress: as in `craig_bampton`; modes: number of modes of the free body, None: those below up_to
-        (Hz, the highest frequency of the loads) over the root of accuracy; stiffening: False, others are refused."""
+        M, K, nodes, interfaces, stiffening, stress: as in `craig_bampton`; modes: number of modes of the free body, None: those
+        below up_to (Hz, the highest frequency of the loads) over the root of accuracy."""
         return cls._reduced(True, (M, K, nodes, interfaces), modes, False, stiffening, stress, accuracy, up_to)
 
     @classmethod
@@ -219,19 +219,17 @@ class ReducedBody(NamesAttributes):
         """edges: (e, 2) numbers of nodes between which lines are drawn, None: between all that K connects."""
         body = FiniteElements(*given)
         count = optional("modes", modes, whole, "give the number of modes to be kept, or None", least=0, most=body.inner.shape[1])
-        stiffening = stiffening if callable(stiffening) else option("stiffening", stiffening, flag,
-                                                                    "give True, False, or a function of two displacements")
-        if free and stiffening is not False:
-            raise OptionError("stiffening: of a bent body of free modes the change of stiffness by loads comes out wrong: reduce "
-                              "it with held interfaces, by mb.ReducedBody.craig_bampton or reduced(free=False)")
+        if not callable(stiffening):
+            stiffening = option("stiffening", stiffening, flag, "give True, False, or a function of two displacements")
         least = option("accuracy", accuracy, number, "give the largest share to be left out, such as 1e-3", above=0, most=1)
         highest = optional("up_to", up_to, number, "give the highest frequency of the loads, Hz, or None", above=0)
         found = body.reduced(count, option("accelerations", accelerations, flag, "give True or False"), stiffening,
                              (least, np.inf if highest is None else highest), free)
         if stress is not None:
             found["stresses"] = stresses_by_modes(stress, found["shapes"])
-        lines = drawn_edges(body.K, body.nodes) if edges is None else edges
-        made = cls(**found, points=inertia_points(body.M, **found), free=free, edges=lines)
+        found["edges"] = lines = drawn_edges(body.K, body.nodes) if edges is None else edges
+        made = cls(**found, points=inertia_points(body.M, **found), free=free)
+        body.judge(made.lowest_held)
         most = min(2 * len(made.held_frequencies) + MORE, body.inner.shape[1])
         vars(made)["finer"] = lambda: cls._reduced(free, given, most, not free, stiffening, stress, accuracy, up_to, lines)
         return made
@@ -257,8 +255,7 @@ class ReducedBody(NamesAttributes):
         """(..., k, 6) stresses at the nodes, Pa, xx yy zz yz xz xy in the body's axes, from coordinates of the modes (..., n), m,
         or r["<name>.modes"] of a result; those by the modes: what the reduction leaves out has stresses too."""
         if not len(self.stresses):
-            raise OptionError("the stresses of this body are not known: give craig_bampton(stress=...), or reduce a mesh that "
-                              "mb.read_fe assembled")
+            raise OptionError("the stresses of this body are not known: give craig_bampton(stress=...), or a mesh to mb.read_fe")
         return np.asarray(np.einsum("ksn,...n->...ks", self.stresses, _modes_given(coordinates, self.stresses.shape[2])))
 
     def von_mises(self, coordinates: Any) -> Array:

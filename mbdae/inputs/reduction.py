@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import eigsh, issparse, later, sp, splu
-from mbdae.errors import OptionError
+from mbdae.deferred import eigsh, later, sp
+from mbdae.errors import OptionError, warn
+from mbdae.inputs.matrices import (
+    DENSE,
+    ROUNDED,
+    Scaled,
+    pivots_of,
+    refuse_negative,
+    refuse_soft,
+    signed_factors,
+    sizes_of,
+    symmetric,
+)
 from mbdae.values import Array, BadValueError, array, option, sequence, shown, whole
 
 second_displacements, free_basis = later("mbdae.inputs.stiffening", "second_displacements", "free_basis")
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")  #: freedoms of a node, in their order
-#: relative size up to which entries and forces that ought to vanish count as rounding: matrices of FE programs are written with
-#: 6 to 16 digits
-ROUNDED = 1e-6
 #: m/s; waves in solids travel at up to 1.8e4 m/s (diamond), so that no body has a lowest frequency times its size above that
 FASTEST = 1e5
+#: m/s, of waves of stretching, below which units are asked for, and below a 20th of which they are refused: foams have 20
+SLOWEST = 200.0
+#: stiffness against rigid motions, over the softest one with an interface held, above which K is not that of a free body
+SPRINGS = 1e-4
+THIN = 1e-13  #: smallest principal moment of inertia over the largest one
 #: pivot of the stiffness of held interfaces, over the diagonal entry, below which it counts as 0: a mechanism
 NO_STIFFNESS = 1e-11
-DENSE = 400  #: number of inner freedoms up to which all modes are computed by a dense method
 
 
 def cross_matrix(a: Array) -> Array:
@@ -46,11 +57,11 @@ class FiniteElements:
         self.nodes = option("nodes", nodes, array, "give the places of the nodes (k, 3), m")
         if self.nodes.ndim != 2 or self.nodes.shape[1] != 3 or len(self.nodes) < 2:
             raise OptionError(f"nodes have shape {self.nodes.shape}: give two nodes or more, (k, 3), m")
-        self.M, self.K = _matrix("M", M), _matrix("K", K)
+        self.M, self.K = symmetric("M", M), symmetric("K", K)
         n, k = self.K.shape[0], len(self.nodes)
         if self.M.shape != self.K.shape or n not in (3 * k, 6 * k):
-            raise OptionError(f"M is {_by(self.M)}, K is {_by(self.K)}, for {k} nodes: give both with 6 freedoms a node "
-                              f"({6 * k}) or 3 ({3 * k})")
+            raise OptionError(f"M is {sizes_of(self.M)}, K is {sizes_of(self.K)}, for {k} nodes: give both with 6 freedoms a "
+                              f"node ({6 * k}) or 3 ({3 * k})")
         self.freedoms = n // k
         self.size = float(np.linalg.norm(np.ptp(self.nodes, axis=0)))
         self.names, self.members = self._interfaces(interfaces)
@@ -66,6 +77,9 @@ class FiniteElements:
         seen: dict[int, str] = {}
         for name, numbers in given.items():
             of = f"interfaces[{name!r}]"
+            if name == "modes" or name.split(" ")[0] in ("inertia", "rows", "interface"):
+                raise OptionError(f"{of}: '<body>.{name}' is an item of reduced bodies, as 'modes', 'inertia 1', 'rows 1' and "
+                                  f"'interface ...' are: give another name")
             try:
                 found = sequence(numbers, whole, least=0, most=len(self.nodes) - 1)
             except BadValueError as reason:
@@ -115,6 +129,31 @@ class FiniteElements:
         self.center = center + np.array([twist[2, 1], twist[0, 2], twist[1, 0]])
         self.rigid = rigid_motions(self.nodes, self.center, self.freedoms)
         self.inertia = self.rigid[:, 3:].T @ (self.M @ self.rigid[:, 3:])
+        moments, axes = np.linalg.eigh(self.inertia)
+        if not moments[0] > THIN * moments[-1]:
+            kind = "is indefinite: it gives" if moments[0] < -ROUNDED * moments[-1] else "gives"
+            raise OptionError(f"M {kind} a rotation of the body about the axis {np.round(axes[:, 0], 3).tolist()} no positive "
+                              f"inertia: give its nodes rotary inertia, or consistent masses")
+
+    def judge(self, lowest: float) -> None:
+        """Refuse springs to ground in K, which a free body has not and a reduction leaves out, and units by which it is softer
+        than any solid; lowest: of its frequencies with an interface held, Hz."""
+        K, M = (self.rigid.T @ (A @ self.rigid) for A in (self.K, self.M))
+        held = float(np.max(np.abs(np.linalg.eigvalsh(K / np.sqrt(np.outer(M.diagonal(), M.diagonal()))))))
+        if held > (share := SPRINGS * (2 * np.pi * lowest) ** 2):
+            a = int(np.argmax(np.abs(K.diagonal() / M.diagonal())))
+            where = f"{K[a, a]:.3g} {'N/m along' if a < 3 else 'N m/rad about'} {'xyz'[a % 3]}"
+            raise OptionError(f"K resists rigid motions by {where}, which is {100 * SPRINGS * held / share:.2g} % of its softest "
+                              f"stiffness with an interface held: give K without supports and springs to ground, which the "
+                              f"scene states (s.spring), or with more digits")
+        stretched = np.einsum("ka,ab->kab", self.nodes - self.center, np.eye(3, self.freedoms)).transpose(0, 2, 1).reshape(-1, 3)
+        speed = float(np.sqrt(np.max(np.sum(stretched * (self.K @ stretched), axis=0)) / self.mass))
+        if speed < SLOWEST:
+            words = (f"waves of stretching travel through the body at about {speed:.2g} m/s, which is 5000 in metals and 50 in "
+                     f"rubber: are M in kg, K in N/m, nodes in m?")
+            if speed < SLOWEST / 20:
+                raise OptionError(words)
+            warn(words)
 
     def _freedom(self, row: int) -> str:
         return f"{AXES[int(row) % self.freedoms]} of node {int(row) // self.freedoms}"
@@ -138,7 +177,7 @@ class FiniteElements:
         body and residual flexibility, see `free_basis`, in place of modes with held interfaces."""
         held, inner = self.held, self.inner
         solve: Any = lambda forces: forces  # noqa: E731 - of no inner freedoms
-        _positive("M", self.M, self._freedom)
+        refuse_negative("M", self.M, self._freedom)
         statics, frequencies, left_out = held.toarray(), np.zeros(0), 0.0
         basis, moved, rigid = statics, np.eye(held.shape[1]), self.rigid_interfaces
         if inner.shape[1]:
@@ -188,17 +227,17 @@ class FiniteElements:
                               f"freedoms out (three a node), or give them some")
         root = sp.diags(1 / np.sqrt(size))
         try:
-            factors = _factors(sp.csc_matrix(root @ K @ root))
+            factors = signed_factors(sp.csc_matrix(root @ K @ root))
         except RuntimeError:  # "Factor is exactly singular"
             factors = None
-        pivots = np.zeros(1) if factors is None else _pivots(factors)
+        pivots = np.zeros(1) if factors is None else pivots_of(factors)
         if np.min(pivots) < -NO_STIFFNESS:
             raise OptionError("K is indefinite: with the interfaces held it has a negative stiffness")
         if factors is None or np.min(pivots) <= NO_STIFFNESS:
             where = "" if factors is None else f", near {self._freedom(self.kept[factors.perm_c.argsort()[np.argmin(pivots)]])}"
             raise OptionError(f"K is that of a mechanism{where}: a part moves without force while all interfaces are held; "
                               f"connect it, or give it an interface")
-        return _Scaled(factors, 1 / np.sqrt(size))
+        return Scaled(factors, 1 / np.sqrt(size))
 
     def _held_modes(self, K: Any, M: Any, factors: Any, modes: int | None,
                     enough: tuple[float, float]) -> tuple[Array, Array, float]:
@@ -273,11 +312,13 @@ class FiniteElements:
         elastic = null_space((given / np.linalg.norm(given, axis=0)).T)
         if not elastic.shape[1]:
             return np.zeros(0), np.zeros((len(M), 0))
-        values, vectors = eigh(elastic.T @ K @ elastic, elastic.T @ M @ elastic)
+        try:
+            values, vectors = eigh(elastic.T @ K @ elastic, elastic.T @ M @ elastic)
+        except np.linalg.LinAlgError:
+            raise OptionError("M gives a motion of the reduced body no inertia: give consistent masses, or its nodes rotary "
+                              "inertia") from None
         speed = np.sqrt(abs(values[0])) / (2 * np.pi) * self.size
-        if free := int(np.sum(values <= 1e-13 * values[-1])):
-            raise OptionError(f"K lets the body deform without force (a mechanism): {free} motions that are not rigid have no "
-                              f"stiffness")
+        refuse_soft(values)
         if speed > FASTEST:
             raise OptionError(f"the lowest frequency of the free body is {speed / self.size:.3g} Hz, at a size of {self.size:g} "
                               f"m, more than waves in solids allow: are M in kg, K in N/m, nodes in m?")
@@ -287,64 +328,3 @@ class FiniteElements:
 MANY = 100  #: largest number of modes that modes=None takes: a scene with 166 ran out of memory (23 GB)
 #: share of the elastic energy by a uniform acceleration below which no shape is added for what the modes leave out of it
 SHOWN = 1e-9
-
-
-@dataclass(frozen=True)
-class _Scaled:
-    """Factors of D A D, that solve with A."""
-
-    factors: Any
-    D: Array
-
-    def solve(self, b: Array) -> Array:
-        D = self.D if b.ndim == 1 else self.D[:, None]
-        return np.asarray(D * self.factors.solve(np.ascontiguousarray(D * b)))
-
-
-def _by(matrix: Any) -> str:
-    return f"{matrix.shape[0]} by {matrix.shape[1]}"
-
-
-def _matrix(name: str, given: Any) -> Any:
-    """The matrix as CSC, symmetric and finite."""
-    if not issparse(given):
-        given = option(name, given, array, "give a square matrix, full or SciPy sparse")
-        if given.ndim != 2:
-            raise OptionError(f"{name} has {given.ndim} dimensions: give a square matrix, full or SciPy sparse")
-    found = sp.csc_matrix(given, dtype=float)
-    if found.shape[0] != found.shape[1] or not found.shape[0]:
-        raise OptionError(f"{name} is {_by(found)}: give a square matrix, full or SciPy sparse")
-    if not np.all(np.isfinite(found.data)):
-        raise OptionError(f"{name} has entries that are not finite")
-    off, size = abs(found - found.T), float(abs(found).max())
-    if size == 0 or off.max() > ROUNDED * size:
-        raise OptionError(f"{name} is {'zero' if size == 0 else 'not symmetric'}: give the whole symmetric matrix, not a half")
-    return sp.csc_matrix((found + found.T) / 2)
-
-
-def _factors(matrix: Any) -> Any:
-    """LU factors with a symmetric order and pivots on the diagonal, whose signs are those of the eigenvalues."""
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-
-
-def _pivots(factors: Any) -> Array:
-    """The pivots; 0 where one had to be taken off the diagonal, as in an indefinite matrix alone."""
-    return np.asarray(factors.U.diagonal()) if np.array_equal(factors.perm_r, factors.perm_c) else -np.ones(1)
-
-
-def _positive(name: str, matrix: Any, freedom: Any) -> None:
-    """Refuse a matrix with a negative eigenvalue; freedoms may have none of it."""
-    size = matrix.diagonal()
-    scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
-    if np.any(size == 0) and abs(matrix).sum(axis=0).A1[size == 0].max(initial=0) > 0:
-        raise OptionError(f"{name} is indefinite: {freedom(np.flatnonzero(size == 0)[0])} has no mass but couples")
-    D = sp.diags(scale)
-    scaled = sp.csc_matrix(D @ matrix @ D + ROUNDED * sp.identity(len(size)))
-    if len(size) <= DENSE:
-        least = np.linalg.eigvalsh(scaled.toarray())[0]
-    else:  # Lanczos takes a twentieth of the time of factors; a rough value has the right sign
-        start = np.random.default_rng(0).standard_normal(len(size))
-        least = eigsh(scaled, 1, which="SA", tol=1e-2, v0=start, maxiter=100 * len(size),
-                      return_eigenvectors=False)[0]
-    if least < 0:
-        raise OptionError(f"{name} is indefinite: some motion has a negative kinetic energy")

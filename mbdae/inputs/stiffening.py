@@ -7,8 +7,10 @@ modes keeps no terms of the third order where
 
     K second_ik = -(force of the second order by the modes i and k)
 
-in all directions but those of the modes, and where second_ik has of mode l the force on it over -(k_i + k_k + k_l): the stiffest
-of three modes takes up nearly all, which is the shortening by two modes of bending. Energy, momentum and all derivatives follow.
+in all directions but those of the modes. Of three directions of the modes one may take up what the other two force on it, or each
+a part, as far as the third order goes; but where a direction of stretching does not take up all of the shortening by two of
+bending, the fourth order is as large as the stretching is stiff. Stiffness does not tell them apart, for a bend near an interface
+alone is as stiff; `_taken` does. Energy, momentum and all derivatives follow.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ import numpy as np
 
 from mbdae.deferred import eigsh, sp
 from mbdae.errors import OptionError
-from mbdae.inputs.reduction import DENSE, MANY, SHOWN, FiniteElements, rigid_motions
+from mbdae.inputs.matrices import DENSE, refuse_soft
+from mbdae.inputs.reduction import MANY, SHOWN, FiniteElements, rigid_motions
 from mbdae.values import Array, array, option
 
 #: (f k,) and (f k,) displacements u and v -> (f k,) N: the internal force of the second order, symmetric in u and v; with both
@@ -50,9 +53,30 @@ def second_displacements(body: FiniteElements, found: dict[str, Any], solve: Cal
     second = body.inner @ solve(body.inner.T @ relieved)
     second += static @ np.linalg.lstsq(static.T @ (body.K @ static), static.T @ relieved, rcond=1e-10)[0]
     second -= shapes @ (of_modes / stiffness[:, None])
-    second += shapes @ (of_modes / (stiffness[:, None] + np.sum(stiffness[pairs], axis=0)))
+    second += shapes @ _taken(body, found, of_modes, pairs)
     second += body.rigid @ np.linalg.solve(body.rigid.T @ inertia, inertia.T @ (turned - second))
     return _coordinates(body, found, -second, turned, pairs)
+
+
+def _taken(body: FiniteElements, found: dict[str, Any], of_modes: Array, pairs: Any) -> Array:
+    """Coordinates (n, pairs) of the modes in the displacements of the second order, by forces of the second order (n, pairs).
+
+    In coordinates by which the elastic energy is half the sum of squares, loads at interfaces cause deformations y of the
+    covariance C, and these the forces T(y, y). Eigenvectors of the covariance of these forces order the directions, those of
+    stretching first. Of three of them each takes up the part of T that its eigenvalue is of the sum of the three."""
+    root, (i, k) = np.sqrt(found["modal_stiffness"]), pairs
+    T = np.zeros((len(root), len(root), len(root)))
+    T[:, i, k] = T[:, k, i] = of_modes / root[:, None] / (root[i] * root[k])
+    units = np.repeat([1.0, 1 / body.size], 3)[:, None]
+    loads = np.vstack([units * found["interface_shapes"][name] for name in body.names]) / root
+    C = loads.T @ loads / np.sum(loads**2)
+    forces = np.einsum("lik,ij,km->ljm", T, C, C, optimize=True)
+    values, turn = np.linalg.eigh(np.einsum("ljm,pjm->lp", forces, T, optimize=True))
+    size = np.maximum(values / max(values[-1], 1e-300), 1e-30)
+    T = np.einsum("lik,la,ib,kc->abc", T, turn, turn, turn, optimize=True)
+    T *= size[:, None, None] / (size[:, None, None] + size[:, None] + size)
+    T = np.einsum("abc,la,ib,kc->lik", T, turn, turn, turn, optimize=True)
+    return np.asarray(T[:, i, k] * (root[i] * root[k]) / root[:, None])
 
 
 def _turned_interfaces(body: FiniteElements, found: dict[str, Any], shapes: Array, pairs: Any) -> tuple[Array, Array]:
@@ -209,6 +233,10 @@ def free_basis(body: FiniteElements, solve: Callable[[Array], Array], statics: A
     rigid = np.vstack([body.rigid_interfaces, body.rigid[body.kept]])
     inertia, stiffness = M @ rigid, (statics.T @ (body.K @ statics))[6:, 6:]
     relief = np.linalg.inv(rigid.T @ inertia)
+    units = np.tile(np.repeat([1.0, body.size], 3), len(body.names))
+    if b > 6:
+        terms = np.einsum("ia,ia->a", abs(statics), abs(body.K) @ abs(statics))
+        refuse_soft(np.linalg.eigvalsh(stiffness / np.outer(units[6:], units[6:])), float(np.max(terms / units**2)))
 
     def deformed(forces: Array) -> Array:
         """Deformation, without rigid motion, by forces and the inertia forces of the rigid motion that they cause."""
@@ -219,7 +247,7 @@ def free_basis(body: FiniteElements, solve: Callable[[Array], Array], statics: A
         return np.asarray(x - rigid @ (relief @ (inertia.T @ x)))
 
     values, vectors = _modes_of_free(K, M, inertia, deformed, modes, enough[1] / np.sqrt(enough[0]))
-    unit = np.eye(K.shape[0], b) / np.tile(np.repeat([1.0, body.size], 3), len(body.names))
+    unit = np.eye(K.shape[0], b) / units
     whole = deformed(unit)
     residual = whole - vectors @ (vectors.T @ unit / values[:, None])
     energy, turned = np.linalg.eigh(residual.T @ (K @ residual))

@@ -263,8 +263,8 @@ class Asked:
     """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far, called now and
     then, that returns whether the run may end; edges: times (s): no step may be longer than the interval between two of them in
     which it begins; bounds: longest steps in parts of the run, times `share`; impacts: factor on the longest step during an
-    impact; meets: how near to its end, over its length, a step ends on a touch, None: as usual; wanted: what, by name, has
-    an error that counts beside that of the motion in comparisons; motion_alone: whether runs are not repeated for these."""
+    impact; meets: how near to the beginning and the end of a step, over its length, a touch is there, None: as usual; wanted:
+    what, by name, has an error that counts beside that of the motion; motion_alone: whether runs are not repeated for these."""
 
     t_end: float
     times: Array | None = None
@@ -276,7 +276,7 @@ class Asked:
     share: float | None = None
     stop: Callable[[Solution], bool] | None = None
     impacts: float = 1.0
-    meets: float | None = None
+    meets: tuple[float, float] | None = None
     edges: Array | None = None
     bounds: tuple[Bound, ...] = ()
     wanted: Any = None

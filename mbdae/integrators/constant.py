@@ -1,6 +1,6 @@
 """The right-hand side f of y' = f(t, y), for methods that take ordinary differential equations.
 
-Steps of constant length, for all methods that take them.
+Steps of constant length, for all methods that take them; how many steps are made in one native call.
 """
 
 from __future__ import annotations
@@ -58,6 +58,8 @@ FOLLOWED = 1e-9
 SAME, CLOSE = 1e-6, 1e-3
 
 
+#: largest number of steps in one native call, and in the first call where each may hide a contact or switch
+ROWS, FEW = 256, 8
 #: why a step could not be solved
 SINGULAR = "the iteration matrix is singular: the position is singular, or the equations do not determine an unknown"
 
@@ -66,6 +68,26 @@ def not_finite(equation: str, t: float) -> str:
     """What a message says of an equation that has no finite value at t, s."""
     return (f"equation {equation} is not finite near t = {t:.9g} s: look in it for a division by 0, a root or logarithm of a "
             "negative number, or values that grow beyond bounds, as with too long steps")
+
+
+class Blocks:
+    """How many steps are made in one native call, where each may hide a contact or switch: `rows`, at most `most` (1 where every
+    step has to be looked at by itself). A block of which a step has to be looked at is thrown away from there on. Where that is
+    the first one, twice as many steps as the last time are made one by one before another block is tried."""
+
+    def __init__(self, most: int, watched: bool) -> None:
+        """watched: whether steps are looked at for contacts and switches."""
+        self.most, self.rows = most, min(most, FEW) if watched else most
+        self._singles = self._left = 0  # number of single steps after the last block, and of those that are left
+
+    def made(self, count: int, kept: int) -> None:
+        """To be called after `count` steps were made in one call, of which the first `kept` were accepted."""
+        if self.rows > 1:
+            self._left = self._singles = 0 if kept == count else 1 if kept else min(max(2 * self._singles, 1), self.most)
+            self.rows = 1 if self._left else min(2 * self.rows, self.most)
+        elif kept:
+            self._left -= 1
+            self.rows = 1 if self._left > 0 else min(FEW, self.most)
 
 
 class StepFailedError(Exception):

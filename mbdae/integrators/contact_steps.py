@@ -35,7 +35,9 @@ MARGIN = 0.1
 SLOPE = 4 / 27
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 4
-MET = 1e-2  #: fraction of a step; a zero of the gap nearer than this to either end counts as being there, by default
+#: fractions of a step; a zero of the gap nearer than this to its beginning, or to its end, counts as being there, by default
+MET = 1e-2, 1e-2
+EXACT = 1e-7  #: share of an impact's duration that counts as none: 3e-11 of its change of speed, for a force of the power 1.5
 
 
 def calm(contacts: Array) -> Array:
@@ -107,9 +109,9 @@ class ContactSteps:
     is called when the step is accepted.
     """
 
-    def __init__(self, system: System, stats: Stats, impact: float = IMPACT, meets: float = MET) -> None:
-        """impact: longest step during an impact, as a fraction of its duration; meets: fraction of a step, a zero of the gap
-        nearer than this to either end counts as being at that end."""
+    def __init__(self, system: System, stats: Stats, impact: float = IMPACT, meets: tuple[float, float] = MET) -> None:
+        """impact: longest step during an impact, as a fraction of its duration; meets: fractions of a step, a zero of the
+        gap nearer than this to its beginning, or to its end, counts as being there."""
         self.system, self.stats, self.impact, self.meets = system, stats, impact, meets
         self._t = self._t_end = float(system.t0)
         self._end = self._contacts(system.t0, system.y0)
@@ -233,13 +235,19 @@ class ContactSteps:
         for i in crossed:
             if gaps is not None and (gaps[i] < 0) == was[i]:
                 continue  # where the first one found closes or opens, this one has not done so yet: it does later
-            found = self._zero(i, h, inside)
-            if self.meets < found < 1 - self.meets and (part is None or found < part):
+            found, (first, last) = self._zero(i, h, inside), self._met(i, h)
+            if first < found < 1 - last and (part is None or found < part):
                 part, gaps = found, self._gaps(self._t + found * h, inside(found))
         if part is None:
             return None
         self._retries += 1
         return part * h
+
+    def _met(self, i: int, h: float) -> tuple[float, float]:
+        """Fractions of a step of length h (s): a zero of gap i nearer than these to its beginning, or to its end, is there."""
+        short = float(min(self._here[i, 2], self._end[i, 2]))
+        least = max(EXACT * min(short / h, 1.0), ROUND * max(abs(self._t), abs(self._t_end)) / h)
+        return max(self.meets[0], least), max(self.meets[1], least)
 
     def _zero(self, i: int, h: float, inside: Callable[[float], Array]) -> float:
         """Fraction of the step at which contact i closes or opens, on the polynomial of the step."""
@@ -249,7 +257,7 @@ class ContactSteps:
                 return float((self._end if part else self._here)[i, 0])
             return float(self._gaps(self._t + part * h, inside(part))[i])
 
-        return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * self.meets)
+        return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * min(self._met(i, h)))
 
     def keep(self) -> None:
         """To be called when the last step is accepted: counts its contacts."""

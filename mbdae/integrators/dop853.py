@@ -16,7 +16,7 @@ import numpy as np
 
 from mbdae.integrators import radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.constant import check_rates, not_finite
+from mbdae.integrators.constant import ROWS, Blocks, check_rates, not_finite
 from mbdae.integrators.dense import Collocation, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant
@@ -80,9 +80,6 @@ DENSE = (
 METHOD = Method(STAGES, tuple((0, *entry) for entry in FIFTH) + tuple((1, *entry) for entry in THIRD), DENSE)
 #: stages of Radau IIA at whose nodes the interpolant is stored: with the start they determine its polynomial of degree 7
 NODES = 7
-#: largest number of steps in one call of the native method, and in the first call where switches are watched; where contacts are
-#: watched, or every step has to be looked at by itself, it is 1
-ROWS, FEW = 256, 8
 
 
 @dataclass(frozen=True)
@@ -143,8 +140,9 @@ class _Run:
             self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
         loop.method = self.method
         self.h0 = h0
-        # number of steps in the next call, and their largest length (s) where a step had passed over a contact or switch
-        self.rows, self.landing = 1, inf
+        contacts = self.watch is not None and self.watch.contacts is not None
+        # largest length (s) of the steps in the next call where a step had passed over a contact or switch
+        self.blocks, self.landing = Blocks(1 if self.system.one_by_one or contacts else ROWS, self.watch is not None), inf
 
     def _start(self) -> None:
         loop = self.loop
@@ -161,16 +159,15 @@ class _Run:
         loop, watch = self.loop, self.watch
         if self.system.longest_step is not None:
             self.method.bound(*self.system.longest_step[:3])
-        most = 1 if self.system.one_by_one or (watch is not None and watch.contacts is not None) else ROWS
-        self.rows, going = most if watch is None else min(most, FEW), True
+        going = True
         loop.goes_on(self)
         while going:
-            rows = self.rows
+            rows = self.blocks.rows
             made = self._made(rows, self.landing if watch is None else min(watch.bound(), self.landing))
             kept = count = len(made.t)
             if watch is not None and count:
                 kept, self.landing = self._looked_at(watch, made, closely=rows == 1)
-                self.rows = min(max(2 * rows, FEW), most) if kept == count else 1
+                self.blocks.made(count, kept)
             if kept == 1:
                 going = loop.accept(float(made.t[0]), made.y[0], made.yp[0], made.inner[0])
             elif kept:

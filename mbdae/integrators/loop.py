@@ -43,7 +43,7 @@ class StepLoop:
         begin: float | None = None,
         stop: Callable[[Solution], bool] | None = None,
         record: RunRecord | None = None,
-        impacts: float = 1.0, meets: float | None = None,
+        impacts: float = 1.0, meets: tuple[float, float] | None = None,
     ) -> None:
         self.impacts, self.record = impacts, record  # impacts: factor on the longest step during an impact
         self.meets = () if meets is None else (meets,)  # how near to its ends a step counts as ending on a touch, of itself

@@ -24,7 +24,7 @@ from mbdae.errors import AccuracyWarning, OptionError, SolverError
 from mbdae.integrators import CollocationTable, radau_table
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.collocation_step import CollocationStep, Demand
-from mbdae.integrators.constant import StepFailedError, check_rates, constant_steps
+from mbdae.integrators.constant import ROWS, Blocks, StepFailedError, check_rates, constant_steps
 from mbdae.integrators.dense import Collocation, hermite, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant
@@ -37,9 +37,6 @@ from mbdae.values import number, set_option, whole
 #: uses a Jacobian for every stage: SOON with up to FEW_UNKNOWNS unknowns, else RESIST. Such a step costs as much as 40 others
 #: (measured with the clearance rotor at rtol 1e-3: 1.4 s with RESIST = 3, 2.1 s with 2)
 RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
-#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched; where
-#: every step has to be looked at by itself it is 1
-ROWS, FEW = 256, 8
 REMEDY = "see whether a force jumps or grows without bound there, or the position is singular; else take another rtol"
 
 
@@ -64,8 +61,7 @@ class Adaptive:
         one_by_one = system.one_by_one
         if self.watch is not None:
             one_by_one |= self.watch.one_by_one or not table.stiffly_accurate
-        self.most = 1 if one_by_one else ROWS
-        self.rows = min(self.most, ROWS if self.watch is None else FEW)
+        self.blocks = Blocks(1 if one_by_one else ROWS, self.watch is not None)
 
     def run(self, h0: float | None) -> None:
         """Step to `loop.t_end`, or until the loop ends the run; h0: first step (s), None: chosen here."""
@@ -80,7 +76,7 @@ class Adaptive:
     def _advance(self, solved: bool) -> int | None:
         """Make steps and store those that hide no contact or switch. Returns the reason (code of `native.collocation`) for which
         the native method stopped, None where the run ends. solved: whether the stages of the first step are solved already."""
-        step, loop, watch, control, closely = self.step, self.loop, self.watch, self.control, self.rows == 1
+        step, loop, watch, control, closely = self.step, self.loop, self.watch, self.control, self.blocks.rows == 1
         if watch is not None:
             control.bound = watch.bound() if closely else watch.bound_of_switches()
             step.run.watch(None if closely or watch.contacts is None else watch.contacts.given())
@@ -115,16 +111,15 @@ class Adaptive:
         return made.code if kept == count else DONE
 
     def _made(self, solved: bool) -> AcceptedSteps:
-        """Make up to `rows` steps. A native call may return earlier, after some time. Where contacts or switches are watched it
-        is then repeated until all steps are made: bounds of the step are renewed between blocks, and must not depend on the
-        clock."""
-        step, loop = self.step, self.loop
-        made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
+        """Make a block of steps. A native call may return earlier, after some time. Where contacts or switches are watched it is
+        then repeated until all are made: bounds of the step are renewed between blocks, and must not depend on the clock."""
+        step, loop, rows = self.step, self.loop, self.blocks.rows
+        made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, rows)
         step.count()
-        while self.watch is not None and made.code == DONE and 0 < len(made.t) < self.rows and made.t[-1] < loop.t_end \
+        while self.watch is not None and made.code == DONE and 0 < len(made.t) < rows and made.t[-1] < loop.t_end \
                 and loop.evaluations_left >= 0:
             loop.guard()
-            more = step.run.steps(float(made.t[-1]), loop.t_end, False, loop.evaluations_left, self.rows - len(made.t))
+            more = step.run.steps(float(made.t[-1]), loop.t_end, False, loop.evaluations_left, rows - len(made.t))
             step.count()
             made = made.then(more)
         return made
@@ -132,7 +127,7 @@ class Adaptive:
     def _kept(self, watch: StepWatch, made: AcceptedSteps, before: Any) -> int:
         """Number of the steps `made` that can be stored; the method goes back to the end of the last of these. before: state of
         the step control before these steps."""
-        loop, closely = self.loop, self.rows == 1
+        loop, closely = self.loop, self.blocks.rows == 1
         count, calm = len(made.t), len(made.t) - (made.code == LOOK)
         times, states = np.concatenate([[loop.t], made.t]), np.concatenate([loop.state[0][None], made.y])
         table, run = self.step.table, self.step.run
@@ -147,7 +142,7 @@ class Adaptive:
             closely, last = True, slice(calm, count)
             one, landing = watch.kept(times[calm:], made.y[last], inside_of(table, states[last], increments[last]), closely)
             kept += one
-        self.rows = min(max(2 * self.rows, FEW), self.most) if kept == count else 1
+        self.blocks.made(count, kept)
         if kept < count:
             self._go_back(made, times, increments, kept, closely, before)
             self.control.landing = landing

@@ -213,8 +213,14 @@ class Kernel:
             return np.empty((*x.shape[:-1], 0))
         if not self.symbols:
             return np.broadcast_to(self._fixed, (*x.shape[:-1], self.width))
-        interpreted = se.Lambdify(self.symbols, self.expressions, backend="lambda", cse=True)
-        return np.asarray(interpreted(np.ascontiguousarray(x, dtype=float))).reshape(*x.shape[:-1], -1)
+        return np.asarray(self._interpreted(np.ascontiguousarray(x, dtype=float))).reshape(*x.shape[:-1], -1)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_interpreted"}
+
+    @cached_property
+    def _interpreted(self) -> Any:
+        return se.Lambdify(self.symbols, self.expressions, backend="lambda", cse=True)
 
     @cached_property
     def oracle(self) -> Callable[[NDArray[Any]], NDArray[Any]]:

@@ -7,7 +7,8 @@ by hand and shows the warnings of the compiler::
     python -m mbdae.native.build
 
 The compiler is the one of the system, or where there is none, zig from the package index (`ziglang`, a compiler in a wheel).
-`CC` names another one, such as `CC="ccache gcc"`; `MBDAE_CFLAGS` holds further flags, such as `-O0 -g`.
+`CC` names another one, such as `CC="ccache gcc"`; `MBDAE_CFLAGS` holds further flags, such as `-O0 -g`. `MBDAE_TARGET` names
+another platform of TARGETS, for which zig compiles on this one.
 """
 
 from __future__ import annotations
@@ -23,19 +24,37 @@ import sys
 import sysconfig
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 HERE = Path(__file__).resolve().parent
+
+
+class Target(NamedTuple):
+    """A platform. zig: what zig compiles for; wheel: tag of a wheel with a library compiled so; suffix: of the library's file."""
+
+    zig: str
+    wheel: str
+    suffix: str = ".so"
+
+
+#: glibc 2.17 (manylinux2014) is old enough that the library can be loaded on every Linux with glibc for which NumPy and SciPy
+#: have wheels
+TARGETS = {"linux-x86_64": Target("x86_64-linux-gnu.2.17", "manylinux2014_x86_64"),
+           "linux-aarch64": Target("aarch64-linux-gnu.2.17", "manylinux2014_aarch64"),
+           "musl-x86_64": Target("x86_64-linux-musl", "musllinux_1_2_x86_64"),
+           "musl-aarch64": Target("aarch64-linux-musl", "musllinux_1_2_aarch64"),
+           "win-amd64": Target("x86_64-windows-gnu", "win_amd64", ".dll"),
+           "win-arm64": Target("aarch64-windows-gnu", "win_arm64", ".dll"),
+           "macosx-x86_64": Target("x86_64-macos.11.0", "macosx_11_0_x86_64", ".dylib"),
+           "macosx-arm64": Target("aarch64-macos.11.0", "macosx_11_0_arm64", ".dylib")}
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+if "MBDAE_TARGET" in os.environ:
+    SUFFIX = TARGETS[os.environ["MBDAE_TARGET"]].suffix
 #: the shared library. It is no extension module and does not depend on the version of Python; the dot in its name keeps Python
 #: from importing it as one
 LIBRARY = HERE / f"mbdae.core{SUFFIX}"
 #: the compiler that an installation requires from the package index where no compiler of the system works and CC names none
 ZIGLANG = "ziglang==0.17.1"
-#: target that zig compiles for, by `platform_name`. glibc 2.17 (manylinux2014) is old enough that the library can be loaded on
-#: every Linux with glibc for which NumPy and SciPy have wheels; `flags` replaces it by musl where this Python uses that
-ZIG_TARGETS = {"linux-x86_64": "x86_64-linux-gnu.2.17", "linux-aarch64": "aarch64-linux-gnu.2.17",
-               "win-amd64": "x86_64-windows-gnu", "win-arm64": "aarch64-windows-gnu",
-               "macosx-x86_64": "x86_64-macos.11.0", "macosx-arm64": "aarch64-macos.11.0"}
 #: flags with which sums, products, quotients and roots are the same to the last bit whatever the compiler: no fused multiply-add
 #: (-ffp-contract=off), no -ffast-math. Instructions beyond those of the oldest supported processors are used only in second
 #: versions of some functions (WIDE in core.h), which run where the processor has these instructions
@@ -75,8 +94,11 @@ def is_current() -> bool:
 
 
 def platform_name() -> str:
-    """System and processor, such as linux-x86_64, win-amd64 or macosx-arm64."""
-    return f"macosx-{platform.machine()}" if sys.platform == "darwin" else sysconfig.get_platform()
+    """System and processor, such as linux-x86_64, musl-x86_64, win-amd64, macosx-arm64: MBDAE_TARGET, else of this Python."""
+    if stated := os.environ.get("MBDAE_TARGET"):
+        return stated
+    name = f"macosx-{platform.machine()}" if sys.platform == "darwin" else sysconfig.get_platform()
+    return name.replace("linux-", "musl-") if has_musl() else name
 
 
 def has_musl() -> bool:
@@ -91,10 +113,9 @@ def is_zig(command: list[str]) -> bool:
 
 def flags(command: list[str]) -> list[str]:
     """Flags with which a compiler command makes a shared library for this platform."""
-    chosen = [*FLAGS, *([] if sys.platform == "win32" else ["-fPIC"])]
+    chosen = [*FLAGS, *([] if SUFFIX == ".dll" else ["-fPIC"])]
     if is_zig(command):
-        target = ZIG_TARGETS[platform_name()]
-        return [*chosen, "-target", target.replace("gnu.2.17", "musl") if has_musl() else target, "-mcpu=baseline"]
+        return [*chosen, "-target", TARGETS[platform_name()].zig, "-mcpu=baseline"]
     return [*chosen, *(["-mmacosx-version-min=11.0"] if sys.platform == "darwin" else [])]
 
 
@@ -118,6 +139,8 @@ def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 def system_compilers() -> list[list[str]]:
     """Compiler commands to try: only that of CC where it is set, else those of the system, of which Windows has none."""
+    if "MBDAE_TARGET" in os.environ:  # zig alone compiles for other platforms
+        return []
     if stated := os.environ.get("CC", "").strip():
         return [shlex.split(stated, posix=sys.platform != "win32")]
     return [] if sys.platform == "win32" else [["cc"], ["gcc"], ["clang"]]
@@ -130,8 +153,8 @@ def compiler() -> list[str]:
         if not (said := refusal(command)):
             return command
         tried.append(f"{shlex.join(command)}: {said}")
-    if not os.environ.get("CC", "").strip():
-        if platform_name() not in ZIG_TARGETS:
+    if "MBDAE_TARGET" in os.environ or not os.environ.get("CC", "").strip():
+        if platform_name() not in TARGETS:
             tried.append(f"ziglang: builds nothing for {platform_name()}")
         elif importlib.util.find_spec("ziglang") is not None:
             return [sys.executable, "-m", "ziglang", "cc"]
@@ -142,8 +165,8 @@ def compiler() -> list[str]:
 
 def needs_ziglang() -> bool:
     """Whether an installation has to fetch a compiler: none of the system works, and CC names none."""
-    return (not os.environ.get("CC", "").strip() and platform_name() in ZIG_TARGETS
-            and all(refusal(command) for command in system_compilers()))
+    stated = os.environ.get("CC", "").strip() and "MBDAE_TARGET" not in os.environ
+    return not stated and platform_name() in TARGETS and all(refusal(command) for command in system_compilers())
 
 
 # -- the compilation
@@ -186,14 +209,14 @@ def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]
 def wheel_platform(command: list[str]) -> str:
     """Platform tag of a wheel: the systems on which the library runs.
 
-    A library compiled by zig needs glibc 2.17 or later, whatever this machine has, as manylinux2014 demands. One compiled by the
-    system's compiler may need the glibc of this machine: such a wheel is tagged linux_x86_64, which the package index refuses.
+    A library compiled by zig needs glibc 2.17 or musl 1.2 or later, whatever this machine has, as the tags demand. One compiled
+    by the system's compiler may need the glibc of this machine: such a wheel is tagged linux_x86_64, which the package index
+    refuses.
     """
-    name, machine = platform_name(), platform.machine()
-    if sys.platform == "darwin":
-        return f"macosx_11_0_{machine}"
-    old = is_zig(command) and ZIG_TARGETS.get(name, "").endswith("gnu.2.17") and not has_musl()
-    return (name.replace("linux-", "manylinux2014-") if old else name).replace("-", "_").replace(".", "_")
+    name = platform_name()
+    if name in TARGETS and (is_zig(command) or sys.platform == "darwin"):
+        return TARGETS[name].wheel
+    return sysconfig.get_platform().replace("-", "_").replace(".", "_")
 
 
 def main() -> int:

@@ -92,7 +92,7 @@ static int one_step(Explicit *x, double *t, double end, const double *times, dou
   I n = x->e->n;
   for (;;) {
     double h = fmin(x->h, fmin(x->longest, longest_step(&x->stretches, *t)));
-    if (*t + 1.01 * h >= end) h = end - *t;
+    if (*t + (h < x->longest ? 1.01 : 1) * h >= end) h = end - *t;
     if (!(*t + h > *t)) return STUCK;
     int code = DONE;
     for (I i = 1; i <= STAGES && !code; i++) code = stage(x, *t, h, i, x->K + i * n);

@@ -2,25 +2,19 @@
 
 A slot is the index of an entry of W. A list is built once: `Operations.slots` reserves slots, other methods append operations.
 `table` checks every slot against the size of W and builds the table that C reads; wrong slots raise ValueError.
-
-The derivative of a list of operations along a direction, as operations on the same array.
-
-The derivative (differential) of the number in slot k is put into slot k + distance, where distance is the number of slots that
-the list had; that of a constant is 0. The operations of the derivative run after those of the list and read their slots again: a
-slot that a kernel has read must not be overwritten later in the list.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mbdae.deferred import sp
 from mbdae.errors import internal
 from mbdae.native import declared
 from mbdae.native.equations import Number, Pointer, Whole
@@ -48,13 +42,17 @@ class Part(ctypes.Structure):
     _fields_ = (("first", Pointer), ("count", Whole))
 
 
+Made = Callable[[Any], ArrayLike]  #: of the equations of a model: makes numbers of an operation from those of its laws
+
+
 class Step(NamedTuple):
     """One operation. fields: values for the members of `Operation`, and the kernel of a CALL or PASS; tables: its arrays of slots
-    and weights; slots: the lowest slot that it uses, and the one after the highest."""
+    and weights; slots: the lowest slot that it uses, and the one after the highest; made: what makes the weights, or None."""
 
     fields: dict[str, Any]
     tables: dict[str, Array | Index]
     slots: tuple[int, int]
+    made: Made | None = None
 
 
 @dataclass
@@ -62,16 +60,32 @@ class _Room:
     """The array that several lists of operations share: its size, and the constants in it, each with its first slot."""
 
     size: int
-    constants: list[tuple[int, Array]] = field(default_factory=list)
+    constants: list[tuple[int, Array | Made]] = field(default_factory=list)
 
 
 class Operations:
     """A list of operations in the order in which they run; the array is made later. size: number of slots reserved before, by the
-    caller; base: another list, with which this one shares the array."""
+    caller; base: another list, with which this one shares the array; source: what functions that make numbers are given."""
 
-    def __init__(self, size: int = 0, base: Operations | None = None) -> None:
+    def __init__(self, size: int = 0, base: Operations | None = None, source: Any = None) -> None:
         self._room: _Room = _Room(size) if base is None else base._room
+        self.source: Any = source if base is None else base.source
         self.steps = list[Step]()
+        self._first: Operations | None = None
+        self._table: tuple[Part, list[Any]] | None = None
+
+    def again(self, source: Any) -> Operations:
+        """The same operations with the numbers that another model makes of them."""
+        made = Operations(base=self)
+        made.source, made._first = source, self._first or self
+        for step in self.steps:
+            tables = dict(step.tables) if step.made is None else {**step.tables, "weight": self._numbers(step.made, source)}
+            made.steps.append(step if step.made is None else step._replace(tables=tables))
+        return made
+
+    @staticmethod
+    def _numbers(values: ArrayLike | Made, source: Any) -> Array:
+        return np.asarray(values(source) if callable(values) else values, dtype=float).ravel()
 
     @property
     def size(self) -> int:
@@ -89,16 +103,17 @@ class Operations:
         self.load(first, np.zeros(count))
         return first
 
-    def constant(self, values: ArrayLike) -> int:
+    def constant(self, values: ArrayLike | Made) -> int:
         """Reserve slots for constants, which `fill` writes once into the array; returns the first slot."""
-        numbers = np.array(values, dtype=float).ravel()
+        numbers = self._numbers(values, self.source).copy()
         first = self.slots(len(numbers))
-        self._room.constants.append((first, numbers))
+        self._room.constants.append((first, values if callable(values) else numbers))
         return first
 
     def fill(self, W: Array) -> None:
         """Write the constants, for which `constant` reserved slots, into the array W."""
-        for first, numbers in self._room.constants:
+        for first, values in self._room.constants:
+            numbers = self._numbers(values, self.source)
             W[first : first + len(numbers)] = numbers
 
     def part(self, *others: Operations) -> Operations:
@@ -134,16 +149,16 @@ class Operations:
                   count=count, first=first, kernel=kernel)
         return block(first, points, width)
 
-    def load(self, first: int, values: ArrayLike) -> None:
+    def load(self, first: int, values: ArrayLike | Made) -> None:
         """Append an operation that writes these constants into consecutive slots from `first` on whenever the operations run."""
-        numbers = np.asarray(values, dtype=float).ravel()
-        self._add(LOAD, {"weight": numbers}, (first, len(numbers)), times=1, count=len(numbers), first=first)
+        numbers = self._numbers(values, self.source)
+        self._add(LOAD, {"weight": numbers}, (first, len(numbers)), made=values, times=1, count=len(numbers), first=first)
 
     def set(self, to: ArrayLike, from_: ArrayLike, times: int = 1, to_step: int = 0, from_step: int = 0) -> None:
         """W[to] = W[from_], `times` times: in each repetition the slots lie to_step and from_step further on."""
         self._map(SET, times, {"to": to, "from_": from_}, None, to_step=to_step, from_step=from_step)
 
-    def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike = 1.0, times: int = 1, to_step: int = 0,
+    def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike | Made = 1.0, times: int = 1, to_step: int = 0,
             from_step: int = 0) -> None:
         """W[to] += weight * W[from_], repeated as in `set`. weight: one number, (len(to),), or (times, len(to))."""
         self._map(ADD, times, {"to": to, "from_": from_}, weight, to_step=to_step, from_step=from_step)
@@ -191,7 +206,8 @@ class Operations:
 
     # -- tables
 
-    def _map(self, kind: int, times: int, slots: dict[str, ArrayLike], weight: ArrayLike | None, **steps: int) -> None:
+    def _map(self, kind: int, times: int, slots: dict[str, ArrayLike], weight: ArrayLike | Made | None, **steps: int) -> None:
+        made, weight = weight, weight(self.source) if callable(weight) else weight
         tables: dict[str, Any] = {name: np.asarray(values, dtype=np.int64).ravel() for name, values in slots.items()}
         count = len(tables["from_"])
         if any(len(table) != count for table in tables.values()):
@@ -206,9 +222,9 @@ class Operations:
                 raise internal(f"an operation of the compiled equations was given factors of shape {weights.shape}: a number, "
                                f"({count},) or ({times}, {count}) is needed")
             steps["weight_step"], tables["weight"] = (count if weights.ndim == 2 else 0), weights.ravel()
-        self._add(kind, tables, times=times, count=count, **steps)
+        self._add(kind, tables, made=made, times=times, count=count, **steps)
 
-    def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], **fields: Any) -> None:
+    def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], made: Any = None, **fields: Any) -> None:
         kept = {name: np.array(table, order="C") if table.flags.writeable else table for name, table in tables.items()}
         for name, table in kept.items():
             if name != "weight" and table.size:
@@ -216,7 +232,7 @@ class Operations:
                 ranges = (*ranges, (int(table.min()), int(table.max()) + last - int(table.min()) + 1))
         if fields["times"] < 0 or any(fields.get(name, 0) < 0 for name in ("to_step", "from_step", "by_step", "count", "inputs")):
             raise internal(f"an operation of the compiled equations has a negative size: {fields}")
-        self.steps.append(Step({"kind": kind} | fields, kept, _whole(ranges)))
+        self.steps.append(Step({"kind": kind} | fields, kept, _whole(ranges), made if callable(made) else None))
 
     @property
     def widest(self) -> int:
@@ -226,16 +242,25 @@ class Operations:
     @property
     def reads(self) -> frozenset[int]:
         """All slots from which the operations take numbers, except the matrices of CHOLESKY, SOLVE and LU."""
-        tables = [tables[name] for _, tables, _ in self.steps for name in ("from_", "by") if name in tables]
+        tables = [tables[name] for _, tables, *_ in self.steps for name in ("from_", "by") if name in tables]
         return frozenset(int(i) for table in tables for i in table.flat)
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
         """The operations as C reads them, and the objects to be kept alive for it. Kernels are compiled here.
 
         Raises ValueError where an operation uses a slot outside of an array of `size` numbers."""
+        if self._first is not None:  # of another model of the same shape, but for its numbers
+            _, (table, *more) = self._first.table(size)
+            own = type(table).from_buffer_copy(table)
+            for k, step in enumerate(self.steps):
+                if step.made is not None:
+                    own[k].weight = step.tables["weight"].ctypes.data
+            return Part(ctypes.addressof(own), len(self.steps)), [own, *more, self.steps]
+        if self._table is not None and len(self._table[1][0]) == max(len(self.steps), 1):
+            return self._table
         made = (Operation * max(len(self.steps), 1))()
         kept: list[Any] = [made]
-        for operation, (fields, tables, (low, high)) in zip(made, self.steps, strict=False):
+        for operation, (fields, tables, (low, high), _) in zip(made, self.steps, strict=False):
             if low < 0 or high > size:
                 raise internal(f"an operation of the compiled equations reads or writes numbers {low} to {high - 1}, beyond the "
                                f"{size} of its array")
@@ -249,7 +274,8 @@ class Operations:
             for name, table in tables.items():
                 setattr(operation, name, table.ctypes.data)
                 kept.append(table)
-        return Part(ctypes.addressof(made), len(self.steps)), kept
+        self._table = Part(ctypes.addressof(made), len(self.steps)), kept
+        return self._table
 
 
 def block(first: int, points: int, width: int) -> Index:
@@ -291,56 +317,26 @@ def address_of(name: str) -> int | None:
     return ctypes.cast(getattr(core(), name), Pointer).value
 
 
-class Tangent:
-    """The differentials of all slots of a list of operations. Their slots are reserved when this object is made, their operations
-    are made when `part` is first read.
+BANDED_FROM = 64  #: number of rows from which `narrow_order` reorders them; with fewer it does not pay
 
-    distance: number of slots from a number to its differential."""
 
-    def __init__(self, of: Operations) -> None:
-        self.distance, self._of = of.size, of
-        of.slots(of.size)
+class Columns(NamedTuple):
+    """Sparsity pattern of a matrix (n, n), column by column: first (n + 1,) where each column begins, rows (nnz,) of the
+    entries."""
 
-    @cached_property
-    def part(self) -> Operations:
-        """The operations that compute the differentials; they have to be run after the list of operations they belong to."""
-        part = self._of.part()
-        for step in self._of.steps:
-            self._add(part, step)
-        return part
+    first: Index
+    rows: Index
 
-    def _add(self, part: Operations, step: Step) -> None:
-        fields, tables, by = step.fields, step.tables, self.distance
-        kind, first = fields["kind"], fields.get("first", 0) + by
-        if kind in (CALL, PASS):
-            self._call(part, step, first)
-        elif kind == LOAD:
-            part.load(first, 0 * tables["weight"])
-        elif kind in (SET, ADD, MULTIPLY):
-            self._map(part, step)
-        elif kind in (CHOLESKY, SOLVE):
-            part.solve(fields["count"], fields["inputs"], fields["first"], fields["outputs"] + by, fields["times"])
-        elif kind != POSITIVE:
-            raise internal(f"the derivative of the compiled equations is not known for their operation number {kind}")
 
-    def _call(self, part: Operations, step: Step, first: int) -> None:
-        fields, tables, by = step.fields, step.tables, self.distance
-        gather = np.hstack([tables["from_"], tables["from_"] + by])
-        if fields["kind"] == PASS:
-            part.hand_on(fields["kernel"].tangent, gather, tables["to"] + by, first)
-        else:
-            part.call(fields["kernel"].tangent, gather, first)
+def narrow_order(n: int, i: Index, j: Index) -> tuple[Index, Index]:
+    """An order of n rows and columns in which a symmetric matrix with entries at (i, j) has a narrow band, and the position of
+    each row in it."""
+    order = np.arange(n)
+    if n >= BANDED_FROM:
+        from scipy.sparse.csgraph import reverse_cuthill_mckee  # imported here because small scenes do not need it
 
-    def _map(self, part: Operations, step: Step) -> None:
-        fields, tables, by = step.fields, step.tables, self.distance
-        steps = {name: fields.get(name, 0) for name in ("to_step", "from_step")}
-        to, from_, times = tables["to"] + by, tables["from_"], fields["times"]
-        if fields["kind"] == SET:
-            part.set(to, from_ + by, times, **steps)
-            return
-        weight = tables["weight"].reshape(times, -1) if fields["weight_step"] else tables["weight"]
-        if fields["kind"] == ADD:
-            part.add(to, from_ + by, weight, times, **steps)
-            return
-        for a, b in ((from_ + by, tables["by"]), (from_, tables["by"] + by)):
-            part.multiply(to, a, b, weight, times, by_step=fields.get("by_step", 0), **steps)
+        graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(n, n))
+        order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
+    place = np.empty(n, dtype=np.intp)
+    place[order] = np.arange(n)
+    return order, place

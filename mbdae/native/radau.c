@@ -336,12 +336,13 @@ static double proposed(Run *r) {
   return KEEP[0] <= factor && factor <= KEEP[1] ? h : h * factor;
 }
 
-/* The width of the next step: cut or slightly stretched to end with what is left; two equal ones rather than a long and a tiny one. */
+/* The width of the next step: cut or slightly stretched to end with what is left; two equal ones rather than a long and a tiny one.
+   One that has to land somewhere is as long as that asks. */
 static double fitted(const Run *r, double t, double left) {
   double h = fmin(r->h, longest_step(&r->stretches, t)), bound = r->bound;
   if (r->contacts) bound = fmin(bound, contacts_bound(r->contacts, t));
   if (bound < h) h = KEEP_FACTORS * bound <= r->factored && r->factored <= bound ? r->factored : bound;
-  h = fmin(h, r->landing);
+  if (r->landing <= h) return fmin(r->landing, left);
   if (h * 1.01 >= left) return left;
   return 2 * h > left && h > 0.6 * left ? left / 2 : h;
 }

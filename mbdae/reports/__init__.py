@@ -5,6 +5,8 @@ Reports of laws without constraint rows: forces by an energy, a dissipation func
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,32 +16,27 @@ from mbdae import laws
 from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Paragraph, Section
 from mbdae.errors import LawError, OptionError, meant, naming_arguments
-from mbdae.kernels.plan import plan
 from mbdae.laws.contact import Hertz, Normal
 from mbdae.laws.friction import Coulomb, Friction, LuGre
 from mbdae.laws.joint_rows import ClearanceRevolute
 from mbdae.laws.joints import Revolute
 from mbdae.laws.journal import JournalContact
 from mbdae.reports.calculus import summed
-from mbdae.reports.joint_page import AXES, JointReport, effort, want_efforts
-from mbdae.reports.law_page import LawPage
+from mbdae.reports.joint_page import AXES, JointReport, want_efforts
+from mbdae.reports.law_page import LawPage, Shown
 from mbdae.reports.lecture import lecture, taught
-from mbdae.reports.letters import Letter, letters
+from mbdae.reports.letters import Letter, effort_unit
 from mbdae.reports.line_element import LineReport
-from mbdae.reports.page import BALANCE, DERIVED, KERNEL, Page, described, document, provenance, title_of
-from mbdae.reports.parts_page import PartPage, part_section
+from mbdae.reports.page import BALANCE, DERIVED, KERNEL, described, document, effort, provenance, title_of
+from mbdae.reports.parts_page import ElementPage, PartPage, part_section
 from mbdae.reports.recursive_page import recursive_report
 from mbdae.reports.scene_sheet import scene_sheet
 from mbdae.reports.sections import figure_of, planar_pages, power_blocks, state_blocks, thrust_blocks
 from mbdae.reports.statement import ReportedLaw, structure_of
 from mbdae.reports.states import POINTS
-from mbdae.reports.vectors import NamedQuantities
-from mbdae.reports.writer import Writer
 from mbdae.results.result import Result
 from mbdae.scene.components import Classical, Clearance, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
-from mbdae.symbolic.derive import derive
-from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Coupling, Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure, TwoBodyLaw
 from mbdae.symbolic.line import LineLaw
@@ -66,7 +63,8 @@ class ForceReport(LawPage):
 
     def document(self) -> Document:
         """The whole report."""
-        sections = [self._law(), self._forces(), *self._states(), *self._gaps(), self._power(), *part_section(self.s)]
+        laws = [self._law(), self._forces(), *self._by_parameters()]
+        sections = [*laws, *self._states(), *self._gaps(), self._power(), *part_section(self.s)]
         planar, none, flat = planar_pages(self)
         pages: list[tuple[Any, list[Block]]] = [(self, [*sections, *none]), *flat]
         head = [*described(self.s.cls), *figure_of(self.s)]
@@ -95,10 +93,8 @@ class ForceReport(LawPage):
 
     def _forces(self) -> Section:
         """Forces and moments on the bodies, and terms of the law in the equations of joint coordinates."""
-        total, partials = self.all_pairs(), (self.elastic[1], self._drag(), self.stated_partials)
-        lines = [self.line(letter, -total[side][i]) for letter, side, i in self.letters()]
-        lines += [self.line(effort(name), sum((part[symbol] for part in partials), se.Integer(0)))
-                  for name, symbol in self.s.coordinates.items()]
+        total = self.all_pairs()
+        lines = [self.line(one.latex, one.formula) for one in self._shown(self.s.record.sides)]
         text = (
             "Forces and moments on the bodies at their points, from $-\\delta V$,"
             " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is"
@@ -111,6 +107,23 @@ class ForceReport(LawPage):
             sums, _ = self.balance({side: (-pair[0], -pair[1]) for side, pair in total.items()}, must=True)
             blocks += [Paragraph("Balance:"), *sums]
         return Section("Forces on the bodies", blocks)
+
+    def _shown(self, sides: Sequence[str]) -> list[Shown]:
+        """Forces and moments on the bodies of these frames, and terms in the equations of the coordinates."""
+        total, partials = self.all_pairs(), (self.elastic[1], self._drag(), self.stated_partials)
+
+        def pair(state: Any, side: str, i: int) -> Any:
+            return -self.at_point(side, {target: state.scalar(e) for target, e in dynamics(self.d)})[i]
+
+        shown = [Shown(letter, "N m" if i else "N", -total[side][i], partial(pair, side=side, i=i))
+                 for letter, side, i in self.letters() if side in sides]
+        return shown + [Shown(effort(name), effort_unit(self.known[name].unit), sum((p[symbol] for p in partials), se.Integer(0)),
+                              partial(self.effort_at, name=name)) for name, symbol in self.s.coordinates.items()]
+
+    def _by_parameters(self) -> list[Section]:
+        """Derivatives by the parameters; those of the first of several bodies follow by the balance, those of contacts stand in
+        the reports of their normal and friction laws."""
+        return [] if self.gaps else self.by_parameters(self._shown(self.s.record.sides[len(self.s.sides) > 1 :]))
 
     def _drag(self) -> dict[Any, Any]:
         """Derivatives of the dissipation function by the rates of the coordinates."""
@@ -155,60 +168,6 @@ class ForceReport(LawPage):
             partials = {symbol: e + self.stated_partials[symbol] for symbol, e in partials.items()}
         bodies = {side: pairs[side] for side in s.sides}
         return Section(title, [Paragraph("Power of what dissipates, on the bodies:"), *power_blocks(self, bodies, partials)])
-
-
-class ElementPage(Page):
-    """The page of a body's law."""
-
-    def __init__(self, law: type[Element], structure: Structure) -> None:
-        self.d, self.flat = (derive(law, structure, ((k, Axes.GENERAL),)) for k in (NodeKind.SPATIAL, NodeKind.PLANAR))
-        self.known = letters(law, structure, self.d.law)
-        for i, axis in enumerate("xyz"):
-            self.known |= {
-                f"b_v{i + 1}": Letter(f"v_{axis}", "m/s", f"velocity of the centre, inertial {axis}"),
-                f"b_W{i + 1}": Letter(f"\\Omega_{axis}", "rad/s", f"angular velocity about body {axis}"),
-                f"b_w{i + 1}": Letter(f"\\omega_{axis}", "rad/s", f"angular velocity about inertial {axis}"),
-                f"b_up{i + 1}": Letter(f"\\dot v_{axis}", "m/s^2", f"acceleration of the centre, inertial {axis}"),
-                f"b_up{i + 4}": Letter(f"\\dot\\Omega_{axis}", "rad/s^2", f"angular acceleration about body {axis}"),
-            }
-        self.writer, self.wanted = Writer(NamedQuantities(), {name: letter.latex for name, letter in self.known.items()}), {}
-        rng = np.random.default_rng(2)
-        self.values: dict[str, Any] = {name: rng.uniform(0.5, 1.5, POINTS) for name in self.known}
-
-    def given(self) -> dict[str, Any]:
-        return {self.known[n].latex: v for n, v in self.values.items()}
-
-    def document(self) -> Document:
-        """The whole report."""
-        cls = type(self.d.law)
-        return document(title_of(cls), described(cls), [(self, self.blocks())], "", [provenance(self.d, self.flat)])
-
-    def _run(self, values: dict[str, Any]) -> dict[Any, Any]:
-        """Outputs of the compiled kernel by target; inputs without a letter are set to 0.3."""
-        p = plan(self.d, dynamics)
-        x = np.stack([values.get(str(s), np.full(POINTS, 0.3)) for s in p.all_inputs.symbols], -1)
-        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
-
-    def blocks(self) -> list[Block]:
-        """Sections on the kinetic energy and the equations of motion that follow from it."""
-        rows = dynamics(self.d)
-        if not rows:
-            return [Section("Kinetic energy", [Paragraph("The node has no inertia of its own.")])]
-        speeds = [f"b_{'v' if i < 3 else 'W'}{i % 3 + 1}" for i in range(6)]
-        still = {f"b_up{i + 1}": self.values[name] for i, name in enumerate(speeds)}
-        linear = self._run(self.values | still | {f"b_W{i}": np.zeros(POINTS) for i in (1, 2, 3)})
-        energy = sum(row * self.values[speeds[target[2]]] for target, row in linear.items()) / 2
-        first = self.lines(self.line("T", self.d.energy, energy, "the compiled mass"))
-        kernel, lines = self._run(self.values), []
-        for target, e in rows:
-            latex = f"{'f' if target[2] < 3 else 'm'}_{'xyz'[target[2] % 3]}"
-            lines.append(self.line(latex, se.expand(e), kernel[target], KERNEL))
-        text = (
-            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\mathbf{v}}$ in inertial axes, and "
-            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}} + \\boldsymbol{\\Omega}\\times"
-            "\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}}$ in body axes, on the left-hand side of the rows:"
-        )
-        return [Section("Kinetic energy", first), self.section("Rows of the equations of motion", text, *lines)]
 
 
 #: friction and normal laws with typical values; a report of their class uses only their structure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section
 from mbdae.errors import LawError
 from mbdae.notation import counted
-from mbdae.reports.law_page import LawPage
+from mbdae.reports.law_page import LawPage, Shown
 from mbdae.reports.letters import effort_unit
-from mbdae.reports.page import BOTH, DERIVED, KERNEL, MOVED, below, described, document, provenance
+from mbdae.reports.page import BOTH, DERIVED, KERNEL, MOVED, below, described, document, effort, provenance
 from mbdae.reports.recursive_page import RecursivePage, matrix, origin, recursive_pages
 from mbdae.reports.sections import (
     coordinates_section,
@@ -26,7 +27,7 @@ from mbdae.reports.sections import (
     title_of_joint,
 )
 from mbdae.reports.statement import ReportedLaw
-from mbdae.reports.states import STEP
+from mbdae.reports.states import STEP, SymbolValues
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Law, Structure
@@ -111,8 +112,8 @@ class JointReport(LawPage):
         """The whole report."""
         sections = [*coordinates_section(self), self._constraint()]
         if self.s.rows or self.s.speeds:
-            sections += [*self._solutions(), self._variation(), self._forces(), *self._balances(), self._rates(),
-                         self._stiffness()]
+            sections += [*self._solutions(), self._variation(), self._forces(), *self._balances(), *self._by_parameters(),
+                         self._rates(), self._stiffness()]
         sections += resistance_section(self)
         planar, none, flat = planar_pages(self)
         further: list[tuple[Any, list[Block]]] = [*flat]
@@ -176,9 +177,7 @@ class JointReport(LawPage):
         work = [rf"{letter}\cdot {w.atom(Base('dpsi' if i else 'du', side))}" for letter, side, i in self.letters()]
         work += [rf"{effort(name)}\,{w.scalar(virtual[symbol])}" for name, symbol in self.s.coordinates.items()]
         lines = [self.line(letter, totals[side][i]) for letter, side, i in self.letters()]
-        for name, symbol in self.s.coordinates.items():
-            rows = (se.Symbol(f"lambda_{row}") * p[symbol] for row, (_, p) in self.s.gradients.items())
-            lines.append(self.line(effort(name), sum(rows, se.Integer(0)) + self.stated_partials[symbol]))
+        lines += [self.line(effort(name), e) for name, e in self._efforts().items()]
         text = ABOUT_FORCES
         if self.s.coordinates:
             text += " The equation of a massless coordinate is $h = 0$ with springs, dampers and loads added."
@@ -186,6 +185,27 @@ class JointReport(LawPage):
             text += " The equation of a massless free rotation: its moment vanishes."
         first = [Equation(rf"\delta W = {' + '.join(work)}")] if self.s.thrust is None or not self.s.coordinates else []
         return Section("Generalised forces", [Paragraph(text), *first, *self.lines(*lines)])
+
+    def _by_parameters(self) -> list[Section]:
+        """Derivatives of the forces and moments on the bodies by the parameters of the joint."""
+        totals = self.totals()
+
+        def pair(state: SymbolValues, side: str, i: int) -> Any:
+            return self.covector(state, side)[i]
+
+        parts = [Shown(letter, "N m" if i else "N", totals[side][i], functools.partial(pair, side=side, i=i))
+                 for letter, side, i in self.letters()]
+        return self.by_parameters([*parts, *(Shown(effort(name), effort_unit(self.known[name].unit), e,
+                                                   functools.partial(self.effort_at, name=name))
+                                             for name, e in self._efforts().items())])
+
+    def _efforts(self) -> dict[str, Expr]:
+        """Generalised forces on the coordinates, by name."""
+        found = dict[str, Expr]()
+        for name, symbol in self.s.coordinates.items():
+            rows = (se.Symbol(f"lambda_{row}") * p[symbol] for row, (_, p) in self.s.gradients.items())
+            found[name] = sum(rows, se.Integer(0)) + self.stated_partials[symbol]
+        return found
 
     def _balances(self) -> list[Section]:
         if not self.s.sides:
@@ -241,11 +261,6 @@ class JointReport(LawPage):
 def summed(terms: list[str]) -> str:
     """Terms with their signs as a sum."""
     return (terms[0] + "".join(f" - {t[1:]}" if t.startswith("-") else f" + {t}" for t in terms[1:])) if terms else "0"
-
-
-def effort(name: str) -> str:
-    """Letter of the generalised force of the rows on a coordinate."""
-    return f"h_{below(name)}"
 
 
 def want_efforts(page: Any) -> None:

@@ -3,18 +3,18 @@ equations must have at random states."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
 
-from mbdae.documents.blocks import Block, Equation, Paragraph
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section
 from mbdae.errors import LawError
 from mbdae.kernels.plan import Outputs, plan
-from mbdae.reports.calculus import Pair, summed, times
+from mbdae.reports.calculus import ForwardDerivative, Pair, summed, times
 from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, rate_of, unit_text
 from mbdae.reports.page import BOTH, Check, Page
 from mbdae.reports.statement import ReportedLaw, derived
@@ -24,7 +24,7 @@ from mbdae.reports.vectors import Base, Vector
 from mbdae.reports.writer import Writer, subscript
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
-from mbdae.symbolic.outputs import weighted
+from mbdae.symbolic.outputs import dynamics, weighted
 from mbdae.symbolic.vectors import Expr
 
 _BASES = {
@@ -55,6 +55,18 @@ _TURNED = {
     "w": ("angular velocity of the free rotation, with components as for its axes", "rad/s"),
     "dpsi": ("virtual rotation of the free rotation, with components as for its axes", "rad"),
 }
+
+
+class Shown(NamedTuple):
+    """A force, moment or generalised force that a page prints: letter, unit, formula, and its values at states."""
+
+    latex: str
+    unit: str
+    formula: Any
+    values: Callable[[SymbolValues], Any]
+
+
+COMPLEX = "the derived equations, by a complex step of the parameter"
 
 
 class LawPage(Page):
@@ -241,6 +253,36 @@ class LawPage(Page):
         sides = [side for side in self.s.record.sides if side not in self.s.still]
         return [(rf"\mathbf{{{letter}}}{mark}_{subscript(side)}", side, i) for side in sides
                 for i, letter in enumerate("fm") if i or side in self.s.sides]
+
+    def by_parameters(self, parts: Sequence[Shown], own: str = "") -> list[Section]:
+        """Section with the derivatives of forces, moments and generalised forces by the parameters of the law, at the same motion
+        and multipliers; none where none depends on one. own: with what the names of the parameters begin."""
+        lines, without, timed = list[str](), list[str](), self.s.structure.timed
+        for name, letter in self.known.items():
+            if name not in self.d.law.params or name not in self.state.given or name in timed or not name.startswith(own):
+                continue
+            by, changed = self.changing(name, letter.latex), self.state.changed(1j * STEP, {}, {name: 1.0})
+            changes = [(part, by.vector(part.formula) if isinstance(part.formula, Vector) else by.scalar(part.formula))
+                       for part in parts]
+            found = [(part, e) for part, e in changes if (e.terms if isinstance(e, Vector) else e != 0)]
+            for part, e in found:
+                share = (f"({part.unit})/({letter.unit})" if " or " in part.unit + letter.unit else
+                         str(unit(part.unit) / unit(letter.unit)))
+                lines.append(self.line(rf"\frac{{\partial {part.latex}}}{{\partial {letter.latex}}}", e,
+                                       np.imag(part.values(changed)) / STEP, COMPLEX, share))
+            without += [] if found else [f"${letter.latex}$"]
+        text = "At the same motion, multipliers and internal states; what these add in a run has `r.sensitivity(...)`."
+        text += f" No force depends on {', '.join(without)}." if without else ""
+        return [self.section("Derivatives by the parameters", text, *lines)] if lines else []
+
+    def changing(self, name: str, latex: str) -> ForwardDerivative:
+        """The derivative by a parameter, at fixed frames."""
+        return ForwardDerivative(self.s.record, lambda _: None, {se.Symbol(name): se.Integer(1)}, rf"\partial_{{{latex}}}")
+
+    def effort_at(self, state: SymbolValues, name: str) -> Any:
+        """What the derived law adds to the left-hand side of the equation of a coordinate, at states."""
+        place = "u", self.s.places[name], 0
+        return next((state.scalar(e) for target, e in dynamics(self.d) if target == place), np.zeros(POINTS))
 
     def balance(self, pairs: dict[str, Pair], must: bool = False) -> tuple[list[Block], bool]:
         """Equations for the sums of the forces and of the moments about the point of the first body, and whether both sums vanish

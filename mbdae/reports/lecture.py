@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Paragraph, Section, Table
-from mbdae.reports.joint_page import effort
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import effort_unit, unit_text, worded
-from mbdae.reports.page import BOTH, DERIVED, KERNEL, below, described, document, made_from
+from mbdae.reports.page import BOTH, DERIVED, KERNEL, below, described, document, effort, made_from
 from mbdae.reports.recursive_page import matrix
 from mbdae.reports.recursive_values import TREE, RecursiveValues
 from mbdae.reports.sections import ANGLE, LENGTH, figure_of, plus, title_of_joint

@@ -339,3 +339,8 @@ def provenance(d: Derived, planar: Derived | None) -> Section:
     rates = "With the rates of its rows, its coordinates and its branches:"
     return Section("Origin", [Paragraph(text), Paragraph(f"`{fingerprint(d)}`"), Paragraph(rates),
                               Paragraph(f"`{fingerprint(d, rates=True)}`"), Table(head, rows, caption)])
+
+
+def effort(name: str) -> str:
+    """Letter of the generalised force of the rows on a coordinate."""
+    return f"h_{below(name)}"

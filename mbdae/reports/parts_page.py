@@ -1,4 +1,5 @@
-"""Reports of friction laws and normal laws: the equations, limits and power that concern them in a law that contains them."""
+"""Reports of friction laws and normal laws: the equations, limits and power that concern them in a law that contains them; and of
+bodies, by their kinetic energy."""
 
 from __future__ import annotations
 
@@ -9,15 +10,21 @@ import symengine as se
 
 from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Point, Section, Table
+from mbdae.kernels.plan import plan
 from mbdae.laws.friction import Friction
 from mbdae.laws.joints import Prismatic
 from mbdae.laws.journal import JournalContact
 from mbdae.laws.on_coordinates import JointFriction
-from mbdae.reports.law_page import LawPage
-from mbdae.reports.letters import Letter, unit_text
-from mbdae.reports.page import BALANCE, DERIVED, KERNEL, described, document, made_from, short_hash
+from mbdae.reports.law_page import LawPage, Shown
+from mbdae.reports.letters import Letter, letters, unit_text
+from mbdae.reports.page import BALANCE, DERIVED, KERNEL, Page, described, document, made_from, provenance, short_hash, title_of
 from mbdae.reports.statement import ReportedLaw, structure_of
 from mbdae.reports.states import POINTS, STEP, random_state, value
+from mbdae.reports.vectors import NamedQuantities
+from mbdae.reports.writer import Writer
+from mbdae.symbolic.derive import derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.law import Element, Structure
 from mbdae.symbolic.outputs import dynamics, fingerprint
 from mbdae.symbolic.part import PartStructure, params
 from mbdae.symbolic.vectors import Expr
@@ -77,11 +84,13 @@ class PartPage(LawPage):
         lines = [self.line("f_t", push, -row, KERNEL), self.line("P", loss, -self.state.scalar(self.d.dissipated_power), BALANCE),
                  self.line(r"\mu", mu, row / self.state.given["normal_force"], KERNEL)]
         out = self.told("Friction force on l along the tangent, and its power on the bodies:", *lines)
+        rates = [Shown(r"\mu", "1", mu, lambda state: state.scalar(mu))]
         for i, (name, rate) in enumerate(self.symbolic.rate(v).items()):
             latex, start = self.known[f"state_{name}"].latex, self.symbolic.initial(v)[name]
             out += self.lines(self.line(rf"\dot{{{latex}}}", rate, self.state.scalar(self.d.state_rates[i]), DERIVED),
                               self.line(f"{latex}(0)", start, self.state.scalar(self.d.state_starts[i]), DERIVED))
-        return [Section("Law", out), Section("Limits", self._limits(mu, v)), Section("Power and sign", self._power(mu, v))]
+        return [Section("Law", out), *self.by_parameters(rates, "friction_"), Section("Limits", self._limits(mu, v)),
+                Section("Power and sign", self._power(mu, v))]
 
     def _steady(self, v: Expr) -> dict[Any, Any]:
         """Internal states at constant velocity, where their rates vanish; only for rates that are linear in their state."""
@@ -175,7 +184,14 @@ class PartPage(LawPage):
         y = self._at(elastic, dict.fromkeys(self._values(), 1.0), a, x)
         caption = "Elastic force over the penetration, both over their scale."
         picture = Picture(curve(x, y, "penetration", "elastic force"), caption)
-        return [self.section("Law", text, *lines), Section("Limits and power", [Paragraph(self._lost(a)), picture])]
+        pressed = Shown("f_n", "N", record.scalars.get(force, force), self._pressed)
+        return [self.section("Law", text, *lines), *self.by_parameters([pressed], "normal_"),
+                Section("Limits and power", [Paragraph(self._lost(a)), picture])]
+
+    def _pressed(self, state: Any) -> Any:
+        """The normal force at states, by the derived law."""
+        stated = self.d.law.observed(*self.d.sides)["normal_force"][0]
+        return state.scalar(self.d.variation.resolve(self.d.variation.name(stated)))
 
     def _slope(self, energy: Expr, a: Expr) -> Any:
         """dV/da by a complex step."""
@@ -224,3 +240,57 @@ def curve(x: Any, y: Any, across: str, up: str) -> Drawing:
     found.text((width + margin) / 2, height - 4, across)
     found.text(margin + 6, 14, up, "start")
     return found
+
+
+class ElementPage(Page):
+    """The page of a body's law."""
+
+    def __init__(self, law: type[Element], structure: Structure) -> None:
+        self.d, self.flat = (derive(law, structure, ((k, Axes.GENERAL),)) for k in (NodeKind.SPATIAL, NodeKind.PLANAR))
+        self.known = letters(law, structure, self.d.law)
+        for i, axis in enumerate("xyz"):
+            self.known |= {
+                f"b_v{i + 1}": Letter(f"v_{axis}", "m/s", f"velocity of the centre, inertial {axis}"),
+                f"b_W{i + 1}": Letter(f"\\Omega_{axis}", "rad/s", f"angular velocity about body {axis}"),
+                f"b_w{i + 1}": Letter(f"\\omega_{axis}", "rad/s", f"angular velocity about inertial {axis}"),
+                f"b_up{i + 1}": Letter(f"\\dot v_{axis}", "m/s^2", f"acceleration of the centre, inertial {axis}"),
+                f"b_up{i + 4}": Letter(f"\\dot\\Omega_{axis}", "rad/s^2", f"angular acceleration about body {axis}"),
+            }
+        self.writer, self.wanted = Writer(NamedQuantities(), {name: letter.latex for name, letter in self.known.items()}), {}
+        rng = np.random.default_rng(2)
+        self.values: dict[str, Any] = {name: rng.uniform(0.5, 1.5, POINTS) for name in self.known}
+
+    def given(self) -> dict[str, Any]:
+        return {self.known[n].latex: v for n, v in self.values.items()}
+
+    def document(self) -> Document:
+        """The whole report."""
+        cls = type(self.d.law)
+        return document(title_of(cls), described(cls), [(self, self.blocks())], "", [provenance(self.d, self.flat)])
+
+    def _run(self, values: dict[str, Any]) -> dict[Any, Any]:
+        """Outputs of the compiled kernel by target; inputs without a letter are set to 0.3."""
+        p = plan(self.d, dynamics)
+        x = np.stack([values.get(str(s), np.full(POINTS, 0.3)) for s in p.all_inputs.symbols], -1)
+        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
+
+    def blocks(self) -> list[Block]:
+        """Sections on the kinetic energy and the equations of motion that follow from it."""
+        rows = dynamics(self.d)
+        if not rows:
+            return [Section("Kinetic energy", [Paragraph("The node has no inertia of its own.")])]
+        speeds = [f"b_{'v' if i < 3 else 'W'}{i % 3 + 1}" for i in range(6)]
+        still = {f"b_up{i + 1}": self.values[name] for i, name in enumerate(speeds)}
+        linear = self._run(self.values | still | {f"b_W{i}": np.zeros(POINTS) for i in (1, 2, 3)})
+        energy = sum(row * self.values[speeds[target[2]]] for target, row in linear.items()) / 2
+        first = self.lines(self.line("T", self.d.energy, energy, "the compiled mass"))
+        kernel, lines = self._run(self.values), []
+        for target, e in rows:
+            latex = f"{'f' if target[2] < 3 else 'm'}_{'xyz'[target[2] % 3]}"
+            lines.append(self.line(latex, se.expand(e), kernel[target], KERNEL))
+        text = (
+            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\mathbf{v}}$ in inertial axes, and "
+            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}} + \\boldsymbol{\\Omega}\\times"
+            "\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}}$ in body axes, on the left-hand side of the rows:"
+        )
+        return [Section("Kinetic energy", first), self.section("Rows of the equations of motion", text, *lines)]

@@ -185,7 +185,8 @@ WHOLE = 2_000_000
 #: number of times at which a run is compared with another; with contacts up to MOST, as far as all unknowns at them are at most
 #: NUMBERS: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
 FEWEST, MOST, NUMBERS = 200, 2000, 400_000
-KINDS = ("companion", "window", "mesh", "closer")  #: see `OtherRun`
+KINDS = ("companion", "window", "mesh", "start", "closer")  #: see `OtherRun`
+FURTHER = ("mesh", "start")  #: kinds of which runs of the same scene from the same start show nothing: their errors are added
 LATE = 2 / 3  #: fraction of a window from which on its vibrations are taken to go on after it
 
 
@@ -238,9 +239,9 @@ class OtherRun:
     """A run with which the returned run is compared at some times (k,): the error of the latter is `share` times the difference.
 
     kind: "companion" (the same method at a larger tolerance, or another method), "window" (a short run that resolves vibrations
-    which the run may leave out), "mesh" (the run on a finer mesh of the beams) or "closer" (a run that is far more accurate, made
-    when a quantity was read); prepared: its scene, where it has another mesh; ratio: its tolerance over that of the run (0: not
-    known)."""
+    which the run may leave out), "mesh" (the run on a finer mesh of the beams), "start" (a motion from another start, where that
+    of the run is not exact) or "closer" (a far more accurate run, made when a quantity was read); prepared: its scene, where
+    it has another mesh; ratio: its tolerance over that of the run (0: not known)."""
 
     run: Solution
     times: Array

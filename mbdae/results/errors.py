@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
-from mbdae.results.clearance import LATE, AtTimes, OtherRun, at_the_same_times, wrenches
+from mbdae.results.clearance import FURTHER, LATE, AtTimes, OtherRun, at_the_same_times, wrenches
 from mbdae.results.contacts import averaged, fallen, largest
 from mbdae.results.quantities import Quantity, difference, differences, magnitudes, moves, named, unit_of, value, without_value
 from mbdae.results.states import states_of
@@ -45,7 +45,7 @@ UNREADABLE = (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, A
 
 
 class Estimate(NamedTuple):
-    """error: of a quantity, absolute, in its unit; size: what it is relative to; limit: below which it is rounding."""
+    """error: of a quantity, absolute, in its unit, rounding at least; size: what it is relative to; limit: that of rounding."""
 
     error: float
     size: float
@@ -201,7 +201,8 @@ class Errors:
                     found.append((other, part(other, other.times[at], own[at], beside[at])))
         except UNREADABLE:
             return None
-        return Estimate(together(found), max(known, self._scale(result, quantity, unit)), self._rounding(unit)) if found else None
+        limit = ROUNDED * self._typical(unit)
+        return Estimate(max(together(found), limit), max(known, self._scale(result, quantity, unit)), limit) if found else None
 
     def _estimated_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
         """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks."""
@@ -215,7 +216,8 @@ class Errors:
             return None
         followed = any(other.kind == "closer" and other.times[-1] >= t for other in self.others)
         error = together(found) if followed else max(together(found), MEETING * over_time.error)
-        return Estimate(error, max(size, self._scale(result, quantity, unit)), self._rounding(unit))
+        limit = ROUNDED * self._typical(unit)
+        return Estimate(max(error, limit), max(size, self._scale(result, quantity, unit)), limit)
 
     def _at_peak(self, result: Any, quantity: Quantity, size: float, t: float, other: OtherRun) -> float:
         """The difference of another run that counts for the peak of this one."""
@@ -241,7 +243,7 @@ class Errors:
             return max(there - size, 0.0)
         if other.kind == "closer":
             return abs(there - size)
-        if other.kind == "window":
+        if other.kind in ("window", "start"):
             near = np.abs(other.times - t) <= NEAR * (end - begin)
             apart = magnitudes(value(beside, quantity) - value(own, quantity))
             return max(there - size, float(np.max(apart[near], initial=0.0)))
@@ -253,10 +255,10 @@ class Errors:
 
     @property
     def _shown(self) -> list[OtherRun]:
-        """The runs that count: where there is a closer one, it and that on another mesh, and from its end on the others."""
+        """The runs that count: where there is a closer one, it, those of FURTHER errors, and from its end on the others."""
         given = [other for other in self.others if len(other.times)]
         end = max((other.times[-1] for other in given if other.kind == "closer"), default=-np.inf)
-        return [cut for other in given if len((cut := other if other.kind in ("closer", "mesh") else other.after(end)).times)]
+        return [cut for other in given if len((cut := other if other.kind in ("closer", *FURTHER) else other.after(end)).times)]
 
     def _both(self, result: Any, other: OtherRun) -> tuple[Any, Any]:
         """The run and another one at the times of their comparison, to be read without telling anything."""
@@ -274,9 +276,6 @@ class Errors:
         """Least size of a quantity: motion is relative to length and characteristic time, as its accuracy is."""
         share = LEAST if quantity in self.wanted else 1.0 if moves(result, quantity) else IDLE if unit == "W" else LEAST
         return share * self._typical(unit)
-
-    def _rounding(self, unit: str) -> float:
-        return ROUNDED * self._typical(unit)
 
     def _typical(self, unit: str) -> float:
         """What the scene has of a quantity of some unit; 0 where that is not known."""
@@ -346,5 +345,5 @@ def together(found: Iterable[tuple[OtherRun, float]]) -> float:
         differences = [(other, apart) for other, apart in differences if other.kind != "companion"]
     for other, apart in differences:
         kinds[other.kind] = max(kinds.get(other.kind, 0.0), other.share * apart)
-    closer, mesh = kinds.pop("closer", 0.0), kinds.pop("mesh", 0.0)
-    return float(max(closer, sum(kinds.values())) + mesh)  # beside a closer run the others count after its end alone
+    closer, further = kinds.pop("closer", 0.0), sum(kinds.pop(kind, 0.0) for kind in FURTHER)
+    return float(max(closer, sum(kinds.values())) + further)  # beside a closer run the others count after its end alone

@@ -32,7 +32,7 @@ from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import constraint_rows
-from mbdae.system.motion.all_bodies import AllBodies
+from mbdae.system.motion import AllBodies
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.redundancy import RankReport
 from mbdae.system.start import Start

@@ -267,7 +267,7 @@ PAST = 1e-9  #: of the scene's length, by which a quantity is negative where a r
 
 
 def past_their_domain(result: Result) -> list[str]:
-    """Warnings about forces that no longer mean what they state, such as a rope that has left a pulley."""
+    """Warnings of forces that no longer mean what they state, as a rope off its pulley, or change the stiffness of bodies."""
     found = []
     for c in result.prepared.model.scene.connections:
         for name, words in (entry for law in c.laws for entry in getattr(law, "must_stay", {}).items()):

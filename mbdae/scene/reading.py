@@ -329,7 +329,7 @@ def body(arg: Argument, value: Any) -> Any:
     if isinstance(value, Place):
         return Place(body(arg, value.body), np.array(value.point, dtype=float))
     scene = arg.scene
-    if isinstance(value, Body) and value.scene is scene:
+    if isinstance(value, Body) and (value.scene is scene or scene._by_name.get(value.name) is value):
         return value
     named = [b for b in [scene.ground, *scene.bodies] if isinstance(value, str) and b.name == value]
     if named:

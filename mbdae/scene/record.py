@@ -6,6 +6,7 @@ The data of a scene, on which all statements work: its items by name, the statem
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, wraps
@@ -13,6 +14,7 @@ from inspect import Signature, signature
 from itertools import count
 from types import FunctionType
 from typing import Any, TypeVar
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -64,10 +66,15 @@ def statement(method: F) -> F:
             self.statements.append([method.__name__, [*(told.pop(k) for k in names[:positional]), *more], told])
             self._as_named = {}
         before, self.recording = self.recording, False
+        others = [one for one in self._shares if one.recording]  # until the statement ends, it sets what belongs to its items
+        for one in others:
+            one.recording = False
         try:
             return method(self, *args, **kwargs)
         finally:
             self.recording = before
+            for one in others:
+                one.recording = True
 
     STATEMENTS[method.__name__] = recorded
     return recorded  # type: ignore[return-value]
@@ -202,7 +209,7 @@ def without_module(name: str) -> str:
 READ: dict[str, Reader] = {"name": reading.name, "space": reading.one_of("auto", "planar", "spatial"),
         "gravity": lambda arg, value: fixed(reading.vector("m/s^2")(arg, value))}
 
-KEPT = {"recording", "_known", "_sent", "_as_named"}  #: attributes by which a scene keeps what it found
+KEPT = {"recording", "_shares", "_known", "_sent", "_as_named"}  #: attributes by which a scene keeps what it found
 
 
 class SceneItems(NamesAttributes):
@@ -229,6 +236,7 @@ class SceneItems(NamesAttributes):
         self._read = [0] * 5  #: how many entries of each list `_by_name` has read
         self.frames: dict[str, FrameOnBody] = {}  #: named frames on bodies
         self.told: list[str] = []  #: what a scene that was read from a file says otherwise than the file
+        self._shares: tuple[Any, ...] = ()  #: scenes with which it shares items
         self._wanted: dict[str, set[str]] = {}  #: joint's name -> its quantities that sensors read, see `keep_read_coordinates`
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
 
@@ -276,6 +284,34 @@ class SceneItems(NamesAttributes):
         names = list(dict.fromkeys([*(item.name for item in self._items), *frames]))
         return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "") or "none"
 
+    def _touched(self, others: list[Statement]) -> dict[int, str] | None:
+        """Numbers of the statements that are not those of `others`, and of all that name their items, with the names of these.
+        None where one of them makes neither a body nor a connection."""
+        left = [i for i, (a, b) in enumerate(zip(self.statements, others, strict=True)) if a is not b]
+        names, touched = self._named, dict.fromkeys(left, "")
+        while left:
+            i = left.pop()
+            if i not in names:
+                return None
+            new = [j for j in names[i][1] if j not in touched]
+            left += new
+            touched |= dict.fromkeys(new, "") | {i: names[i][0]}
+        return touched
+
+    @property
+    def _named(self) -> dict[int, tuple[str, list[int]]]:
+        """Number of every statement that makes a body or a connection -> its name, and the numbers of those that name it."""
+        count, found = vars(self).get("_mentions", (0, {}))
+        if len(self.statements) != count:
+            texts, found = [repr(s[1:]) for s in self.statements], {}
+            items = {*(b.name for b in self.bodies), *(c.name for c in self.connections)}
+            for i, s in enumerate(self.statements):
+                if (name := item_name(s)) in items:
+                    alike = re.compile(rf"(?<!\w){re.escape(name)}(?!\w)")
+                    found[i] = name, [j for j, text in enumerate(texts) if j != i and alike.search(text)]
+            vars(self)["_mentions"] = len(self.statements), found
+        return found  # type: ignore[no-any-return]
+
     def _keep_read_coordinates(self, item: Any) -> None:
         """Make unknowns of the coordinates that a new item reads, and of its own that others read."""
         keep_read_coordinates(self, read_by(item))
@@ -291,3 +327,19 @@ class SceneItems(NamesAttributes):
         self._claim(body.name)
         self.bodies.append(body)
         return body
+
+
+def models_of(scene: SceneItems) -> WeakValueDictionary[Any, Any]:
+    """The model that was made last, of a scene or of one that shares its items, by what else it depends on, as long as somebody
+    uses it."""
+    found: WeakValueDictionary[Any, Any] = vars(scene).setdefault("_models", WeakValueDictionary())
+    return found
+
+
+def apart(scene: SceneItems, other: SceneItems) -> set[str] | None:
+    """Names of the items that a scene does not share with another one, where both come from the same one by `_restated`; else
+    None."""
+    if len(scene.statements) != len(other.statements) or models_of(scene) is not models_of(other):
+        return None
+    touched = scene._touched(other.statements)
+    return None if touched is None else set(touched.values())

@@ -285,7 +285,7 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
     for i, entry in enumerate(data["statements"]):
         check("a scene was made from its statements")
         try:
-            _repeat(scene, entry, known)
+            repeat(scene, entry, known)
         except SceneError as error:
             raise SceneError([f"statement {i + 1}, {_described(entry)}: {problem}" for problem in error.problems]) from error
         except MbdaeError as mistake:
@@ -296,7 +296,8 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
     return scene
 
 
-def _repeat(scene: Any, entry: Statement, known: Known) -> None:
+def repeat(scene: Any, entry: Statement, known: Known) -> None:
+    """Make a recorded statement on a scene; SceneError where that is not possible."""
     method, args, kwargs = entry
     if method not in STATEMENTS:
         raise SceneError([f"{shown(method)} is no statement that this version of mbdae knows; it knows {', '.join(STATEMENTS)}"])

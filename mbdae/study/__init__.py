@@ -1,5 +1,5 @@
 """What a study gives its user: text, data as JSON, and an HTML page, which loads no other file and has layouts for screens,
-phones and print.
+phones and print; and what users give to it: measurements, and ranges of numbers.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any, ClassVar
 
-from mbdae.errors import ListsAttributes
+import numpy as np
+
+from mbdae.errors import ListsAttributes, OptionError
 from mbdae.files import write_file
-from mbdae.notation import plain, titled
-from mbdae.values import file_to_write, optional
+from mbdae.notation import counted, plain, titled
+from mbdae.values import Array, array, file_to_write, number, option, optional, sequence, shown, text
 
 STYLE = """
 :root { color-scheme: only light; }
@@ -159,3 +161,79 @@ def grid(rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(n) if j == 0 or cell in left else cell.rjust(n)
                       for j, (cell, n) in enumerate(zip(row, widths, strict=True))).rstrip() for row in rows]
+
+
+# -- measurements, and ranges of numbers, as users give them
+
+
+def measurements(data: Any) -> dict[Any, tuple[Array, Array]]:
+    """Measurements as a user gives them; OptionError for anything else."""
+    remedy = "give a mapping of sensors to (times, values), such as {'D.angle': (t, measured)}"
+    if not isinstance(data, Mapping) or not data:
+        raise OptionError(f"data = {shown(data)}: {remedy}")
+    found: dict[Any, tuple[Array, Array]] = {}
+    for name, given in data.items():
+        pair = option(f"data: {shown(name)}", given, sequence, remedy, each=array)
+        if len(pair) != 2:
+            raise OptionError(f"data: {shown(name)} has {counted(len(pair), 'entry')}: {remedy}")
+        t, values = pair
+        if t.ndim != 1 or t.shape != values.shape or not len(t):
+            raise OptionError(f"data: {shown(name)} has times of shape {t.shape} and values of shape {values.shape}: give as "
+                              "many values as times")
+        if t.min() < 0:
+            raise OptionError(f"data: {shown(name)} has a time of {t.min():g} s: runs begin at 0 s; count times from there on")
+        found[name] = t, values
+    if max(t.max() for t, _ in found.values()) <= 0:
+        raise OptionError("data: all measurements are of t = 0 s, where the run begins, so that there is no run to fit: give one "
+                          "or more of a later time")
+    return found
+
+
+def deviations(sigma: Any, data: Mapping[Any, tuple[Array, Array]]) -> dict[Any, Array]:
+    """Standard deviations (n,) of the measurements by sensor; where none are given the root mean square of all measurements, so
+    that their unit does not decide where a fit ends."""
+    remedy = "give positive standard deviations: a number, an array with one for each measurement, or either by sensor"
+    if isinstance(sigma, Mapping) and sigma.keys() != data.keys():
+        raise OptionError(f"sigma is given for {', '.join(map(str, sigma))}: {remedy}, for {', '.join(map(str, data))}")
+    found = {}
+    size = float(np.sqrt(np.mean(np.concatenate([values for _, values in data.values()]) ** 2))) or 1.0
+    for name, (t, _) in data.items():
+        given = sigma[name] if isinstance(sigma, Mapping) else size if sigma is None else sigma
+        one = option("sigma", given, array, remedy)
+        if one.shape not in ((), t.shape) or not np.all(one > 0):
+            raise OptionError(f"sigma = {shown(given)}: {remedy}")
+        found[name] = np.broadcast_to(one, t.shape).astype(float)
+    return found
+
+
+def limits(bounds: Any, names: Sequence[str]) -> tuple[Array, Array]:
+    """Least and largest values (k,) of the numbers."""
+    remedy = "give a mapping of names in `to` to (least, largest), None for none, such as {'C.spring': (0, None)}"
+    given = {} if bounds is None else bounds
+    if not isinstance(given, Mapping) or not given.keys() <= set(names):
+        raise OptionError(f"bounds = {shown(bounds)}: {remedy}")
+    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for name, pair in given.items():
+        both = option(f"bounds: '{name}'", pair, sequence, remedy, each=lambda one: None if one is None else number(one))
+        if len(both) != 2:
+            raise OptionError(f"bounds: '{name}' = {shown(pair)}: {remedy}")
+        for ends, one in ((low, both[0]), (high, both[1])):
+            if one is not None:
+                ends[names.index(name)] = one
+    if np.any(low >= high):
+        raise OptionError(f"bounds: a least value is not below the largest one: {remedy}")
+    return low, high
+
+
+def ranges(to: Any) -> tuple[list[str], Array, Array]:
+    """Names of numbers with their least and largest values."""
+    remedy = "give a mapping of names of numbers to (least, largest), such as {'coupler.mass': (0.1, 2.0)}"
+    if not isinstance(to, Mapping) or not to:
+        raise OptionError(f"to = {shown(to)}: {remedy}")
+    names = [option("to", name, text, remedy) for name in to]
+    pairs = [option(f"to: '{name}'", to[name], sequence, remedy, each=number) for name in names]
+    for name, pair in zip(names, pairs, strict=True):
+        if len(pair) != 2 or pair[0] >= pair[1]:
+            raise OptionError(f"to: '{name}' = {shown(to[name])}: {remedy}")
+    low, high = np.array(pairs).T
+    return names, low, high

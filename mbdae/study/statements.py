@@ -9,7 +9,6 @@ cannot step over it.
 from __future__ import annotations
 
 import copy
-import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,8 +20,7 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import timed
 from mbdae.inputs.breaks import Pulse, pulse_of
 from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, paths, with_values
-from mbdae.scene.record import encode, item_name, read, stored
-from mbdae.scene.replay import Known, replay
+from mbdae.scene.record import encode, item_name, read, signature_of, stored
 from mbdae.scene.scene import SceneData
 from mbdae.values import array, option
 
@@ -44,8 +42,9 @@ def changed(scene: SceneData, name: str, value: Value, t_end: float = 1.0) -> tu
         return _again(scene, _with_number(scene.statements, item, _of(value, scene.numbers[item])), name, value), 1.0
     if not keys:
         raise OptionError(f"vary: '{name}' names no number; add one of its arguments after a dot, such as '{name}.mass'")
-    statements = copy.deepcopy(scene.statements)
+    statements = [*scene.statements]
     index, call = call_of(scene, statements, item)
+    call = copy.deepcopy(call)
     pulse, factor = varying(call, keys, t_end, name), 1.0
     if keys == ["mass"] and callable(value) and (mass := stated_number(scene, item, "mass")) is not None:
         value = value(mass)
@@ -82,9 +81,8 @@ def _with_number(data: Any, name: str, value: float) -> Any:
 
 def _again(scene: SceneData, statements: list[Any], name: str, value: Value) -> SceneData:
     """The scene with other statements."""
-    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
-        made: SceneData = replay(data, type(scene), Known(scene.own))
+        made: SceneData = scene._restated(statements) or scene._copied(statements)
         return made
     except MbdaeError as scene_problem:
         said = name if callable(value) else f"{name} = {value:g}"
@@ -102,13 +100,13 @@ def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, di
     if item not in names:
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
     method, args, kwargs = statements[names.index(item)]
-    call = dict(list(inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs).arguments.items())[1:])
+    call = dict(list(signature_of(method).bind(None, *args, **kwargs).arguments.items())[1:])
     return names.index(item), call | call.pop("further", {})
 
 
 def restated(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
     """The statement `method(...)` with the arguments `call`, as plain data."""
-    signature = inspect.signature(getattr(type(scene), method))
+    signature = signature_of(method)
     bound = signature.bind_partial(None)
     further = {key: value for key, value in call.items() if key not in signature.parameters}
     bound.arguments |= {key: value for key, value in call.items() if key not in further}

@@ -53,6 +53,9 @@ def checked_value(item: str, key: str, value: Any, read: Callable[..., T], remed
     try:
         return read(value, **bounds)
     except BadValueError as value_and_fault:
+        if any(str(one).startswith('number("') for one in getattr(value, "free_symbols", ())):
+            raise LawError(f"{item}: {key} = {shown(value)} is a named number, and laws take plain ones: give its value, and "
+                           f"vary, fit or derive by its name in the scene, as 'floor.normal.{key}'") from None
         raise LawError(f"{item}: {key} = {value_and_fault}; {remedy}") from None
 
 

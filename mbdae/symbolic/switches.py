@@ -67,6 +67,7 @@ def known_switches(d: Derived) -> tuple[Switch, ...]:
     return tuple(switches_of(d))
 
 
+@lru_cache(maxsize=512)
 def switch_kinds(d: Derived) -> list[tuple[str, Expr]]:
     """Kind and exponent of every switch of a law."""
     found: list[tuple[str, Expr]] = d.noted("switches", lambda: [(s.kind, s.exponent) for s in known_switches(d)])

@@ -52,7 +52,9 @@ def start_positions(own: ConsistentPositions) -> Array:
     joints as drawn, else the nearest positions. StartError where none are found, or two are equally near."""
     q, model = own.placed(), own.model
     if own.closing_error(q) <= REACHED and _as_drawn(own, q):
-        return own.close(q)
+        closed = own.close(q)
+        own.drawn = bool(np.all(closed == q))
+        return closed
     kept = {c.name: "the start is found between bodies" for c in model.scene.joints if c.recursive}
     between = build(model.scene, {**model.stay_kinematic, **kept})
     between.conditions.time = model.conditions.time

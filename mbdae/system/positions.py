@@ -62,7 +62,7 @@ class ConsistentPositions:
 
     def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True,
                  changes: list[str] | None = None) -> None:
-        self.holding = holding
+        self.holding, self.drawn = holding, False  # drawn: whether the start was found to be as drawn, whatever the masses
         self.mechanics, self.model, self.t = mechanics, mechanics.model, np.array([t0])
         self.scene, self.tree = self.model.scene, spanning_tree(self.model.scene)
         self.changes = changes if changes is not None else []

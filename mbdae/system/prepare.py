@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
@@ -10,25 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import as_full
 from mbdae.errors import SceneError, StartError
 from mbdae.inputs.timed import after
 from mbdae.process import building
 from mbdae.scene import control, sensed
+from mbdae.scene.record import models_of
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, Kept
-from mbdae.system.changes import cheapest
 from mbdae.system.dependent_rows import smallest, unit_rows
-from mbdae.system.model.model import Model, build
+from mbdae.system.model.model import Model, Renewed, build
 from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
-from mbdae.system.motion.all_bodies import AllBodies
-from mbdae.system.motion.mechanics import Mechanics, row_sizes
+from mbdae.system.motion import AllBodies
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.tree_mechanics import TreeMechanics
 from mbdae.system.nearest import start_positions
 from mbdae.system.redundancy import RankReport, analyse
-from mbdae.system.start import ChangedVelocity, Start, Starter
+from mbdae.system.start import Start, Starter, continued
 from mbdae.system.start_with_contacts import ExpectedContact, characteristic_time, expected_contacts, ideal_start
 from mbdae.system.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
 from mbdae.threads import single_threaded
@@ -43,11 +44,9 @@ FOLLOWED, NEAR = 24, 0.2
 #: largest violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which positions
 #: computed along trees count as closed
 PLACED = 1e-11
+#: what was prepared last, of scenes of at most KEPT nodes (100 kB each): others are made again from it
+KEPT, _latest = 100, deque[Any](maxlen=8)
 FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where no later end of the run is known
-#: violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which a run can be continued
-#: from the state where another run ended; as large as the error of a run may be. Where a rate of the rows is larger than this
-#: times the largest speed over the same length, the joints stop that motion by impulses
-FITS = 1e-4
 
 
 @dataclass
@@ -89,6 +88,10 @@ class Prepared:
         rank = replace(self.rank, kept=rows, dropped=dropped)
         return replace(self, mechanics=self.mechanics_with(rows), rank=rank, start=start)
 
+    def begun(self, start: Start) -> Prepared:
+        """The prepared scene continued from a state, with the same rows in force."""
+        return _begun(replace(self, start=continued(self.mechanics, start)), {}, True)
+
     def states(self, t: Array, y: Array) -> tuple[Array, Array, Array]:
         """q (nt, nq), u (nt, nu) of all nodes and s (nt, ns) from the unknowns y (nt, n) of any form."""
         first = self.all_bodies.nq + self.all_bodies.nu
@@ -121,10 +124,11 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
 
     start: state from which a run is continued, None: the start is found at t0 (s). Prescribed values are checked up to t_end (s),
     or for `FORESIGHT` seconds where it is None."""
+    if start is None and (again := _renewed(scene, t0, t_end)) is not None:
+        return again
     begin_time = start.t if start is not None else t0
     end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
-    problems = scene.problems + sensed.problems(scene)
-    problems += control.problems(scene, begin_time, end, start is not None)
+    problems = scene.problems + sensed.problems(scene) + control.problems(scene, begin_time, end, start is not None)
     if problems:
         raise SceneError(problems)
     if not scene.bodies:
@@ -145,35 +149,85 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     ideal = ideal_start(scene, model.stay_kinematic, t0) if loose else None
     starter = Starter(all_rows, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
     q = start.q if start is not None else ideal.q if ideal else starter.placed()
-    problems = _not_finite(all_rows, starter.t, q)
-    if problems:
+    if problems := _not_finite(all_rows, starter.t, q):
         raise SceneError(problems)
     if start is None and not ideal and not (moved.alone and _closed(all_rows, starter.t, q)):
         q = start_positions(starter)
     always = {row for row in all_rows.rows if not moved.keeps(row)}
     rank = (RankReport(list(all_rows.rows), degrees_of_freedom=all_rows.nu - all_rows.m) if moved.alone else
             analyse(all_rows, starter, q, always))
-    problems = _massless(all_rows, all_bodies, rank, starter, q) + undecided(all_rows, rank, starter.t, q)
-    if problems:
+    if problems := _massless(all_rows, all_bodies, rank, starter, q) + undecided(all_rows, rank, starter.t, q):
         raise SceneError(problems)
     mechanics = all_rows if moved.alone else mechanics_of(model, rank.kept, all_bodies)
     try:
-        begin = (_continued(mechanics, start) if start is not None else
+        begin = (continued(mechanics, start) if start is not None else
                  Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))
     except StartError as error:
         raise StartError([*error.problems, *rank.locking]) from None
-    problems = _contradictions(all_rows, rank, begin)
-    model.conditions.time = None
-    problems = problems or _later_contradictions(all_rows, mechanics, rank, begin, end)
+    problems, model.conditions.time = _contradictions(all_rows, rank, begin), None
+    if problems := problems or _later_contradictions(all_rows, mechanics, rank, begin, end):
+        raise StartError(problems)
+    found = _begun(Prepared(model, mechanics, rank, begin, 0.0, all_bodies), ideal.reactions if ideal else {}, start is not None)
+    found.kept["placed"] = starter.drawn
+    if start is None and not loose:
+        _keep(scene, found, (t0, t_end))
+    return found
+
+
+def _begun(prepared: Prepared, reactions: Any, continued: bool) -> Prepared:
+    """The scene with the characteristic time and the contacts of its start; reactions: of joints without their play."""
+    T = characteristic_time(prepared.mechanics, prepared.start)
+    touching = expected_contacts(prepared.mechanics, prepared.start, reactions, T)
+    problems = [problem for contact in touching for problem in contact.problems(continued)]
     if problems:
         raise StartError(problems)
-    T = characteristic_time(mechanics, begin)
-    touching = expected_contacts(mechanics, begin, ideal.reactions if ideal else {}, T)
-    problems = [problem for contact in touching for problem in contact.problems(start is not None)]
-    if problems:
-        raise StartError(problems)
-    begin.changes += [change for contact in touching for change in contact.changes()]
-    return Prepared(model, mechanics, rank, begin, T, all_bodies, touching)
+    prepared.start.changes += [change for contact in touching for change in contact.changes()]
+    return replace(prepared, time=T, contacts=touching)
+
+
+def _keep(scene: SceneData, made: Prepared, times: tuple[float, float | None]) -> None:
+    """Have scenes that differ from this one in numbers made again from what was prepared of it, for runs of the same times."""
+    if len(made.model.nodes) <= KEPT:
+        models_of(scene)[Prepared, times] = made
+        _latest.append(made)
+
+
+def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | None:
+    """A scene that differs in numbers alone from another one, whose items it shares and which was prepared last, with its start;
+    None where it has to be prepared as a whole."""
+    last = models_of(scene).get((Prepared, (t0, t_end)))
+    if scene.problems or last is None or last.model.scene is scene or last.model.lines or (
+            last.all_bodies.moved.trees or last.rank.dropped or last.rank.doubtful or last.rank.singular_here):
+        return None
+    model = build(scene)
+    how: Renewed | None = model.kept.pop(Renewed, None)
+    if how is None or how.last is not last.model or how.timed:
+        return None
+    model.conditions.time, model.conditions.end = after(last.start.t), t_end if t_end is not None else inf
+    all_bodies = last.all_bodies.again(model)
+    mechanics = Mechanics(model, last.rank.kept)
+    starter = Starter(mechanics, last.start.t)
+    with suppress(StartError):  # which is told by the whole preparation
+        t, q, u = starter.t, last.start.q, last.start.u
+        if how.placed or (how.inertia and not last.kept["placed"]) or last.start.changes:
+            q = start_positions(starter)
+            B = unit_rows(mechanics, mechanics.constraint_matrix(t, q))
+            if smallest(B, B.shape[0]) < SOUND:
+                return None
+        if q is not last.start.q or (how.inertia and u.any() and last.rank.degrees_of_freedom):
+            begin = starter.run(q)
+        else:
+            s = starter.states(q, u)
+            a, multipliers = mechanics.accelerations(t, q[None], u[None], s[None])
+            begin = Start(last.start.t, q, u, s, a[0], multipliers[0], [])
+        model.conditions.time = None
+        if not all(np.isfinite(x).all() for x in (begin.q, begin.u, begin.s, begin.acceleration, begin.multipliers)):
+            return None
+        made = _begun(Prepared(model, mechanics, last.rank, begin, 0.0, all_bodies), {}, False)
+        made.kept["placed"] = starter.drawn if how.placed else last.kept["placed"]
+        _keep(scene, made, (t0, t_end))
+        return made
+    return None
 
 
 def _closed(all_rows: Mechanics, t: Array, q: Array) -> bool:
@@ -283,44 +337,3 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
                 return [f"{_prescribed(all_rows, t, q)}: row {row.name} depends on the other rows, but at t = {t:.4g} s they "
                         f"leave it off by {g:.4g} (m or rad)"]
     return []
-
-
-def _continued(mechanics: Mechanics, start: Start) -> Start:
-    """The start of a continued run: the state at which another run ended, with accelerations and multipliers of this scene."""
-    t, s = np.array([start.t]), start.s
-    wanted = tuple(mechanics.numbering.states.values())
-    if start.names is not None and start.names != wanted:
-        s = Starter(mechanics, start.t).states(start.q, start.u)
-        known = {wanted[n]: start.coordinates[key] for key, n in mechanics.followed.items() if key in start.coordinates}
-        known |= dict(zip(start.names, start.s, strict=True))
-        s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
-    u, changes = _joined_suddenly(mechanics, start)
-    changes += start.changes if start.relaxed is not None else []
-    a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
-    return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates,
-                 controllers=start.controllers, relaxed=start.relaxed)
-
-
-def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:
-    """Velocities (nu,) with which a run is continued, and sentences on what was changed. Where joints that the run before did not
-    have stop a motion, they do so by impulses P: M (u+ - u-) + G^T P = 0, G u+ + g_t = 0, an impact without rebound."""
-    t, q, u = np.array([start.t]), start.q[None], start.u[None]
-    g, rate = mechanics.position_residual(t, q)[0], mechanics.velocity_residual(t, q, u)[0]
-    if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
-        off = int(np.argmax(np.abs(g)))
-        raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where the run given ended: "
-                          f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])
-    G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
-    if np.all(np.abs(rate) <= FITS * mechanics.speed(start.u) / mechanics.model.length * row_sizes(mechanics, start.t, start.q)):
-        return start.u, []
-    if mechanics.large and not mechanics.carries_bodies:
-        change = cheapest(M, mechanics.velocity_units, G, -rate, np.zeros(mechanics.nu))
-    else:
-        G, M = as_full(G), as_full(M)
-        K = np.block([[M, G.T], [G, np.zeros((len(G), len(G)))]])
-        change = np.linalg.lstsq(K, np.concatenate([np.zeros(len(M)), -rate]), rcond=1e-13)[0][: len(M)]
-    worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
-    lost = float(-(change @ (M @ (start.u + change / 2))))
-    told = ChangedVelocity(f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
-                           f"rebound that dissipates {lost:.4g} J")
-    return start.u + change, [told]

@@ -21,7 +21,7 @@ from mbdae.system.assembled.right_hand_side import numbers_of, partition_of, rig
 from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.dependent_rows import Rows
 from mbdae.system.model.moved_bodies import timeline
-from mbdae.system.motion.all_bodies import Displacements
+from mbdae.system.motion import Displacements
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import RowsInForce
@@ -64,10 +64,9 @@ class SceneSystem(System):
         if made.explicit:
             self.rate_products = partial(self.owner.alone, lambda *args: made.evaluation.products(*args))
             self.rate_jacobian = lambda t, y: self.rate_products(t, y, np.eye(self.n)).T
-        lines, stressed = prepared.model.lines, self.numbering.stresses
-        z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
+        z = _stresses(prepared, made, start.q, start.u)
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
-        if not lines:  # with beams `time` stays 1 s, with which the accuracy and cost of beams were measured
+        if not prepared.model.lines:  # with beams `time` stays 1 s, with which the accuracy and cost of beams were measured
             self.time = prepared.time
         else:
             self.vibration = partial(_vibration, prepared)
@@ -131,6 +130,11 @@ class SceneSystem(System):
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return self.assembly.jacobian_values(t, y, yp)
 
+    @alone
+    def dense_stages(self, t: Array, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as full matrices (k, n, n) at k states, t (k,), y and yp (k, n)."""
+        return self.assembly.dense_stages(t, y, yp)
+
     @property
     def native(self) -> Equations | None:
         """The table by which native methods evaluate these equations."""
@@ -169,6 +173,13 @@ class SceneSystem(System):
         fresh, rates = _values(self._prepared, self.assembly, self._state(self._prepared.mechanics, t, y), self._stresses(y))
         kept = self.n if self.spec.derivatives else self.numbering.start["lambda"]
         return np.concatenate([y[:kept], fresh[kept:]]), rates
+
+    def strained(self, y: Array) -> Array:
+        """Unknowns y (n,) with the stresses of beams that their strains cause."""
+        (q,), (u,), _ = self._prepared.states(np.array([self.t0]), y[None])
+        y, first = y.copy(), self.numbering.start["z"]
+        y[first : first + len(self.numbering.stresses)] = _stresses(self._prepared, self.assembly, q, u)
+        return y
 
     def _state(self, mechanics: Mechanics, t: float, y: Array) -> Start:
         """The state at t, y (n,), with the accelerations and multipliers that `mechanics` gives, whose rows in force may be
@@ -279,6 +290,12 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
     (q,), (u,), (s,) = prepared.states(time, y[None])
     told = [ChangedVelocity(f'start="relaxed": velocities are known to {error:.1g} of the largest alone')] if error > TOLD else []
     return replace(start, q=q, u=u, s=s, relaxed=error, changes=[*start.changes, *told])
+
+
+def _stresses(prepared: Prepared, system: Assembly, q: Array, u: Array) -> Array:
+    """(nz,) stresses of all beams that are unknowns of a system, from the strains of a state."""
+    lines = prepared.model.lines if system.numbering.stresses else []
+    return np.concatenate([np.zeros(0), *(line.stress(q, u) for line in lines)])
 
 
 def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tuple[Array, Array]:

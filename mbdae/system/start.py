@@ -21,8 +21,9 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.changes import JointMotions, least_change, sparse_least_change
+from mbdae.system.changes import JointMotions, cheapest, least_change, sparse_least_change
 from mbdae.system.model.nodes import rotation_of
+from mbdae.system.motion.mechanics import Mechanics, row_sizes
 from mbdae.system.positions import ConsistentPositions
 
 if TYPE_CHECKING:
@@ -264,3 +265,50 @@ def _stated(given: tuple[Body, Any, Any]) -> tuple[Any, Any]:
     stated as 0, which counts as not stated."""
     body, moves, turns = given
     return moves[: None if np.any(body.drawn.velocity) else 0], turns[: None if np.any(body.drawn.angular_velocity) else 0]
+
+
+#: violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which a run can be continued
+#: from the state where another run ended; as large as the error of a run may be. Where a rate of the rows is larger than this
+#: times the largest speed over the same length, the joints stop that motion by impulses
+FITS = 1e-4
+
+
+def continued(mechanics: Mechanics, start: Start) -> Start:
+    """The start of a continued run: the state at which another run ended, with accelerations and multipliers of this scene."""
+    t, s = np.array([start.t]), start.s
+    wanted = tuple(mechanics.numbering.states.values())
+    if start.names is not None and start.names != wanted:
+        s = Starter(mechanics, start.t).states(start.q, start.u)
+        known = {wanted[n]: start.coordinates[key] for key, n in mechanics.followed.items() if key in start.coordinates}
+        known |= dict(zip(start.names, start.s, strict=True))
+        s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
+    u, changes = _joined_suddenly(mechanics, start)
+    changes += start.changes if start.relaxed is not None else []
+    a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
+    return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates,
+                 controllers=start.controllers, relaxed=start.relaxed)
+
+
+def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:
+    """Velocities (nu,) with which a run is continued, and sentences on what was changed. Where joints that the run before did not
+    have stop a motion, they do so by impulses P: M (u+ - u-) + G^T P = 0, G u+ + g_t = 0, an impact without rebound."""
+    t, q, u = np.array([start.t]), start.q[None], start.u[None]
+    g, rate = mechanics.position_residual(t, q)[0], mechanics.velocity_residual(t, q, u)[0]
+    if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
+        off = int(np.argmax(np.abs(g)))
+        raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where the run given ended: "
+                          f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])
+    G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
+    if np.all(np.abs(rate) <= FITS * mechanics.speed(start.u) / mechanics.model.length * row_sizes(mechanics, start.t, start.q)):
+        return start.u, []
+    if mechanics.large and not mechanics.carries_bodies:
+        change = cheapest(M, mechanics.velocity_units, G, -rate, np.zeros(mechanics.nu))
+    else:
+        G, M = as_full(G), as_full(M)
+        K = np.block([[M, G.T], [G, np.zeros((len(G), len(G)))]])
+        change = np.linalg.lstsq(K, np.concatenate([np.zeros(len(M)), -rate]), rcond=1e-13)[0][: len(M)]
+    worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
+    lost = float(-(change @ (M @ (start.u + change / 2))))
+    told = ChangedVelocity(f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
+                           f"rebound that dissipates {lost:.4g} J")
+    return start.u + change, [told]

@@ -15,7 +15,7 @@ from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.nodes import Node
-from mbdae.system.motion.all_bodies import AllBodies
+from mbdae.system.motion import AllBodies
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.redundancy import RankReport, null_space

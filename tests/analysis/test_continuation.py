@@ -86,6 +86,20 @@ def test_load_of_euler_within_the_error_of_the_mesh() -> None:
     assert 1e-4 < abs(found.value - np.pi**2 / 4) <= 2 * branch.mesh_error[0]
 
 
+@pytest.mark.slow
+def test_load_of_beck_within_the_error_of_the_mesh() -> None:
+    """A clamped column under a force that stays along its tip flutters from 20.0510 EI / L^2 on (Beck 1952)."""
+    s = mb.Scene("column")
+    section = mb.Section(EA=1e5, GA2=1e5, GA3=1e5, GJ=1.0, EI2=1.0, EI3=1.0, mass_per_length=1.0, rotary_inertia=1e-6)
+    column = s.beam("c", (0, 0), (1, 0), section=section, elements=3, order=3)
+    s.weld("w", s.ground, column, at=(0, 0))
+    s.force("F", column, (-mb.number("P", 20.02), 0), at=(1, 0), frame="body")
+    branch = s.continuation("P", (20.02, 20.1))
+    (found,) = branch.hopf
+    assert 1e-4 < abs(found.value - 20.0510) <= 2 * branch.mesh_error[0]
+    assert abs(found.value - 20.0510) <= 1e-3 * 20.0510
+
+
 def test_load_of_a_column_of_rigid_links_has_the_error_that_is_told() -> None:
     """Its buckling load is the least eigenvalue of the stiffness in the angles of the links to the ground."""
     s, k = mb.Scene("rigid column"), 1.0 + 0.3 * np.arange(3)

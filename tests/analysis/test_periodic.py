@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -147,6 +149,48 @@ def test_a_stated_period_of_a_motion_without_drives_may_be_off(off: float) -> No
     assert [str(w.message)[:44] for w in told] == ["the scene has no drive and repeats by itself"] * (off > 1e-6)
 
 
+@pytest.mark.parametrize("accuracy", [1e-2, 1e-3])
+def test_light_damping_at_resonance_is_no_family_at_low_accuracy(accuracy: float) -> None:
+    """Departures of one mass fall by 6e-5 in a period, less than the steps are off, those of the other by all."""
+    s = mb.Scene("two masses")
+    for name, y, load, loss in (("light", 0.0, 1e-5, 2e-5), ("heavy", 1.0, 1.0, 1.0)):
+        m = s.point_mass(name, 1.0, (0, y))
+        s.prismatic(f"{name} line", s.ground, m, at=(0, y), axis=(1, 0))
+        x, v = s.sensor(f"{name} line.displacement"), s.sensor(f"{name} line.rate")
+        s.force(f"{name} load", m, (-x - loss * v + load * sp.cos(mb.t), 0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", mb.AccuracyWarning)
+        r = s.periodic(2 * np.pi, accuracy)
+    assert not r.family
+    assert r.peak("light line.displacement").value == pytest.approx(0.5, abs=2 * accuracy)
+
+
+def test_a_swung_beam_with_material_damping_repeats() -> None:
+    """Its stresses at the start are those of the motion that was found, not of the start of the scene."""
+    s = mb.Scene("swing", gravity=(0, -G, 0))
+    steel = mb.Section.rectangular(0.02, 0.01, E=210e9, nu=0.3, rho=7850.0, damping=1e-4)
+    s.revolute("A", s.ground, s.beam("rod", (0, 0), (1, 0), section=steel, elements=1), at=(0, 0), angle=0.3 * sp.sin(3 * mb.t))
+    r = s.periodic(2 * np.pi / 3, accuracy=1e-4, of=["A.torque"])
+    assert r.stable
+    assert r["A"].torque[-1] == pytest.approx(r["A"].torque[0], abs=2 * r.error("A.torque"))
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-6])
+def test_errors_contain_that_of_the_start_that_was_found(accuracy: float) -> None:
+    """At the start of the period the run and its companions agree; the motion is off there too."""
+    def f(t: float, z: Any) -> list[float]:
+        return [z[1], LOAD * np.cos(W * t) - z[0] - z[0] ** 3 - LOSS * z[1]]
+
+    r = duffing().periodic(T, accuracy)
+    x = fsolve(lambda z: end(f, z, T) - z, [r["J"].displacement[0], r["J"].rate[0]], xtol=1e-13)
+    for sensor, true in (("m.acceleration", f(0.0, x)[1]), ("spring.force", x[0]), ("J.displacement", x[0])):
+        off = abs(abs(r(r.t[:1]).value(sensor).ravel()[0]) - abs(true))
+        peak = r.peak(sensor, t=(0.0, 1e-6)).error
+        assert peak is not None
+        assert off <= 3 * peak + 1e-14, sensor
+        assert peak <= accuracy, sensor
+
+
 def test_stability_is_read_of_a_motion_of_low_accuracy() -> None:
     assert slider(Pol, x=2.0).periodic(6.6633, accuracy=1e-2).stable
 
@@ -205,10 +249,26 @@ def test_a_flexible_rod_without_the_shock_of_its_start() -> None:
     assert steady.value == pytest.approx(4826.0, rel=5e-4)  # that of the fifth turn of a run: 4827 +- 1 N
 
 
+@pytest.mark.slow
+def test_a_loose_pin_in_lasting_contact_against_a_run_that_has_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The slider-crank of the example, with play at the crank pin, of which every turn is a contact that does not end."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    example, accuracy, turns = importlib.import_module("slider_crank_clearance"), 1e-4, 8
+    s, period = example.scene("B"), example.t_end
+    r = s.periodic(period, accuracy, start=s.simulate(3 * period, accuracy))
+    long = s.simulate(turns * period, accuracy / 10)
+    t = np.linspace(0, period, 101)
+    last = long(np.minimum((turns - 1) * period + t, turns * period))
+    off = np.abs(r(np.minimum(r.t[0] + t, r.t[-1]))["slider"].position - last["slider"].position)
+    assert off.max() <= 10 * accuracy * 0.17
+    assert r.stable
+    assert not r.family
+
+
 @pytest.mark.parametrize(("options", "words"), [
-    ({"period": 3.0}, "do not repeat after period = 3 s"), ({}, "do not repeat after period"), ({"period": -1}, "not positive"),
-    ({"period": "x"}, "not a number"), ({"period": T, "start": 3}, "start = 3 is no state"), ({"accuracy": 1}, "accuracy = 1"),
-    ({"period": T, "of": ["J.forces"]}, "no sensor"),
+    ({"period": 3.0}, "do not repeat after period = 3 s"), ({}, "'load' depends on it; give the period"),
+    ({"period": -1}, "not positive"), ({"period": "x"}, "not a number"), ({"period": T, "start": 3}, "start = 3 is no state"),
+    ({"accuracy": 1}, "accuracy = 1"), ({"period": T, "of": ["J.forces"]}, "no sensor"),
 ])
 def test_what_cannot_be_is_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(mb.MbdaeError, match=words):

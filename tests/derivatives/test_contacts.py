@@ -12,6 +12,14 @@ from mbdae.derivatives import Refined
 J = 4e-3  # kg m^2, of balls of 1 kg and 0.1 m
 
 
+def dropped(damping):
+    """A slider that falls on a stop; a damper in it makes the force jump at the touch."""
+    s = mb.Scene("dropped", gravity=(0, 0, -9.81))
+    body = s.rigid_body("body", 1.0, (J, J, J), at=(0, 0, 0))
+    s.prismatic("slide", s.ground, body, at=(0, 0, 0), axis=(0, 0, 1), limits=(-0.3, 1.0), stop=mb.Stop(1e5, damping=damping))
+    return s
+
+
 def two_balls(speed=1.0, second=0.0, stiffness=1e9):
     """A ball that hits another one, elastic."""
     s = mb.Scene("two balls")
@@ -83,6 +91,37 @@ def test_a_body_that_rests_has_no_force_that_jumps(solver):
     assert abs(r.gradient(mb.at_end("ball.position[2]"), to="hit.normal.damping")["hit.normal.damping"].value) > 1e-3
 
 
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853()])
+@pytest.mark.parametrize("after", [1e-12, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6])
+def test_a_run_may_end_just_after_a_touch(solver, after):
+    """A ball falls on the floor with speed v, so that dv/dh = -k/m (1 + c v) (v dt)^1.5 / v just after the touch."""
+    v, k, c = np.sqrt(2 * 9.81 * 0.3), 1e6, 0.2
+    r = ball(0.3, k, c).simulate(v / 9.81 + after, 1e-8, solver=solver)
+    g = r.gradient(mb.at_end("ball.velocity[2]"), to="ball.at.2")["ball.at.2"]
+    exact = -k * (1 + c * v) * (v * after) ** 1.5 / v
+    assert abs(g.value - exact) <= 3 * g.error + 1e-3 * abs(exact) + 1e-8 * 9.81 / v
+    assert g.error < 1e-3
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853()])
+@pytest.mark.parametrize("after", [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5])
+def test_a_run_may_end_just_after_bodies_part(solver, after):
+    """By then the derivative of the speed is that of a run which ends later, without the shift of the instant by gravity."""
+    runs = (ball().simulate(0.2585168459760838 + by, 1e-8, solver=solver) for by in (after, 1e-3))
+    one, later = (run.gradient(mb.at_end("ball.velocity[2]"), to="ball.at.2")["ball.at.2"] for run in runs)
+    assert abs(one.value - later.value) <= 3 * (one.error + later.error)
+    assert one.error < 1e-4
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853()])
+@pytest.mark.parametrize("after", [1e-10, 1e-9, 1e-7, 1e-5, 1e-3])
+def test_only_forces_that_jump_are_refused_soon_after_a_touch(after, solver):
+    smooth, jumping = (dropped(damping).simulate(np.sqrt(2 * 0.3 / 9.81) + after, 1e-8, solver=solver) for damping in (0, 100))
+    smooth.gradient(mb.at_end("body.velocity[2]"), to="slide.stop.stiffness")
+    with pytest.raises(mb.DerivativeError, match=r"jumps at t = 0\.247"):
+        jumping.gradient(mb.at_end("body.velocity[2]"), to="slide.stop.stiffness")
+
+
 @pytest.mark.parametrize("mass", [0.5, 0.7, 0.9, 1.1, 1.3, 1.5])
 def test_errors_cover_where_the_tolerance_falls_no_further(mass):
     """The last two runs for these derivatives are at the smallest tolerance and differ little in their steps. Reference: the same
@@ -112,6 +151,21 @@ def test_errors_cover_where_the_tolerance_falls_no_further(mass):
         r = s.simulate(end, accuracy, solver=mb.DOP853())
         g_c = r.gradient(mb.at_end("ball.position[2]"), to="floor.normal.damping")["floor.normal.damping"]
         assert abs(g_c.value - exact) <= g_c.error + 1e-10 * abs(exact)
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853()])
+@pytest.mark.parametrize("stiffness", [5e5, 7e5, 1e6, 1.4e6])
+def test_steps_beside_a_parting_become_shorter_with_the_tolerance(stiffness, solver):
+    """Errors of derivatives fall with their power 1.5; without a bound the last of these steps is what happens to remain, and two
+    runs whose derivatives agree tell nothing."""
+    r = ball(stiffness=stiffness).simulate(0.3, 1e-6, solver=solver)
+    refined, level, longest = Refined(r, ["floor.normal.stiffness"]), None, []
+    for finer in (1.0, 10.0, 100.0):
+        level = refined.level(finer, level)
+        t, m = level.run.t, next(m for m, one in level.derived.landings.items() if not one.closes)
+        h, left = np.diff(t[: m + 1]), t[m] - t[1 : m + 1]
+        longest.append(h[left < 0.1 * h].max())
+    assert max(longest[1] / longest[0], longest[2] / longest[1]) < 1.01 / 10 ** (2 / 3)
 
 
 def test_the_adjoint_is_the_tangent_transposed_through_contacts():

@@ -97,22 +97,65 @@ def test_a_solid_column_softens_under_a_load(tmp_path: Path, share: float) -> No
 
 
 def test_matrix_market_and_nastran_give_the_body_that_the_matrices_give(tmp_path: Path) -> None:
-    M, K, nodes = beam_matrices(3)
+    M, K, nodes = beam_matrices(4)
     mmwrite(tmp_path / "K.mtx", K, symmetry="symmetric")
     mmwrite(tmp_path / "M.mtx", M, symmetry="symmetric")
     text = []
     for name, matrix in (("KAAX", K), ("MAAX", M)):
         text.append(f"DMIG    {name:8s}{0:8d}{6:8d}{2:8d}{0:8d}")
-        for j in range(24):
-            rows = [i for i in range(j, 24) if matrix[i, j]]
+        for j in range(30):
+            rows = [i for i in range(j, 30) if matrix[i, j]]
             text.append(f"DMIG*   {name:16s}{10 * (j // 6) + 1:16d}{j % 6 + 1:16d}")
             text += [f"*       {10 * (i // 6) + 1:16d}{i % 6 + 1:16d}{matrix[i, j]:16.9E}".replace("E", "D") for i in rows]
     (tmp_path / "job.pch").write_text("\n".join(text))
     want = mb.ReducedBody.craig_bampton(M, K, nodes, {"root": [0]}, 2)
+    forms = {"small": "GRID    {:8d}        {:8.5f}{:8.5f}{:8.5f}", "free": "grid,{},,{:.9f},{},{}",
+             "large": "GRID*   {:16d}                {:16.9f}{:16.9f}\n*       {:16.9f}"}
+    for form, card in forms.items():  # in another order than the matrices, beside points that these do not have
+        points = [(5, (9.0, 9.0, 9.0)), *((10 * i + 1, x) for i, x in reversed(list(enumerate(nodes))))]
+        (tmp_path / f"{form}.bdf").write_text("$ model\n" + "\n".join(card.format(i, *x) for i, x in points) + "\nENDDATA\n")
     for model in (mb.read_fe(tmp_path / "K.mtx", mass=tmp_path / "M.mtx", nodes=nodes),
-                  mb.read_fe(str(tmp_path / "job.pch"), nodes=nodes)):
+                  mb.read_fe(str(tmp_path / "job.pch"), nodes=nodes),
+                  *(mb.read_fe(tmp_path / "job.pch", nodes=tmp_path / f"{form}.bdf") for form in forms)):
+        np.testing.assert_allclose(model.nodes, nodes, atol=1e-5)
         found = model.reduced({"root": lambda x: x[:, 0] == 0}, 2)
         np.testing.assert_allclose(found.frequencies, want.frequencies, rtol=1e-7)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("GRID,11,,0,0,0\n", "has no GRID 21"), ("GRID,11,7,0,0,0\n", "in the coordinate system 7"),
+    ("GRDSET,,,,,,3\nGRID,11,,0,0,0\n", "in the coordinate system 3"), ("GRID,11,,a,0,0\n", "is no GRID point"),
+    ("GRID,11,,1.5-3,0,0\nGRID,21,,2.5D-1,0.,0.\n", "")])
+def test_grid_points_that_the_matrices_do_not_fit_are_named(tmp_path: Path, text: str, words: str) -> None:
+    lines = [f"DMIG    {name}{0:12d}{6:8d}{2:8d}{0:8d}\nDMIG*   {name:16s}{11:16d}{1:16d}\n*       {11:16d}{1:16d}{1.0:16.9E}\n"
+             f"*       {21:16d}{1:16d}{-1.0:16.9E}\nDMIG*   {name:16s}{21:16d}{1:16d}\n*       {21:16d}{1:16d}{1.0:16.9E}"
+             for name in ("KAAX", "MAAX")]
+    (tmp_path / "job.pch").write_text("\n".join(lines))
+    (tmp_path / "grid.bdf").write_text(text)
+    if not words:
+        np.testing.assert_allclose(mb.read_fe(tmp_path / "job.pch", nodes=tmp_path / "grid.bdf").nodes[:, 0], [1.5e-3, 0.25])
+        return
+    with pytest.raises(mb.OptionError, match=words):
+        mb.read_fe(tmp_path / "job.pch", nodes=tmp_path / "grid.bdf")
+
+
+@pytest.mark.parametrize(("name", "more", "words"), [
+    ("K.mtx", {"mass": "K.mtx", "E": E}, "E = 2"), ("K.mtx", {"mass": "K.mtx", "unit": 1e-3}, "unit = 0.001: of matrices"),
+    ("job.pch", {"mass": "K.mtx"}, "mass = "), ("job.sti", {"order": 1}, "order = 1"),
+    ("a.inp", {"nodes": [[0, 0, 0]]}, "nodes = ")])
+def test_options_that_a_file_has_no_use_for_are_refused(tmp_path: Path, name: str, more: Any, words: str) -> None:
+    (tmp_path / name).write_text("")
+    with pytest.raises(mb.OptionError, match=words):
+        mb.read_fe(tmp_path / name, **more)
+
+
+def test_a_tangled_element_is_named(tmp_path: Path) -> None:
+    pytest.importorskip("skfem")
+    meshio = pytest.importorskip("meshio")
+    corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], dtype=float)
+    meshio.Mesh(corners, [("hexahedron", np.array([[0, 2, 1, 3, 4, 6, 5, 7]]))]).write(tmp_path / "a.vtk")
+    with pytest.raises(mb.OptionError, match=r"a\.vtk: .*corners of elements|folded"):
+        mb.read_fe(tmp_path / "a.vtk", **STEEL)
 
 
 def test_files_of_calculix_are_in_the_order_of_its_list_of_freedoms(tmp_path: Path) -> None:

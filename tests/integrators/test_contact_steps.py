@@ -330,6 +330,21 @@ def test_a_place_is_not_taken_back_for_ever():
     assert (stats.dips, stats.missed_dips) == (contact_steps.RETRIES, 1)
 
 
+@pytest.mark.parametrize("exactly", [contact_steps.MET, (0.0, 0.0)])
+@pytest.mark.parametrize("ulps", [1, 30, 300])
+def test_no_touch_is_sought_within_round_off_of_the_time(exactly, ulps):
+    """States do not change in such steps: the gap stays as it is, and ever shorter steps would follow."""
+    t, h = 0.7, ulps * float(np.spacing(0.7))
+    system = ball(1.0, 1.0, watch=lambda at, y: tuple(np.array([x]) for x in (-1.0 if at < t + 0.5 * h else 1.0, 2.0, 1e-3)))
+    steps = ContactSteps(system, Stats(), meets=exactly)
+    steps.look(t, system.y0)
+    steps.keep()
+    steps.look(t + h, system.y0)
+    assert steps.shorter(h, lambda part: system.y0) is None
+    steps.look(t + 1e-4, system.y0)
+    assert steps.shorter(1e-4, lambda part: system.y0) is None  # at the beginning of that step
+
+
 def test_bound_of_approach_impact_and_rest():
     contact = {"gap": 1.0, "rate": -2.0, "duration": 1e-3}
     system = ball(1.0, 1.0, watch=lambda t, y: tuple(np.array([contact[part]]) for part in ("gap", "rate", "duration")))

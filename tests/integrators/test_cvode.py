@@ -163,7 +163,7 @@ def test_beams_have_a_right_hand_side():
 
 
 def test_beams_have_factors_in_a_narrow_band(monkeypatch):
-    from mbdae.system.motion import constrained
+    from mbdae.native import program
 
     s = mb.Scene("beam", gravity=(0, -9.81, 0))
     section = mb.Section.rectangular(0.02, 0.02, E=1e5, nu=0.3, rho=1000)
@@ -172,7 +172,7 @@ def test_beams_have_factors_in_a_narrow_band(monkeypatch):
     rates = np.empty((2, full.n))
     y = full.y0 + 0.1 * np.sin(1.0 + np.arange(full.n))
     full.rhs(0.1, y, rates[0])
-    monkeypatch.setattr(constrained, "BANDED_FROM", 0)
+    monkeypatch.setattr(program, "BANDED_FROM", 0)
     narrow = system_for(prepare(s), None, mb.CVODE.highest_index)
     narrow.rhs(0.1, y, rates[1])
     assert not np.array_equal(narrow.assembly.evaluation.order, full.assembly.evaluation.order)

@@ -92,7 +92,7 @@ def test_a_compiler_named_in_cc_is_not_passed_over(copy, monkeypatch):
         copy.compiler()
 
 
-@pytest.mark.skipif(installed.platform_name() not in installed.ZIG_TARGETS, reason="zig is not set up for this platform")
+@pytest.mark.skipif(installed.platform_name() not in installed.TARGETS, reason="zig is not set up for this platform")
 def test_zig_is_asked_for_where_no_compiler_works(copy, monkeypatch):
     monkeypatch.setattr(copy.shutil, "which", lambda name: None)
     monkeypatch.setattr(copy.importlib.util, "find_spec", lambda name: None)
@@ -110,15 +110,30 @@ def test_a_compiler_without_headers_of_c_does_not_count(copy, tmp_path, monkeypa
 
 
 def test_the_name_of_a_wheel_says_where_it_runs(copy, monkeypatch):
+    monkeypatch.delenv("MBDAE_TARGET", raising=False)
     monkeypatch.setattr(copy.sys, "platform", "linux")
+    monkeypatch.setattr(copy.sysconfig, "get_platform", lambda: "linux-x86_64")
     monkeypatch.setattr(copy, "has_musl", lambda: False)
-    monkeypatch.setattr(copy, "platform_name", lambda: "linux-x86_64")
     zig = [sys.executable, "-m", "ziglang", "cc"]
     assert copy.wheel_platform(["cc"]) == "linux_x86_64"
     assert copy.wheel_platform(zig) == "manylinux2014_x86_64"
     monkeypatch.setattr(copy, "has_musl", lambda: True)
-    assert copy.wheel_platform(zig) == "linux_x86_64"
+    assert copy.wheel_platform(zig) == "musllinux_1_2_x86_64"
     assert "x86_64-linux-musl" in copy.flags(zig)
+    assert copy.wheel_platform(["cc"]) == "linux_x86_64"
+
+
+def test_zig_alone_compiles_for_another_platform(copy, monkeypatch):
+    monkeypatch.setenv("MBDAE_TARGET", "win-amd64")
+    monkeypatch.setenv("CC", "cc")
+    there = loaded(copy.HERE)
+    assert there.LIBRARY.name == "mbdae.core.dll"
+    assert there.system_compilers() == []
+    assert there.needs_ziglang()
+    zig = [sys.executable, "-m", "ziglang", "cc"]
+    assert there.wheel_platform(zig) == "win_amd64"
+    assert there.flags(zig)[-3:] == ["-target", "x86_64-windows-gnu", "-mcpu=baseline"]
+    assert "-fPIC" not in there.flags(zig)
 
 
 def test_a_library_that_cannot_be_had_is_an_error_of_mbdae(copy, monkeypatch, tmp_path):

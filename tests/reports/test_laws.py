@@ -15,6 +15,7 @@ from mbdae.laws.joint_rows import ClearanceRevolute
 from mbdae.laws.journal import JournalContact
 from mbdae.laws.on_coordinates import JointSpring
 from mbdae.reports import exported, names
+from mbdae.reports.law_page import LawPage
 from mbdae.reports.statement import derived, structure_of
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.outputs import fingerprint
@@ -41,6 +42,37 @@ def test_report_holds_and_defines_its_symbols(name):
         rows = next(b for b in document.blocks if getattr(b, "title", "") == "Symbols").blocks[0].rows
         assert [row for row in rows if not row[1]] == []
         assert name in ("weightedsum", "jointcoordinate") or [row for row in rows if " or " in row[1]] == []
+
+
+def test_forces_have_their_derivatives_by_the_parameters():
+    """In all formats; those of a spring are what the law says: f = -k (|d| - L) d/|d| - c (d.a) d/(d.d)."""
+    document = mb.report("pointspring")
+    for text in (document.to_markdown(), document.to_html(), document.to_latex()):
+        assert "Derivatives by the parameters" in text
+    lines = [line.partition(" \\tag")[0] for line in document.to_markdown().splitlines() if line.startswith(r"\frac{\partial")]
+    assert lines == [r"\frac{\partial \mathbf{f}_l}{\partial k} = \left(\frac{L}{\lVert \mathbf{d}\rVert} - 1\right)\,\mathbf{d}",
+                     r"\frac{\partial \mathbf{f}_l}{\partial c} = "
+                     r"-\frac{\mathbf{d}\cdot \mathbf{a}}{\mathbf{d}\cdot \mathbf{d}}\,\mathbf{d}",
+                     r"\frac{\partial \mathbf{f}_l}{\partial L} = \frac{k}{\lVert \mathbf{d}\rVert}\,\mathbf{d}"]
+    for name, printed in (("screw", r"\frac{\partial \mathbf{m}_k}{\partial \text{lead}} = "),
+                          ("hertz", r"\frac{\partial f_n}{\partial k_h} = "),
+                          ("coulomb", r"\frac{\partial \mu}{\partial v_{c}} = "),
+                          ("jointspring", r"\frac{\partial \mathbf{m}_l}{\partial c_0} = ")):
+        assert printed in mb.report(name).to_markdown()
+
+
+@pytest.mark.parametrize("name", ["bushing", "screw", "hertz", "lugre"])
+def test_a_wrong_derivative_by_a_parameter_is_told(name, monkeypatch):
+    """The print is compared with the derived equations, of which nothing was changed here."""
+    right = LawPage.changing
+    monkeypatch.setattr(LawPage, "changing", lambda page, *given: replace_clock(right(page, *given), 1.01))
+    assert "NOT EQUAL" in mb.report(name).to_markdown()
+
+
+def replace_clock(by, rate):
+    """A derivative by a parameter that counts `rate` times."""
+    by.clock = dict.fromkeys(by.clock, rate)
+    return by
 
 
 def test_units_follow_the_coordinate():

@@ -14,6 +14,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.run import checkpoint, choice
+from mbdae.system import prepare
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -104,6 +105,7 @@ def test_the_same_statement_is_prepared_once(closed: bool, prepared: list[mb.Sce
 def test_a_large_scene_waits_as_long_as_a_result_of_it_is_used(prepared: list[mb.Scene],
                                                                monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checkpoint, "NODES", 1)
+    monkeypatch.setattr(prepare, "KEPT", 1)
     s = swinging()
     r = s.simulate(0.1)
     r = s.simulate(0.1)

@@ -256,3 +256,10 @@ def test_law_that_states_nothing() -> None:
                            "`velocity_constraints(self, k, l)`: state one of these methods"]
     with pytest.raises(mb.LawError, match=r"Wordless 'W': unknown parameter 'q'; it has p"):
         Wordless("W", s.ground, "a", q=1)
+
+
+def test_a_named_number_inside_of_a_law_is_refused_with_the_name_to_use():
+    with pytest.raises(mb.LawError, match=r"vary, fit or derive by its name in the scene, as 'floor\.normal\.stiffness'"):
+        mb.Hertz(mb.number("k", 1e5))
+    with pytest.raises(mb.LawError, match="named number"):
+        mb.Coulomb(mu=2 * mb.number("mu", 0.1), v_c=1e-3)

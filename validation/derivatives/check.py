@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from derivatives.drawn import ACCURACY, DRAWN, END, counted, drawn
 from derivatives.drawn import judge as judged
 from derivatives.laws import LAWS, of_laws
+from derivatives.remade import of_scenes
 from derivatives.scenes import EXAMPLES, SCENES, example
 from runner import Case, Claim, Found
 
@@ -49,4 +50,7 @@ def cases() -> list[Case]:
             Case("all drawn scenes", "chosen", no_silent_zero, slow=True, parts=list(WHOLE)),
             Case("laws", "chosen", lambda: of_laws(["Revolute"])),
             Case("all laws", "chosen", of_laws, slow=True, parts=list(LAWS)),
+            Case("changed scenes", "chosen", lambda: of_scenes(["door_closer", *FEW])),
+            Case("all changed scenes", "chosen", of_scenes, slow=True,
+                 parts=[*sorted(p.stem for p in EXAMPLES.glob("*.py") if "def scene(" in p.read_text(encoding="utf-8")), *WHOLE]),
             Case("examples", "chosen", of_example, slow=True, parts=sorted(p.stem for p in EXAMPLES.glob("*.py")), each=True)]

@@ -13,10 +13,10 @@ LENGTH, AREA, SECOND, DENSITY, SHEAR = 1.0, 4e-4, 1.3e-8, 7800.0, 8e10  # m, m^2
 PER_LENGTH = DENSITY * AREA  # kg/m
 
 
-def beam_matrices(elements: int, E: float = 2.1e11, slender: float = 1.0) -> tuple[Any, Any, Any]:
+def beam_matrices(elements: int, E: float = 2.1e11, slender: float = 1.0, length: float = LENGTH) -> tuple[Any, Any, Any]:
     """M, K (CSC, 6 freedoms a node) and nodes of a beam of Bernoulli along x from the origin, with rotary inertia; slender: a
     factor on its second moment of area."""
-    h, n, I = LENGTH / elements, 6 * (elements + 1), SECOND * slender
+    h, n, I = length / elements, 6 * (elements + 1), SECOND * slender
     M, K = np.zeros((n, n)), np.zeros((n, n))
     stiff = E * I / h**3 * np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
                                           [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]])
@@ -33,7 +33,7 @@ def beam_matrices(elements: int, E: float = 2.1e11, slender: float = 1.0) -> tup
         for at, s in (([i + 1, i + 5, j + 1, j + 5], np.eye(4)), ([i + 2, i + 4, j + 2, j + 4], sign)):
             K[np.ix_(at, at)] += s @ stiff @ s
             M[np.ix_(at, at)] += s @ mass @ s
-    nodes = np.column_stack([np.linspace(0, LENGTH, elements + 1), np.zeros((elements + 1, 2))])
+    nodes = np.column_stack([np.linspace(0, length, elements + 1), np.zeros((elements + 1, 2))])
     return sp.csc_matrix(M), sp.csc_matrix(K), nodes
 
 

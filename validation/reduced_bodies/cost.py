@@ -35,7 +35,7 @@ def reduction() -> tuple[float, str]:
     import meshio
     import skfem as fem
 
-    from mbdae.inputs.solids import assembled
+    from mbdae.inputs.matrices import assembled
 
     mesh = fem.MeshHex.init_tensor(np.linspace(0, 1, 22), np.linspace(0, 0.2, 8), np.linspace(0, 0.2, 8))
     cells = [("hexahedron", mesh.t.T[:, [0, 1, 4, 2, 3, 5, 7, 6]])]

@@ -24,6 +24,15 @@ def duffing(damping: float) -> tuple[mb.Scene, float]:
     return slider(0.0, lambda x, v: -x - 0.2 * x**3 - 2 * damping * v + 0.3 * sp.cos(1.3 * mb.t)), 2 * np.pi / 1.3
 
 
+def linear(damping: float) -> tuple[mb.Scene, float]:
+    """A free mass on linear springs under a harmonic force: the scene whose run costs least; damping over the critical one."""
+    s = mb.Scene("linear")
+    m = s.point_mass("m", 1.0, (1, 0))
+    x, y, u, v = (s.sensor(f"m.{name}") for name in ("position[0]", "position[1]", "velocity[0]", "velocity[1]"))
+    s.force("F", m, (0.3 * sp.cos(1.3 * mb.t) - x - 2 * damping * u, -y - 2 * damping * v))
+    return s, 2 * np.pi / 1.3
+
+
 def four_bar(damping: float) -> tuple[mb.Scene, float]:
     """A driven four-bar with a pendulum on a spring and a damper (N m s) at its coupler."""
     s = mb.Scene("four-bar", gravity=(0, -9.81, 0))
@@ -85,6 +94,8 @@ def _timed(call: Callable[[], Any]) -> tuple[float, Any]:
 
 SCENES = {"Duffing, damping 0.1 %": (lambda: duffing(1e-3), "J.displacement"),
           "Duffing, damping 1 %": (lambda: duffing(1e-2), "J.displacement"),
+          "linear, damping 0.1 %": (lambda: linear(1e-3), "m.position"),
+          "linear, damping 1 %": (lambda: linear(1e-2), "m.position"),
           "four-bar, damper 1e-4": (lambda: four_bar(1e-4), "E.angle"),
           "four-bar, damper 1e-5": (lambda: four_bar(1e-5), "E.angle"),
           "rotor, damping 0.05 %": (lambda: rotor(5e-4), "carrier.position"),

@@ -9,23 +9,24 @@ LU instead. M is inverted once.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.deferred import distinct
+from mbdae.deferred import as_full, distinct
 from mbdae.kernels.plan import plan
 from mbdae.native.equations import CEquations, Equations
-from mbdae.native.program import Operations, address_of
+from mbdae.native.program import Operations, address_of, narrow_order
 from mbdae.symbolic import outputs
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.motion.constrained import Workspace, narrow_order
+from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.constrained import Workspace
 
 #: names of two parameters of a form, Baumgarte's factors in the constraint rows: of G u + g_t (1/s), and of g (1/s^2)
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"
@@ -70,7 +71,7 @@ class AccelerationKernel(Workspace):
     def __init__(self, full: Any, mass: Array, row_of: RowOf, whole: bool) -> None:
         """full: the `Assembly` of the equations with multipliers; mass (nu, nu); row_of: row of F that an output of a law belongs
         to; whole: True to factorise the equations of u' and lambda together by LU, False for Cholesky factors of S."""
-        super().__init__(full.numbering)
+        super().__init__(full.numbering, source=full)
         nb, operations = full.numbering, self.operations
         self.m, self.nu, self.nq, self.whole = nb.m, nb.nu, nb.nq, whole
         self.differential = nb.start["lambda"]
@@ -83,6 +84,15 @@ class AccelerationKernel(Workspace):
         part.add(self.rates + kept, self._F + kept, -1.0)
         (self._by_lu if whole else self._by_cholesky)(part, mass)
         self.finish(rates=part, unknowns=self.differential, rates_at=self.rates)
+        self._completed()
+
+    def again(self, numbering: Numbering, source: Any = None) -> Self:
+        made = super().again(numbering, source)
+        made.part = made._parts["rates"]
+        made._completed()
+        return made
+
+    def _completed(self) -> None:
         self.multipliers, _ = self.view(self._multipliers, self.m)
         table = CEquations(self.address, self.differential, 0, None, None, address_of("scene_rates"), None)
         self.equations = Equations(table, self, make=self.make)
@@ -109,22 +119,19 @@ class AccelerationKernel(Workspace):
     def _by_cholesky(self, part: Operations, mass: Array) -> None:
         """Append the solution of S lambda = G M^-1 f + c by Cholesky, then u' = M^-1 (f - G^T lambda)."""
         m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
-        # m^-1, inverted block by block so that its entries outside of the diagonal blocks of M are exactly 0
-        inverse = np.zeros_like(mass)
-        for at in _blocks(mass):
-            inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
+        inverse = inverse_of(mass)
         h = part.zeros(nu)  # first slot of M^-1 f
         i, j = np.nonzero(inverse)
-        part.add(h + i, self._F + self.nq + j, -inverse[i, j])
+        part.add(h + i, self._F + self.nq + j, lambda of: -inverse_of(as_full(of.constant_mass))[i, j])
         along = {int(k): np.flatnonzero(inverse[k]).tolist() for k in distinct(columns)}
         # entries (row, column) of G M^-1 that are not zero
         cells = sorted({(r, c) for r, k in zip(rows.tolist(), columns.tolist(), strict=True) for c in along[k]})
         row, column = np.array(cells, dtype=np.intp).reshape(-1, 2).T
         weighted, place_of = part.zeros(len(cells)), {cell: k for k, cell in enumerate(cells)}
-        terms = [(place_of[r, c], e, inverse[k, c]) for e, (r, k) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True))
+        terms = [(place_of[r, c], e, k, c) for e, (r, k) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True))
                  for c in along[k]]
-        to, entry, value = (np.array(x) for x in zip(*terms, strict=True))
-        part.add(weighted + to, self._G + entry.astype(np.intp), value)
+        to, entry, *at = (np.array(x) for x in zip(*terms, strict=True))
+        part.add(weighted + to, self._G + entry, lambda of: inverse_of(as_full(of.constant_mass))[tuple(at)])
         by_column: dict[int, list[int]] = {}
         for e, c in enumerate(columns.tolist()):
             by_column.setdefault(c, []).append(e)
@@ -145,14 +152,12 @@ class AccelerationKernel(Workspace):
         part.set(u + np.arange(nu), h + np.arange(nu))
         part.multiply(u + column, weighted + np.arange(len(cells)), x + place[row], -1.0)
 
-    def _by_lu(self, part: Operations, mass: Array) -> None:
+    def _by_lu(self, part: Operations, _mass: Array) -> None:
         """Solve the equations of u' and lambda together by LU: for masses that are zero or differ too much."""
         m, nu = self.m, self.nu
         n = nu + m
         K = part.slots(n * n)
-        constant = np.zeros((n, n))
-        constant[:nu, :nu] = mass
-        part.load(K, constant)
+        part.load(K, lambda of: np.pad(as_full(of.constant_mass), (0, m)))
         entries = self._G + np.arange(len(self._rows))
         part.set(K + (nu + self._rows) * n + self._columns, entries)
         part.set(K + self._columns * n + nu + self._rows, entries)
@@ -193,6 +198,14 @@ class AccelerationKernel(Workspace):
         return share
 
 
+def inverse_of(mass: Array) -> Array:
+    """Inverse of a mass matrix, block by block, so that its entries outside of the diagonal blocks are exactly 0."""
+    inverse = np.zeros_like(mass)
+    for at in _blocks(mass):
+        inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
+    return inverse
+
+
 def _blocks(matrix: Array) -> list[Index]:
     """The diagonal blocks of a symmetric matrix, each as the numbers of its rows, which need not be consecutive."""
     label = np.arange(len(matrix))
@@ -210,18 +223,25 @@ def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, i
     return -1 if row is None or not 0 <= column < nb.nu else entries.setdefault((row, column), len(entries))
 
 
-def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> AccelerationKernel | None:
+def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array],
+                        own: bool = False) -> AccelerationKernel | None:
     """The kernel for scenes of bodies; None where the full equations have to be solved instead: with trees, with beams, and with
     many bodies some of which are massless. M (nu, nu): mass matrix; row_of: see `AccelerationKernel`; start: a state (t, y), at
-    which the kernel checks whether masses differ too much for Cholesky."""
+    which the kernel checks whether masses differ too much for Cholesky; own: operations may be appended to it."""
     nb = full.numbering
     if full.moved.nodes or full.model.lines or not nb.m:
         return None
+
+    def made(whole: bool) -> AccelerationKernel:
+        known, key = {} if own else full.model.shape.kept, (AccelerationKernel, full.key, whole, (M != 0).tobytes())
+        first: AccelerationKernel | None = known.get(key)
+        return first.again(nb, full) if first else known.setdefault(key, AccelerationKernel(full, M, row_of, whole))
+
     if np.all(M.diagonal() > 0) and np.all(np.linalg.eigvalsh(M) > 0):
-        found = AccelerationKernel(full, M, row_of, False)
+        found = made(False)
         if np.min(found.shares(np.array(start[:1]), start[1][None])) > SPREAD:
             return found
-    return AccelerationKernel(full, M, row_of, True) if nb.nu + nb.m < WHOLE_BELOW else None
+    return made(True) if nb.nu + nb.m < WHOLE_BELOW else None
 
 
 def row_shares(G: Array) -> Array:

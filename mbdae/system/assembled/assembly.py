@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import Later, distinct, sp
+from mbdae.deferred import distinct, later, sp
 from mbdae.errors import internal
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
+from mbdae.native.program import Columns
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
@@ -25,17 +26,15 @@ from mbdae.system.base import Array, Places
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
-from mbdae.system.model.numbering import Row
-from mbdae.system.motion.constrained import Columns, Emitted
+from mbdae.system.model.numbering import Numbering, Row
+from mbdae.system.motion.constrained import Emitted
 from mbdae.system.motion.mechanics import LARGE, inputs_of
 from mbdae.threads import check
 
 if TYPE_CHECKING:
-    from mbdae.kernels.line_nodes import ElementJacobian
-    from mbdae.system.model.beams import ElementBatch, Line, batches
+    from mbdae.system.model.beams import add_elements, add_inertia, batches
 else:
-    batches = Later("mbdae.system.model.beams", "batches")
-    ElementJacobian = Later("mbdae.kernels.line_nodes", "ElementJacobian")
+    add_elements, add_inertia, batches = later("mbdae.system.model.beams", "add_elements", "add_inertia", "batches")
 
 #: index of some kinds of unknowns, in place of that of the form, in scenes with elastic bodies ("z": stresses of beams). ELASTIC:
 #: steps may pass over elastic vibrations; with nearly rigid strains velocities and stresses then behave like unknowns of index 2
@@ -45,6 +44,7 @@ RESOLVED = {"z": 3}
 #: number of unknowns above which the Jacobian is sparse unless stated otherwise; with fewer, dense linear algebra is faster
 #: (measured: up to 150 to 200)
 SPARSE_FROM = 150
+LAZY = ("evaluation", "constant_mass", "_constants_of_mass", "inertia")  #: what depends on numbers and is made when it is needed
 
 
 class Assembly:
@@ -55,9 +55,18 @@ class Assembly:
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
                  moved: MovedBodies | None = None) -> None:
-        self.model, self.spec, self.label = model, spec, spec.label
         self.moved = moved = moved if moved is not None else MovedBodies(model, [])
         rows = [row for row in rows if moved.keeps(row)]
+        self.key = key = (Assembly, tuple(rows), sparse, spec.shape, moved.shape)
+        self.model, self.spec, self.label = model, spec, spec.label
+        self.numbering: Numbering
+        self.entries: Pattern
+        self._first: Assembly | None = model.shape.kept.get(key)
+        if self._first is not None:
+            vars(self).update({name: value for name, value in vars(self._first).items() if name not in (*vars(self), *LAZY)})
+            self.numbering = self._first.numbering.again(model, moved.constants, spec.numbers)
+            self._numbered()
+            return
         blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
         self.numbering = moved.numbering(model, rows, blocks, spec.derivatives, numbers=spec.numbers)
         nb = self.numbering
@@ -67,7 +76,8 @@ class Assembly:
         index = dict(spec.index) | (ELASTIC if self.passes else RESOLVED if nb.stresses else {})
         self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
-        self._offset = np.zeros(1 + nb.first_input - self.n)  # constants in the rows of F, a spare row and rows of loaded nodes
+        self.offset = np.zeros(1 + nb.first_input - self.n)  #: constants in the rows of F, a spare row and rows of loaded nodes
+        self._constants: list[tuple[Any, ...]] = []  # of every group of laws what tells the places of its constants
         self._residual, self._jacobian = Scatter(), Scatter()
         self._inert = False  #: whether laws have inertia that varies (kernels that read u'), or act so on bodies of trees
         #: whether the Jacobian has a sparsity pattern; False: it is full, and made column by column
@@ -84,14 +94,28 @@ class Assembly:
                 self._add(g, active, self.plan(d), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
             if batch.is_load or not spec.loads_only:
-                self._add_elements(batch, entries)
+                add_elements(self, batch, inputs_of(batch, nb), entries)
         for line in model.lines:
-            self._add_inertia(line, entries)
+            add_inertia(self, line, entries)
         #: kernels of derivatives of trees with loaded nodes (bodies on which other laws act), with the slots that they read
         self._trees = add_derivatives(moved, nb, entries, self._jacobian)
         up = {nb.node_place("up", n, i) for n in moved.loaded for i in range(n.kind.sizes[1])}
         self._inert |= bool(up) and entries.reads(up)
         self._finish(entries.finish(), self.has_pattern and (sparse if sparse is not None else self.n > SPARSE_FROM))
+        self.weights = self._residual.linear_terms[2]
+        if self.has_pattern and not model.lines:
+            model.shape.kept[key] = self
+
+    def _numbered(self) -> None:
+        """Put the numbers of the laws in the places that another model of the same shape has for them."""
+        self.offset, weights, values = np.zeros(len(self.offset)), [np.zeros(0)], [np.zeros(0)]
+        for g, active, plan, rows, split, live, keep in self._constants:
+            constants = plan.constants.once(self.numbering.numbers(g, plan.constant_inputs)[active])
+            np.add.at(self.offset, rows, constants[:, split:])
+            weights.append(constants[:, keep][live])
+            values.append(constants[:, :split].ravel())
+        self.weights, self.entries = np.concatenate(weights), self.entries.again(np.concatenate(values))
+        self._add_constant_entries()
 
     # -- construction
 
@@ -124,13 +148,13 @@ class Assembly:
             own = isinstance(self.model.groups[g].instances[i].law, Element)
             if own and block == "q" and nb.shares(nb.node_of(target, g, i), target[2], "q"):
                 return self.n
-            return self._row_at(block, nb.node_of(target, g, i), target[2])
+            return self.row_at(block, nb.node_of(target, g, i), target[2])
         if block == "s":
             return nb.place(target, g, i)
         row = nb.row(g, i, target[1])
         return self.n if row is None else nb.start[block] + row
 
-    def _row_at(self, block: str, node: Node, component: int) -> int:
+    def row_at(self, block: str, node: Node, component: int) -> int:
         """Row of F of a component of "q" or "u" (block) of a node; a loaded node has rows of its own after n; n: no row."""
         place = self.numbering.node_place(block if node not in self.moved.nodes else "w" + block, node, component)
         if place < self.n:
@@ -143,7 +167,7 @@ class Assembly:
         rows = np.array([[self.row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
         constants = plan.constants.once(nb.numbers(g, plan.constant_inputs)[active])
         split = len(plan.constant_places)
-        np.add.at(self._offset, rows[:, plan.offset_places], constants[:, split:])
+        np.add.at(self.offset, rows[:, plan.offset_places], constants[:, split:])
         linear = set(plan.offset_places)
         at = [(j, *place) for j, place in enumerate(plan.constant_places)]
         columns = self._columns(g, active, [p[2] for p in at])
@@ -152,6 +176,7 @@ class Assembly:
         keep = [j for j, o, _ in at if o in linear]
         live = columns[:, keep] >= 0
         self._residual.linear(out[:, keep][live], columns[:, keep][live], constants[:, keep][live])
+        self._constants.append((g, active, plan, rows[:, plan.offset_places], split, live, keep))
         if plan.nonlinear:
             self._residual.kernel(nb.gather(g, plan.residual_inputs, active), rows[:, plan.nonlinear], plan.residual)
         if plan.jacobian_places:
@@ -160,45 +185,6 @@ class Assembly:
             entries.varying(rows, self._columns(g, active, [t for _, t in plan.jacobian_places]))
             self._inert |= any(t[0] == "up" for _, t in plan.jacobian_places)
 
-    def _nodal(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
-        """(elements,) of every element the slot of the input (head, node of the element, i); nodes: those of every element."""
-        head, a, i = target
-        return np.array([self.numbering.node_place(head, of_element[a], i) for of_element in nodes], dtype=np.intp)
-
-    def _row_on(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
-        """(elements,) of every element the row of F of the equation of motion ("u", node of the element, i), see `_row_at`."""
-        return np.array([self._row_at("u", e[target[1]], target[2]) for e in nodes], dtype=np.intp)
-
-    def _add_elements(self, batch: ElementBatch, entries: Entries) -> None:
-        """Add a kernel over the elements of beams."""
-        kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
-        gather = inputs_of(batch, self.numbering)
-        rows = np.stack([z[:, t[1]] if t[0] == "z" else self._row_on(nodes, t) for t in kernel.targets], axis=1)
-        self._residual.kernel(gather, rows, kernel)
-        if kernel.jacobian_places:
-            at = rows[:, [o for o, _ in kernel.jacobian_places]]
-            self._jacobian.kernel(gather, at, ElementJacobian(kernel))
-            number = {t: i for i, t in enumerate(kernel.inputs)}
-            entries.varying(at, gather[:, [number[t] for _, t in kernel.jacobian_places]])
-
-    def _add_inertia(self, line: Line, entries: Entries) -> None:
-        """Add the consistent mass and the dead loads of a beam."""
-        nodes = [[line.nodes[a] for a in element] for element in line.mesh.elements]
-        entries_of = [(a, i) for a in range(line.mesh.order + 1) for i in range(line.kind.sizes[1])]
-        rows = np.stack([self._row_on(nodes, ("u", *e)) for e in entries_of], axis=1)
-        np.add.at(self._offset, rows, -line.dead.reshape(rows.shape))
-        if self.spec.loads_only:
-            return
-        columns = np.stack([self._nodal(nodes, ("up", *e)) for e in entries_of], axis=1)
-        at, by = (np.array(p).reshape(len(rows), -1) for p in np.broadcast_arrays(rows[:, :, None], columns[:, None, :]))
-        values = line.blocks.reshape(at.shape)
-        entries.constant(at, by, values)
-        wide = int(by.max(initial=0)) + 1
-        cells, where = np.unique(at * wide + by, return_inverse=True)
-        sums = np.bincount(where.ravel(), values.ravel(), len(cells))
-        kept = (sums != 0) & (cells // wide != self.n)
-        self._residual.linear(cells[kept] // wide, cells[kept] % wide, sums[kept])
-
     def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
         """(instances, targets) slots of unknowns as columns of the Jacobian: of dF/dy below n, of dF/dy' below 2 n, above that
         the motion of loaded nodes."""
@@ -206,7 +192,7 @@ class Assembly:
         return np.stack(found, axis=1) if found else np.zeros((len(active), 0), dtype=np.intp)
 
     def _finish(self, pattern: Pattern, sparse: bool) -> None:
-        n, self._pattern, self.sparse = self.n, pattern, sparse
+        n, self.entries, self.sparse = self.n, pattern, sparse
         if not self.has_pattern:
             return
         used = distinct(np.concatenate([pattern.cells, pattern.fixed_cells]))
@@ -218,10 +204,14 @@ class Assembly:
         def position(cells: NDArray[np.intp]) -> NDArray[np.intp]:
             return np.where(cells < n * n, np.searchsorted(used, cells), used.size)
 
-        self._place, fixed = position(pattern.cells), position(pattern.fixed_cells)
-        self._c = [np.zeros(used.size + 1), np.zeros(used.size + 1)]
-        for part, mask in zip(self._c, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
-            np.add.at(part, fixed[mask], pattern.fixed[mask])
+        self._place, self._fixed = position(pattern.cells), position(pattern.fixed_cells)
+        self._add_constant_entries()
+
+    def _add_constant_entries(self) -> None:
+        pattern = self.entries
+        self.constant_entries: Array = np.zeros((2, len(self.columns.rows) + 1))
+        for part, mask in zip(self.constant_entries, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
+            np.add.at(part, self._fixed[mask], pattern.fixed[mask])
 
     @cached_property
     def sparsity(self) -> Any:
@@ -240,6 +230,8 @@ class Assembly:
     @cached_property
     def evaluation(self) -> EquationsOfScene:
         """The evaluation of these equations in C; kernels are compiled when they are first needed."""
+        if self._first is not None:
+            return self._first.evaluation.again(self.numbering, self)
         made = self.operations()
         made.compile()
         return made
@@ -248,19 +240,19 @@ class Assembly:
         """The native evaluation before it is compiled, so that a caller can append further operations."""
         terms = None
         if self.has_pattern:
-            terms = JacobianTerms(self._jacobian, self._trees, self._pattern, self._place, self._c)
+            terms = JacobianTerms(self._jacobian, self._trees, self.entries, self._place, self.constant_entries)
         elif self._inert and self.explicit:  # no law of the library does, and inertia belongs to single bodies
             raise internal("a law outside of a tree that is evaluated joint by joint adds inertia to its bodies")
-        made = EquationsOfScene(self.numbering, self.moved, self._residual, self._offset, self._inertia, terms)
+        made = EquationsOfScene(self.numbering, self.moved, self._residual, self.offset, self.inertia, terms, self)
         if not self.numbering.m and terms is not None:
-            varying = self._inert or (self.moved.open is not Open.FEWEST and bool(self._inertia))
-            made.with_rates(None if varying else self._inertia, self.columns)
+            varying = self._inert or (self.moved.open is not Open.FEWEST and bool(self.inertia))
+            made.with_rates(None if varying else self.inertia, self.columns)
         return made
 
     def __getstate__(self) -> dict[str, Any]:
         """State for copies and pickles, without the native tables: they contain addresses of arrays, so that a copy makes its
         own."""
-        return {name: value for name, value in self.__dict__.items() if name != "evaluation"}
+        return {name: value for name, value in self.__dict__.items() if name != "evaluation"} | {"_first": None}
 
     def motion(self) -> Emitted | None:
         """Function that appends the motion of loaded nodes, bodies of trees on which other laws act; None: there are none."""
@@ -289,19 +281,24 @@ class Assembly:
     @cached_property
     def _constants_of_mass(self) -> tuple[Any, Any, Array]:
         """Rows and columns among the velocity unknowns, and values, of the constant entries of the mass matrix."""
-        nq, nu, p, n = self.numbering.nq, self.numbering.nu, self._pattern, self.n
+        nq, nu, p, n = self.numbering.nq, self.numbering.nu, self.entries, self.n
         rows, columns = p.fixed_cells % max(n, 1) - nq, p.fixed_cells // max(n, 1) - nq
         inside = p.fixed_dotted & (p.fixed_cells < n * n)
         inside &= (rows >= 0) & (rows < nu) & (columns >= 0) & (columns < nu)
         return rows[inside], columns[inside], p.fixed[inside]
 
-    @property
-    def _inertia(self) -> dict[tuple[int, int], float]:
+    @cached_property
+    def inertia(self) -> dict[tuple[int, int], float]:
         """The constant entries of the mass matrix by row and column; those of trees are in their passes."""
         found: dict[tuple[int, int], float] = {}
         for a, b, m in zip(*(part.tolist() for part in self._constants_of_mass), strict=True):
             found[a, b] = found.get((a, b), 0.0) + m
         return found
+
+    @property
+    def chained(self) -> Array:
+        """Constants that are values of products of the chain rule."""
+        return np.asarray(self.entries.chained)
 
     @property
     def explicit(self) -> bool:
@@ -326,8 +323,8 @@ class Assembly:
         """The full matrices (..., n, n) with these entries (..., nnz)."""
         shape = *data.shape[:-1], self.n, self.n
         if not self.has_pattern:
-            return data.reshape(shape).swapaxes(-1, -2)
-        dense = np.zeros((*data.shape[:-1], self.n * self.n))
+            return np.asarray(data.reshape(shape).swapaxes(-1, -2))
+        dense: Array = np.zeros((*data.shape[:-1], self.n * self.n))
         dense[..., self._dense] = data
         return dense.reshape(shape)
 

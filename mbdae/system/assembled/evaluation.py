@@ -1,25 +1,103 @@
 """The equations of a scene as a native program: kernels, the slots that they read, and the rows or entries to which their values
-are added."""
+are added.
+
+The derivative of a list of operations along a direction, as operations on the same array.
+
+The derivative (differential) of the number in slot k is put into slot k + distance, where distance is the number of slots that
+the list had; that of a constant is 0. The operations of the derivative run after those of the list and read their slots again: a
+slot that a kernel has read must not be overwritten later in the list.
+"""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from mbdae.deferred import sp
+from mbdae.errors import internal
 from mbdae.native import address
 from mbdae.native.equations import CEquations, Equations
-from mbdae.native.program import Operations, Tangent, address_of, core
+from mbdae.native.program import (
+    ADD,
+    CALL,
+    CHOLESKY,
+    LOAD,
+    MULTIPLY,
+    PASS,
+    POSITIVE,
+    SET,
+    SOLVE,
+    Columns,
+    Operations,
+    Step,
+    address_of,
+    core,
+)
 from mbdae.system.assembled.jacobian_entries import Pattern, Scatter, TreeTerms
 from mbdae.system.base import Array
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.constrained import Columns, Index, Workspace
+from mbdae.system.motion.constrained import Index, Workspace
 from mbdae.system.motion.tree_mechanics import Inertia, entries_among, solve_mass
+
+
+class Tangent:
+    """The differentials of all slots of a list of operations. Their slots are reserved when this object is made, their operations
+    are made when `part` is first read.
+
+    distance: number of slots from a number to its differential."""
+
+    def __init__(self, of: Operations) -> None:
+        self.distance, self._of = of.size, of
+        of.slots(of.size)
+
+    @cached_property
+    def part(self) -> Operations:
+        """The operations that compute the differentials; they have to be run after the list of operations they belong to."""
+        part = self._of.part()
+        for step in self._of.steps:
+            self._add(part, step)
+        return part
+
+    def _add(self, part: Operations, step: Step) -> None:
+        fields, tables, by = step.fields, step.tables, self.distance
+        kind, first = fields["kind"], fields.get("first", 0) + by
+        if kind in (CALL, PASS):
+            self._call(part, step, first)
+        elif kind == LOAD:
+            part.load(first, 0 * tables["weight"])
+        elif kind in (SET, ADD, MULTIPLY):
+            self._map(part, step)
+        elif kind in (CHOLESKY, SOLVE):
+            part.solve(fields["count"], fields["inputs"], fields["first"], fields["outputs"] + by, fields["times"])
+        elif kind != POSITIVE:
+            raise internal(f"the derivative of the compiled equations is not known for their operation number {kind}")
+
+    def _call(self, part: Operations, step: Step, first: int) -> None:
+        fields, tables, by = step.fields, step.tables, self.distance
+        gather = np.hstack([tables["from_"], tables["from_"] + by])
+        if fields["kind"] == PASS:
+            part.hand_on(fields["kernel"].tangent, gather, tables["to"] + by, first)
+        else:
+            part.call(fields["kernel"].tangent, gather, first)
+
+    def _map(self, part: Operations, step: Step) -> None:
+        fields, tables, by = step.fields, step.tables, self.distance
+        steps = {name: fields.get(name, 0) for name in ("to_step", "from_step")}
+        to, from_, times = tables["to"] + by, tables["from_"], fields["times"]
+        if fields["kind"] == SET:
+            part.set(to, from_ + by, times, **steps)
+            return
+        weight = tables["weight"].reshape(times, -1) if fields["weight_step"] else tables["weight"]
+        if fields["kind"] == ADD:
+            part.add(to, from_ + by, weight, times, **steps)
+            return
+        for a, b in ((from_ + by, tables["by"]), (from_, tables["by"] + by)):
+            part.multiply(to, a, b, weight, times, by_step=fields.get("by_step", 0), **steps)
 
 
 class JacobianTerms(NamedTuple):
@@ -31,7 +109,7 @@ class JacobianTerms(NamedTuple):
     trees: Sequence[tuple[Any, Index]]
     pattern: Pattern
     place: Index
-    c: Sequence[Array]
+    c: Array
 
 
 class EquationsOfScene(Workspace):
@@ -39,12 +117,13 @@ class EquationsOfScene(Workspace):
 
     moved: the bodies that trees move; terms: of F, by laws outside of the trees; offset: constant terms of the rows of F, of a
     spare row and of rows of loaded nodes; inertia: (row, column) -> constant entry of the mass matrix by laws outside of the
-    trees; jacobian: the terms of the Jacobian, None where it is full and made column by column."""
+    trees; jacobian: the terms of the Jacobian, None where it is full and made column by column; source: the `Assembly` that has
+    the numbers of all these."""
 
     def __init__(self, numbering: Numbering, moved: MovedBodies, terms: Scatter, offset: Array, inertia: Inertia,
-                 jacobian: JacobianTerms | None) -> None:
-        super().__init__(numbering)
-        self._terms, self._offset = terms, offset
+                 jacobian: JacobianTerms | None, source: Any) -> None:
+        super().__init__(numbering, source=source)
+        self._terms = terms
         self.trees, operations = TreeTerms(moved, numbering, self.operations, inertia), self.operations
         self.rows, self.nnz = operations.slots(len(offset)), self.n**2 if jacobian is None else len(jacobian.c[0]) - 1
         self.rates, self.rates_part = operations.slots(self.n), operations.part()
@@ -73,15 +152,15 @@ class EquationsOfScene(Workspace):
     def _laws(self, part: Operations, first: int, dotted: bool) -> None:
         """Append the rows of F by laws outside of the trees, from slot `first` on. dotted: with linear terms that contain y'."""
         nb = self.numbering
-        part.load(first, self._offset)
+        part.load(first, lambda of: of.offset)
         self._terms.emit(part, first)
-        rows, columns, weights = self._terms.linear_terms
+        rows, columns, _ = self._terms.linear_terms
         kept = dotted | ~np.isin(columns, nb.rate_slots)
-        part.add(first + rows[kept], columns[kept], weights[kept])
+        part.add(first + rows[kept], columns[kept], lambda of: of.weights[kept])
         part.set(nb.loaded_rows, first + nb.loaded_rows - self.n + 1)  # forces on loaded nodes, which the trees read
 
     def _jacobian(self, terms: JacobianTerms) -> Operations:
-        operations, nnz, c, place, pattern = self.operations, self.nnz, terms.c, terms.place, terms.pattern
+        operations, nnz, place, pattern = self.operations, self.nnz, terms.place, terms.pattern
         staged = bool(terms.trees)  # then evaluate F first: derivatives of trees need the forces on their bodies
         part = operations.part(self.residual_part if staged else self.motion)  # of bodies whose motion is given, too
         none = np.zeros(0, dtype=np.intp)
@@ -89,7 +168,7 @@ class EquationsOfScene(Workspace):
                    for gather, kernel in zip(terms.laws.gathers, terms.laws.kernels, strict=True)]
         kernels = np.concatenate([none, *emitted])
         trees = np.concatenate([none, *(piece.kernel.emit(part, gather).ravel() for piece, gather in terms.trees)])
-        part.load(self.fy, np.concatenate([c[0][:-1], c[1][:-1]]))
+        part.load(self.fy, lambda of: of.constant_entries[:, :-1])
         to = np.where(place < nnz, self.fy + place + np.where(pattern.dotted, nnz, 0), -1)
         single = self._single = np.concatenate([kernels, trees])
         kept = np.flatnonzero(to[: len(single)] >= 0)
@@ -101,7 +180,7 @@ class EquationsOfScene(Workspace):
     def _chain(self, part: Operations, to: Index, kernels: Index, trees: Index, pattern: Pattern) -> None:
         """Append the chain rule: products of derivatives of the trees (`trees`) with derivatives of laws that act on their bodies
         (`kernels`); to: slots of the entries to which they are added, -1 for none."""
-        one = part.constant(np.concatenate([[1.0], pattern.chained]))
+        one = part.constant(lambda of: [1.0, *of.chained])
         factors = np.concatenate([[one], trees]).astype(np.intp)
         middle = np.concatenate([kernels, one + 1 + np.arange(len(pattern.chained))]).astype(np.intp)
         kept = np.flatnonzero(to >= 0)
@@ -141,7 +220,8 @@ class EquationsOfScene(Workspace):
         nu, nq, slots = self.numbering.nu, self.numbering.nq, self.rates + self.numbering.nq + rest
         if inertia is not None:
             once = self.operations.part()
-            order, factors = solve_mass(part, *entries_among(inertia, rest), slots, once)
+            order, factors = solve_mass(part, entries_among(inertia, rest)[0], lambda of: entries_among(of.inertia, rest)[1],
+                                        slots, once)
             self._steady = once, factors
         else:
             assert pattern is not None
@@ -156,10 +236,25 @@ class EquationsOfScene(Workspace):
         Kernels are compiled when they are first needed."""
         self.finish(self.residual_part, self.jacobian_part, self.rates_part, self.change, nnz=self.nnz, rows=self.rows,
                     fy=self.fy, fyp=self.fy + self.nnz, rates_at=self.rates, explicit=self.explicit)
+        self._completed()
+
+    def again(self, numbering: Numbering, source: Any = None) -> Self:
+        made = super().again(numbering, source)
+        made.trees = None  # type: ignore[assignment]  # it has appended its operations
+        made.residual_part, made.jacobian_part = made._all_parts["residual"], made._all_parts["jacobian"]
+        made.rates_part = made.of_rates or made.rates_part
+        made._by_law = made._by_law._replace(pattern=source.entries, c=source.constant_entries)
+        if made._steady is not None:
+            made._steady = made._steady[0].again(source), made._steady[1]
+        made._completed()
+        return made
+
+    def _completed(self) -> None:
         # where F = y' - f(t, y) the slots of the rows are used on the way to f
         self._rows = np.zeros(self.n) if self.explicit else self.view(self.rows, self.n)[0]
         self._at_rows = self._rows.ctypes.data
         self._c = core()
+        self._massless = -1
         if self._steady is not None:
             once, _kept = self._steady[0].table(len(self.W))
             if self._c.scene_part(self.address, ctypes.byref(once), np.nan, self._at_y, None):

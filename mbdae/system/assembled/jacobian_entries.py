@@ -11,7 +11,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,6 +53,12 @@ class FormSpec:
     loads_only: bool = False
     numbers: Mapping[str, float] = field(default_factory=dict)
     eliminated: bool = False
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """All but the values of its numbers."""
+        own = {name: value for name, value in vars(self).items() if name != "numbers"}
+        return *(tuple(value.items()) if isinstance(value, Mapping) else value for value in own.values()), *self.numbers
 
     @property
     def multipliers(self) -> int:
@@ -164,7 +172,7 @@ class Entries:
         placed = np.array(products, dtype=np.intp).reshape(-1, 5)
         return Pattern(
             n, np.r_[np.where(direct, rows, n), cells[:, 0], placed[:, 0]], np.r_[columns, cells[:, 1], placed[:, 1]],
-            placed[:, 2:].T.copy(), values[chained], fixed_rows[~chained], fixed_columns[~chained], values[~chained],
+            placed[:, 2:].T.copy(), values, chained, fixed_rows[~chained], fixed_columns[~chained],
             np.concatenate(self._terms)[~chained],
         )
 
@@ -186,12 +194,19 @@ class Pattern:
     fixed: the same of constants, with their values; terms: the instances of laws, numbered, that these belong to; chained:
     constants that are values of products."""
 
-    def __init__(self, n: int, rows: Index, columns: Index, factors: Index, chained: Array, fixed_rows: Index,
-                 fixed_columns: Index, fixed: Array, terms: Index) -> None:
+    def __init__(self, n: int, rows: Index, columns: Index, factors: Index, values: Array, chained: Any, fixed_rows: Index,
+                 fixed_columns: Index, terms: Index) -> None:
         self.cells, self.dotted = _cells(n, rows, columns), columns >= n
         self.left, self.value, self.right = factors
-        self.chained, self.terms = chained, terms
-        self.fixed_cells, self.fixed_dotted, self.fixed = _cells(n, fixed_rows, fixed_columns), fixed_columns >= n, fixed
+        self.terms, self._chained = terms, chained
+        self.fixed_cells, self.fixed_dotted = _cells(n, fixed_rows, fixed_columns), fixed_columns >= n
+        self.chained, self.fixed = values[chained], values[~chained]
+
+    def again(self, values: Array) -> Pattern:
+        """The same with the constants that another model has, in the order in which they were added."""
+        made = copy(self)
+        made.chained, made.fixed = values[self._chained], values[~self._chained]
+        return made
 
 
 def _cells(n: int, rows: Index, columns: Index) -> Index:
@@ -208,7 +223,7 @@ class TreeTerms:
 
     def __init__(self, moved: MovedBodies, numbering: Numbering, operations: Operations, inertia: Inertia) -> None:
         self.moved, self.nb, self._operations = moved, numbering, operations
-        self._own = [{pair: operations.constant([m]) for pair, m in own_inertia(numbering, tree, inertia).items()}
+        self._own = [{pair: operations.constant(partial(_entry, tree, pair)) for pair in own_inertia(numbering, tree, inertia)}
                      for tree in moved.trees]
         self._passes = [(moved.passes(numbering, tree, bool(tree.structure.loaded), own), tree)
                         for tree, own in zip(moved.trees, self._own, strict=True) if moved.ordered]
@@ -277,6 +292,11 @@ class TreeTerms:
 
     def _loads(self, part: Operations, passes: TreePasses, tree: Tree) -> None:
         passes.loads(part, tree.structure.loaded, self._on_body(tree, "wu"))
+
+
+def _entry(tree: Tree, pair: tuple[Place, Place], of: Any) -> list[float]:
+    """The entry of the mass matrix of the equations `of` by a pair of a tree's velocities."""
+    return [own_inertia(of.numbering, tree, of.inertia)[pair]]
 
 
 def add_derivatives(moved: MovedBodies, nb: Numbering, entries: Entries, single: Scatter) -> list[tuple[Piece, Any]]:

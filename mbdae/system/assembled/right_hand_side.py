@@ -21,7 +21,7 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.acceleration_kernel import row_shares
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Array, Numbers
-from mbdae.system.motion.all_bodies import AllBodies
+from mbdae.system.motion import AllBodies
 from mbdae.system.motion.constrained import Workspace
 from mbdae.system.motion.mechanics import Mechanics
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, SceneError
 from mbdae.kernels.line import LineKernel, load_kernel, mass_blocks, merged, strain_kernel
-from mbdae.kernels.line_nodes import ElementKernel, GyroscopicKernel
+from mbdae.kernels.line_nodes import ElementJacobian, ElementKernel, GyroscopicKernel
 from mbdae.laws.line_mesh import LineMesh
 from mbdae.scene.beams import mesh_of, nearest_place
 from mbdae.scene.components import Beam, BeamLoad, Body, Station
@@ -264,3 +264,42 @@ def batches(lines: list[Line], mixed: bool) -> list[ElementBatch]:
 
 def _none(kernel: ElementKernel) -> NDArray[np.intp]:
     return np.zeros((kernel.elements, 0), dtype=np.intp)
+
+
+# -- in the equations of a form (`of`, an `Assembly`)
+
+
+def _row_on(of: Any, nodes: list[list[Node]], target: Any) -> Any:
+    """(elements,) of every element the row of F of the equation of motion ("u", node of the element, i)."""
+    return np.array([of.row_at("u", e[target[1]], target[2]) for e in nodes], dtype=np.intp)
+
+
+def add_elements(of: Any, batch: ElementBatch, gather: Any, entries: Any) -> None:
+    """Add a kernel over the elements of beams. gather (elements, inputs): slots that it reads; entries: of the Jacobian."""
+    kernel, nodes, z = batch.kernel, batch.nodes, of.numbering.start["z"] + batch.stresses
+    rows = np.stack([z[:, t[1]] if t[0] == "z" else _row_on(of, nodes, t) for t in kernel.targets], axis=1)
+    of._residual.kernel(gather, rows, kernel)
+    if kernel.jacobian_places:
+        at = rows[:, [o for o, _ in kernel.jacobian_places]]
+        of._jacobian.kernel(gather, at, ElementJacobian(kernel))
+        number = {t: i for i, t in enumerate(kernel.inputs)}
+        entries.varying(at, gather[:, [number[t] for _, t in kernel.jacobian_places]])
+
+
+def add_inertia(of: Any, line: Line, entries: Any) -> None:
+    """Add the consistent mass and the dead loads of a beam; entries: of the Jacobian."""
+    nodes = [[line.nodes[a] for a in element] for element in line.mesh.elements]
+    entries_of = [(a, i) for a in range(line.mesh.order + 1) for i in range(line.kind.sizes[1])]
+    rows = np.stack([_row_on(of, nodes, ("u", *e)) for e in entries_of], axis=1)
+    np.add.at(of.offset, rows, -line.dead.reshape(rows.shape))
+    if of.spec.loads_only:
+        return
+    columns = np.array([[of.numbering.node_place("up", e[a], i) for a, i in entries_of] for e in nodes], dtype=np.intp)
+    at, by = (np.array(p).reshape(len(rows), -1) for p in np.broadcast_arrays(rows[:, :, None], columns[:, None, :]))
+    values = line.blocks.reshape(at.shape)
+    entries.constant(at, by, values)
+    wide = int(by.max(initial=0)) + 1
+    cells, where = np.unique(at * wide + by, return_inverse=True)
+    sums = np.bincount(where.ravel(), values.ravel(), len(cells))
+    kept = (sums != 0) & (cells // wide != of.n)
+    of._residual.linear(cells[kept] // wide, cells[kept] % wide, sums[kept])

@@ -5,11 +5,13 @@ Feedback in a model: parameters of laws that are expressions of sensors.
 Such an expression is brought into a form that equal laws with other numbers share: every sensor that it reads, every signal,
 every number and every part that depends on time alone is replaced by a symbol. The frames and nodes that the sensors read are
 added to those of the law.
+
+Whether a scene lies in the plane, and its length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from math import inf, isnan, nan
 from types import SimpleNamespace
@@ -22,7 +24,9 @@ from mbdae.errors import SceneError
 from mbdae.inputs.sensed import path_of, paths
 from mbdae.inputs.tables import in_cases, lookup_of
 from mbdae.inputs.text import TIME
-from mbdae.scene.components import Beam, Body, Connection, Signal
+from mbdae.scene.beams import mesh_of
+from mbdae.scene.components import Beam, Body, Clearance, Connection, Signal
+from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import Sensed, found
 from mbdae.symbolic.derive import Side
 from mbdae.symbolic.frames import Axes
@@ -30,7 +34,7 @@ from mbdae.symbolic.law import Structure
 from mbdae.symbolic.rebuild import is_condition, joined
 from mbdae.symbolic.statement import Feeds, Reading
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.model.nodes import Node, sides_of
+from mbdae.system.model.nodes import JointMotion, Node, rotation_matrices, sides_of
 from mbdae.values import BadValueError
 
 if TYPE_CHECKING:
@@ -228,3 +232,71 @@ class _Feeding:
             self.fed.frames |= {own + key[len(name) :]: v for key, v in numbers.items() if key.startswith(f"{name}_")}
         self.fed.sides += sides
         self.fed.nodes += nodes
+
+
+FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane
+
+
+def scene_length(scene: SceneData) -> float:
+    """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
+    points = [p for b in scene.bodies for p in (b.drawn.position, *b.outline)]
+    points += [law.point_on(side) for c in scene.connections for law in c.laws for side in "kl"]
+    races = [(c.joint, c.model.outer) for c in scene.joints if isinstance(c.model, Clearance)]
+    points += [joint.at + side for joint, radius in races for side in (-radius * np.ones(3), radius * np.ones(3))]
+    extent = float(np.max(np.ptp(np.array(points), axis=0))) if points else 0.0
+    return extent if extent > 0 else 1.0
+
+
+def out_of_plane(scene: SceneData, items: Collection[str] | None = None) -> str | None:
+    """Reason why the scene is not planar: the first thing that leaves the plane z = 0; None where nothing does. items: names of
+    those that are looked at, None: all."""
+    bodies = [b for b in scene.bodies if items is None or b.name in items]
+    connections = [c for c in scene.connections if items is None or c.name in items]
+    tolerance = FLAT * scene_length(scene)
+    for b in (None, *bodies):
+        g, of = (scene.gravity, "") if b is None else (b.gravity, f" of body '{b.name}'")
+        if g is not None and abs(g[2]) > 0:
+            return f"gravity{of} has the z component {g[2]:g} m/s^2"
+    for b in bodies:
+        points = np.array([b.drawn.position, *b.outline])
+        if np.max(np.abs(points[:, 2])) > tolerance:
+            return f"body '{b.name}' has a point at z = {points[np.argmax(np.abs(points[:, 2])), 2]:g} m"
+        if np.max(np.abs(b.drawn.rotation[2] - [0, 0, 1])) > 1e-12:
+            return f"body '{b.name}' is rotated out of the plane"
+        if abs(b.drawn.velocity[2]) > 0 or np.max(np.abs(b.drawn.angular_velocity[:2])) > 0:
+            return f"body '{b.name}' starts with a velocity out of the plane"
+        if isinstance(b, Beam) and mesh_of(b).normal_axis is None:
+            return f"beam '{b.name}' has no section axis normal to the plane"
+        if b.inertia is not None and np.max(np.abs(b.inertia[2, :2])) > 1e-12 * np.abs(b.inertia).max(initial=1e-300):
+            return f"body '{b.name}' has products of inertia with z"
+    for load in scene.line_loads:
+        if load.law.f3 is not None:
+            return f"load '{load.name}' has a component 3, out of the plane"
+        if load.law.following and not _upright(load.beam):
+            return f"load '{load.name}' turns with the sections of beam '{load.beam.name}', whose axis 3 is not z"
+    for c in connections:
+        for law in c.laws:
+            for point in (law.at, law.point_on("l")):
+                if abs(point[2]) > tolerance:
+                    return f"{c.kind} '{c.name}' has a point at z = {point[2]:g} m"
+        if (c.hold or c.hold_rate) and JointMotion(c).leaves_plane(c.hold, c.hold_rate):
+            return f"{c.kind} '{c.name}' starts out of the plane"
+    return None
+
+
+def _upright(beam: Beam) -> bool:
+    """Whether section axis 3 is parallel to z along the whole beam."""
+    mesh = mesh_of(beam)
+    sections = rotation_matrices(mesh.quaternions[mesh.elements]) @ rotation_matrices(mesh.turns)
+    return bool(np.all(sections[..., 2, 2] > 0.5))
+
+
+@dataclass(frozen=True)
+class Renewed:
+    """How a model differs from that of which it was made. last: that model; timed: whether inputs of time may be others; placed:
+    whether the places of bodies and joints, or velocities at the start, are; inertia: whether masses are."""
+
+    last: Any
+    timed: bool
+    placed: bool
+    inertia: bool

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -14,15 +15,18 @@ from mbdae.deferred import later
 from mbdae.errors import LawError, SceneError
 from mbdae.laws.bodies import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
-from mbdae.scene.beams import mesh_of
-from mbdae.scene.components import Beam, Body, Clearance, Connection, Station
+from mbdae.scene.components import Beam, Body, Connection, Station
+from mbdae.scene.record import apart, models_of
 from mbdae.scene.scene import SceneData, refuse_other_laws
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
 from mbdae.system.base import Kept
-from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into
+from mbdae.system.model.feedback import FLAT as FLAT
+from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into, out_of_plane
+from mbdae.system.model.feedback import Renewed as Renewed
+from mbdae.system.model.feedback import scene_length as scene_length
 from mbdae.system.model.nodes import (
     Group,
     Groups,
@@ -30,8 +34,9 @@ from mbdae.system.model.nodes import (
     JointMotion,
     Key,
     Node,
+    Shape,
     out_of_plane_motions,
-    rotation_matrices,
+    shape_of,
     sides_of,
 )
 
@@ -41,7 +46,6 @@ else:
     Line, meshed = later("mbdae.system.model.beams", "Line", "meshed")
 
 ALL = 6  #: degrees of freedom of a rigid body in space
-FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,15 @@ class Model:
     def elastic(self) -> bool:
         """Whether it has elastic bodies, whose fast vibrations hardly move them: steps may pass over these."""
         return bool(self.lines) or any(group.derived.law.elastic for group in self.groups)
+
+    @cached_property
+    def shape(self) -> Shape:
+        """What it has in common with models that differ in numbers alone; beams have theirs for themselves."""
+        if self.lines:
+            return Shape()
+        laws = [(g.derived, g.key, *((i.item, *(n and n.name for n in i.nodes), *i.numbers, *i.timed.items(), *i.states)
+                                     for i in g.instances)) for g in self.groups]
+        return shape_of((self.planar, *((n.name, n.kind, n.q, n.u, n.unit) for n in self.nodes), *laws))
 
     @property
     def bodies(self) -> list[tuple[Node, Body]]:
@@ -131,6 +144,16 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     kept: joints stated as recursive that are treated as kinematic, and why."""
     refuse_other_laws(scene)
     kept = _changing(scene) | dict(kept or {})
+    known, key = models_of(scene), (scene.space, *kept.items())
+    last = known.get(key)
+    found = None
+    with suppress(LawError):  # of the plane
+        found = _renewed(last, scene, kept) if last is not None and last.scene is not scene else None
+    made = known[key] = found or _built(scene, kept)
+    return made
+
+
+def _built(scene: SceneData, kept: dict[str, str]) -> Model:
     if scene.space != "spatial":
         reason = out_of_plane(scene)
         if reason is None:
@@ -156,55 +179,51 @@ def _changing(scene: SceneData) -> dict[str, str]:
     return found
 
 
-def scene_length(scene: SceneData) -> float:
-    """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
-    points = [p for b in scene.bodies for p in (b.drawn.position, *b.outline)]
-    points += [law.point_on(side) for c in scene.connections for law in c.laws for side in "kl"]
-    races = [(c.joint, c.model.outer) for c in scene.joints if isinstance(c.model, Clearance)]
-    points += [joint.at + side for joint, radius in races for side in (-radius * np.ones(3), radius * np.ones(3))]
-    extent = float(np.max(np.ptp(np.array(points), axis=0))) if points else 0.0
-    return extent if extent > 0 else 1.0
-
-
-def out_of_plane(scene: SceneData) -> str | None:
-    """Reason why the scene is not planar: the first thing that leaves the plane z = 0; None where nothing does."""
-    tolerance = FLAT * scene_length(scene)
-    for b in (None, *scene.bodies):
-        g, of = (scene.gravity, "") if b is None else (b.gravity, f" of body '{b.name}'")
-        if g is not None and abs(g[2]) > 0:
-            return f"gravity{of} has the z component {g[2]:g} m/s^2"
-    for b in scene.bodies:
-        points = np.array([b.drawn.position, *b.outline])
-        if np.max(np.abs(points[:, 2])) > tolerance:
-            return f"body '{b.name}' has a point at z = {points[np.argmax(np.abs(points[:, 2])), 2]:g} m"
-        if np.max(np.abs(b.drawn.rotation[2] - [0, 0, 1])) > 1e-12:
-            return f"body '{b.name}' is rotated out of the plane"
-        if abs(b.drawn.velocity[2]) > 0 or np.max(np.abs(b.drawn.angular_velocity[:2])) > 0:
-            return f"body '{b.name}' starts with a velocity out of the plane"
-        if isinstance(b, Beam) and mesh_of(b).normal_axis is None:
-            return f"beam '{b.name}' has no section axis normal to the plane"
-        if b.inertia is not None and np.max(np.abs(b.inertia[2, :2])) > 1e-12 * np.abs(b.inertia).max(initial=1e-300):
-            return f"body '{b.name}' has products of inertia with z"
-    for load in scene.line_loads:
-        if load.law.f3 is not None:
-            return f"load '{load.name}' has a component 3, out of the plane"
-        if load.law.following and not _upright(load.beam):
-            return f"load '{load.name}' turns with the sections of beam '{load.beam.name}', whose axis 3 is not z"
-    for c in scene.connections:
-        for law in c.laws:
-            for point in (law.at, law.point_on("l")):
-                if abs(point[2]) > tolerance:
-                    return f"{c.kind} '{c.name}' has a point at z = {point[2]:g} m"
-        if (c.hold or c.hold_rate) and JointMotion(c).leaves_plane(c.hold, c.hold_rate):
-            return f"{c.kind} '{c.name}' starts out of the plane"
-    return None
-
-
-def _upright(beam: Beam) -> bool:
-    """Whether section axis 3 is parallel to z along the whole beam."""
-    mesh = mesh_of(beam)
-    sections = rotation_matrices(mesh.quaternions[mesh.elements]) @ rotation_matrices(mesh.turns)
-    return bool(np.all(sections[..., 2, 2] > 0.5))
+def _renewed(last: Model, scene: SceneData, kept: dict[str, str]) -> Model | None:
+    """The model of a scene that shares items with the scene of another model: the laws of the others alone are read. None where
+    its laws have other equations, or for other reasons to build it whole."""
+    items = apart(scene, last.scene)
+    if items is None or last.lines or scene.own or scene.gravity is not last.scene.gravity or any(
+            getattr(i.law, p) != i.numbers[p] for _, _, i in last.instances() for p in i.law.params if p in i.numbers):
+        return None
+    why = out_of_plane(scene, items) if last.planar else out_of_plane(scene)
+    if last.planar is (why is not None) and scene.space != "spatial":
+        return None
+    nodes = [replace(n, body=scene[n.name]) if n.body is not None and n.name in items else n for n in last.nodes]
+    by_body = {n.body: n for n in nodes if n.body is not None}
+    by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
+    scenery = Scenery(scene, last.planar, by_body, by_coordinate, {}, {}, lambda c: laws_of(c, kept)[0])
+    at = {item: iter(places) for item, places in last.kept["places"].items() if item in items}
+    groups, timed, placed, inertia = [*last.groups], False, False, False
+    bodies = [b for b in scene.bodies if b.name in items]
+    for law, sides, item in _laws(scene, kept, {}, bodies, [c for c in scene.connections if c.name in items], ()):
+        key, instance = entry_of(scenery, law, sides, tuple(by_body.get(b) for b in sides), item)
+        g, i = next(at[item], (-1, 0))
+        old = groups[g].instances[i]
+        if g < 0 or key != groups[g].key or (*instance.numbers, *instance.timed) != (*old.numbers, *old.timed):
+            return None
+        if groups[g] is last.groups[g]:
+            groups[g] = replace(groups[g], instances=[*groups[g].instances])
+        groups[g].instances[i], timed = instance, timed or instance.timed != old.timed
+        own = {n: v for n, v in instance.numbers.items() if v != old.numbers[n]}
+        if isinstance(law, Element) and any(not v or not old.numbers[n] for n, v in own.items()):
+            return None  # what is 0 may be left out
+        placed |= bool(own) and (bool(groups[g].derived.rows) or not own.keys() <= set(law.params))
+        inertia |= isinstance(law, Element) and bool(own)
+    length = scene_length(scene)
+    joints = [c for c in scene.joints if c.name in items]
+    if any(next(left, None) for left in at.values()) or any(c.rotor or JointMotion(c).not_as_drawn(length) for c in joints):
+        return None
+    made = replace(last, scene=scene, why=last.why if last.planar else why or last.why, nodes=nodes, groups=groups, length=length,
+                   scenery=scenery, conditions=ConditionTime())
+    pairs = [(c.hold, c.hold_rate) for c in joints], [(last.scene[c.name].hold, last.scene[c.name].hold_rate) for c in joints]
+    drawn = ([np.concatenate([x.ravel() for x in vars(of[b.name].drawn).values()]) for b in bodies] for of in (scene, last.scene))
+    placed |= pairs[0] != pairs[1] or not all(map(np.array_equal, *drawn))
+    last.kept.pop(Renewed, None)  # of the model before
+    made.kept.update({"places": last.kept["places"], Renewed: Renewed(last, timed, placed, inertia)})
+    if not timed:
+        vars(made)["shape"] = last.shape
+    return made
 
 
 def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) -> Model:
@@ -232,12 +251,15 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     vanished: list[str] = []
     undefined: list[str] = []
     refused: list[str] = []
-    for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
+    places: dict[str, list[tuple[int, int]]] = {}
+    given = _laws(scene, kept, attached, [b for b in by_body if b is not None], scene.connections, scene.signals)
+    for law, bodies, item in given:
         key, instance = entry_of(scenery, law, bodies, tuple(by_body.get(b) for b in bodies), item)
         try:
             group = groups.of(key)
             group.instances.append(instance)
             derived = group.derived
+            places.setdefault(item, []).append((list(groups).index(key), len(group.instances) - 1))
             vanished += [f"{item}.{row}" for row in derived.vanished]
             undefined += [f"{item}.{row}" for row in derived.undefined]
             if isinstance(law, Joint) and not joints[item].loose:
@@ -258,7 +280,9 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         law = JointCoordinate(n.name, rotor=rotor)
         key = (JointCoordinate, law.structure(frozenset()), ((n.kind, Axes.GENERAL),))
         groups.of(key).instances.append(Instance(law, (n,), {} if rotor is None else {"rotor": rotor}, {}, n.name))
-    return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
+    made = Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
+    made.kept["places"] = places
+    return made
 
 
 def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
@@ -295,9 +319,10 @@ def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
     return c.as_kinematic or c.laws if c.name in kept else c.laws
 
 
-def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str, str], Body],
-          nodes: Collection[Body]) -> list[tuple[Any, tuple[Body, ...], str]]:
-    """Every law of the model with its bodies and the name of its item: elements, gravity, joints and forces, controllers."""
+def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str, str], Body], nodes: Collection[Body],
+          connections: Collection[Connection], signals: Collection[Any]) -> list[tuple[Any, tuple[Body, ...], str]]:
+    """Laws of the model with their bodies and the name of the item: elements and gravity of bodies (nodes), joints and forces,
+    controllers."""
     out: list[tuple[Any, tuple[Body, ...], str]] = []
     for b in nodes:
         out.append((element_of(b), (b,), b.name))
@@ -306,10 +331,10 @@ def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str
             field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), own, strict=True) if g}
             gravity = Gravity(b.name, scene.ground, b, b.drawn.position, mass=float(b.mass), **field_)
             out.append((gravity, (scene.ground, b), b.name))
-    for c in scene.connections:
+    for c in connections:
         sides = {side: attached.get((c.name, side), body) for side, body in (("k", c.k), ("l", c.l), *c.others.items())}
         out += [(law, tuple(sides[side] for side in law.frames), c.name) for law in laws_of(c, kept)]
-    out += [(signal.law, (), signal.name) for signal in scene.signals if signal.law is not None]
+    out += [(signal.law, (), signal.name) for signal in signals if signal.law is not None]
     return out
 
 

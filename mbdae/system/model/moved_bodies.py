@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -166,6 +167,11 @@ class MovedBodies:
         self._groups: dict[Any, list[Tree]] = {}
         for tree in self.trees:
             self._groups.setdefault(tree.structure, []).append(tree)
+
+    @cached_property
+    def shape(self) -> tuple[Any, ...]:
+        """All but the numbers of its trees; nodes of beams may share unknowns."""
+        return self.ordered, self.open, bool(self.sharing.nodes), self.replaced, tuple(tree.structure for tree in self.trees)
 
     def opened(self, model: Model, open: Open = Open.LAWS, ordered: bool | None = None) -> MovedBodies:
         """The same with the numbers of laws as inputs of kernels."""

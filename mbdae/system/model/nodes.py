@@ -23,6 +23,7 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.inputs import timed
+from mbdae.process import made_once
 from mbdae.scene.components import Body, Connection, Station
 from mbdae.scene.scene import SceneData
 from mbdae.scene.shapes import joint_axes
@@ -32,7 +33,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
 from mbdae.symbolic.motion import Step, real_value, symbolic_motion
 from mbdae.symbolic.stated import motion_key
-from mbdae.system.base import Array
+from mbdae.system.base import Array, Kept
 
 
 @dataclass(frozen=True)
@@ -318,3 +319,16 @@ class Groups(dict[Key, Group]):
         if found is None:
             found = self[key] = Group(key, derive(*key))
         return found
+
+
+class Shape:
+    """What models that differ in numbers alone have in common, such as lists of operations: kept by name."""
+
+    def __init__(self) -> None:
+        self.kept = Kept()
+
+
+@made_once("plan", 32)
+def shape_of(key: Any) -> Shape:
+    """The shape of all models with the same nodes, laws and names of numbers (key)."""
+    return Shape()

@@ -4,6 +4,7 @@ parameters."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
@@ -152,6 +153,15 @@ class Numbering:
         first = self._first_constant + len(self._constants)
         self._constants.extend(numbers)
         return first
+
+    def again(self, model: Model, constants: Sequence[float] = (), numbers: Mapping[str, float] | None = None) -> Numbering:
+        """The same for another model of the same shape, without beams; arguments as of `Numbering`."""
+        made = copy(self)
+        made.__dict__.pop("_scaling", None)
+        made.model, made.form_numbers, made._constants = model, dict(numbers or {}), []
+        made._collect_numbers()
+        made._add(constants)
+        return made
 
     def workspace(self) -> Array:
         """A workspace (width,) with the constants filled in and 0 elsewhere."""

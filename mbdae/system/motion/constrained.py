@@ -9,20 +9,21 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import entries_of, issparse, sp
+from mbdae.deferred import entries_of, issparse
 from mbdae.errors import internal
 from mbdae.native import Entries, Orders, address, largest_pivots
-from mbdae.native.program import Operations, Part, Scene, Tangent, core
+from mbdae.native.program import Operations, Part, Scene, core
 from mbdae.native.sparse import Factors, SingularMatrixError
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 from mbdae.threads import Owner
 
+MAKING = Owner("equations")  #: of the thread that makes lists of operations, which several models share
 AT_ONCE = 1_000_000  #: number of entries of the matrices of states that are solved together, which bounds the memory
 #: length of a constraint row in joint coordinates, over its length in the coordinates of all nodes, up to which it counts as 0
 ROUND_OFF = 1e-12
@@ -206,7 +207,6 @@ class FixedPattern:
 
 
 Index = NDArray[np.intp]
-BANDED_FROM = 64  #: number of rows from which `narrow_order` reorders them; with fewer it does not pay
 Emitted = Callable[[Operations], None]  #: appends operations, such as those of the motion of bodies that trees carry
 
 
@@ -214,9 +214,9 @@ class Workspace:
     """A native program on the workspace of a numbering. Its first operations evaluate the values prescribed in time (`clock`),
     and the motion of loaded nodes by kernels of trees (`motion`); subclasses append others."""
 
-    def __init__(self, numbering: Numbering, motion: Emitted | None = None) -> None:
+    def __init__(self, numbering: Numbering, motion: Emitted | None = None, source: Any = None) -> None:
         self.numbering, self.n = numbering, numbering.n
-        self.operations = Operations(numbering.width)
+        self.operations = Operations(numbering.width, source=source)
         self.at = self.operations.slots(2)
         self.clock = self.operations.part()
         if numbering.clock.expressions:
@@ -226,49 +226,65 @@ class Workspace:
             motion(self.motion)
 
     def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
-               changes: Tangent | None = None, unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
+               changes: Any = None, unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
         """Allocate the array and make the table that C reads, after which no operations can be added.
 
-        residual, jacobian, rates: lists of operations; changes: of the residual, or of y', where the Jacobian is full; unknowns:
-        length of the y that C is given, by default n; rates_at: slot of the result y'; slots: first slots `rows`, `fy` and `fyp`
-        of the other results, as in `Scene`."""
-        nb = self.numbering
-        self.W = np.zeros(self.operations.size)
-        self.W[: nb.width] = nb.workspace()
-        self.operations.fill(self.W)
+        residual, jacobian, rates: lists of operations; changes: `Tangent` of the residual, or of y', where the Jacobian is full;
+        unknowns: length of the y that C is given, by default n; rates_at: slot of y'; slots: first slots of the other results, as
+        in `Scene`."""
         self.of_rates = rates
         parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "rates": rates}
         self._parts = {name: part for name, part in parts.items() if part is not None and (part.steps or name != "rates")}
+        self._all_parts = dict(self._parts)
         self._changes, slots["distance"] = changes, 0 if changes is None else changes.distance
-        self._x = np.zeros(2 * max(part.widest for part in self._parts.values()) + 1)
-        self._kept: list[Any] = [nb]
-        self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns,
-                           dotted=self.n, at=self.at, rates=rates_at, bad=-1, read=nb.model.conditions.read.ctypes.data,
-                           t=np.nan, side=np.nan, **slots)
-        self.make("clock")
-        self.address = ctypes.addressof(self.scene)
-        (self._y, self._at_y), (self._yp, self._at_yp) = self.view(0, self.scene.n), self.view(self.n, self.scene.n)
-        self._rates, self._at_rates = self.view(rates_at, self.scene.n)
+        self._kept: list[Any] = [self.numbering]
+        self.scene = Scene(n=self.n if unknowns is None else unknowns, dotted=self.n, at=self.at, rates=rates_at, **slots)
+        self._widest = 2 * max(part.widest for part in self._parts.values()) + 1
         self._call_rates = core().scene_rates
+        self._placed()
+        self.make("clock")
+
+    def _placed(self) -> None:
+        """Give the operations an array of their own, with the numbers of `numbering`."""
+        nb, scene = self.numbering, self.scene
+        self.W, self._x = np.zeros(self.operations.size), np.zeros(self._widest)
+        self.W[: nb.width] = nb.workspace()
+        self.operations.fill(self.W)
+        scene.W, scene.x, scene.read = self.W.ctypes.data, self._x.ctypes.data, nb.model.conditions.read.ctypes.data
+        scene.t, scene.side, scene.bad, self.address = np.nan, np.nan, -1, ctypes.addressof(scene)
+        (self._y, self._at_y), (self._yp, self._at_yp) = self.view(0, scene.n), self.view(self.n, scene.n)
+        self._rates, self._at_rates = self.view(scene.rates, scene.n)
+
+    def again(self, numbering: Numbering, source: Any = None) -> Self:
+        """The same operations with the numbers of another model of the same shape."""
+        made = object.__new__(type(self))  # `copy` makes its lists anew
+        vars(made).update({name: value for name, value in vars(self).items() if name != "_entries"})
+        made.numbering, made._kept = numbering, [*self._kept, numbering]
+        made.scene = Scene.from_buffer_copy(self.scene)
+        if source is not None:
+            made.operations = self.operations.again(source)
+            made._all_parts = {name: part.again(source) for name, part in self._all_parts.items()}
+            made._parts = dict(made._all_parts)
+            made.of_rates = made._parts.get("rates")
+            made.scene.residual = made.scene.jacobian = made.scene.of_rates = Part()
+        made._placed()
+        if source is not None:
+            made.make("clock")
+        return made
 
     def make(self, *parts: str) -> None:
-        """Compile those of the parts "residual", "jacobian" and "rates" that are not compiled yet; to be called before they
-        run."""
+        """Compile those of the parts "residual", "jacobian" and "rates" that are not compiled yet; called before they run."""
         if "jacobian" in parts and self._changes is not None:
             self.make("residual", "rates")
-            self.scene.changes, kept = self._changes.part.table(len(self.W))
+            (self.scene.changes, kept), self._changes = self._changes.part.table(len(self.W)), None
             self._kept.append(kept)
-            self._changes = None
-        for name in parts:
-            if name in self._parts:
-                table, kept = self._parts[name].table(len(self.W))
-                setattr(self.scene, "of_rates" if name == "rates" else name, table)
-                self._kept.append(kept)
-                del self._parts[name]
+        for name in self._parts.keys() & {*parts}:
+            table, kept = self._parts.pop(name).table(len(self.W))
+            setattr(self.scene, "of_rates" if name == "rates" else name, table)
+            self._kept.append(kept)
 
     def view(self, first: int, count: int) -> tuple[Array, int]:
-        """View of `count` numbers from slot `first` on, and its address, which callers store because asking NumPy for it takes
-        long."""
+        """View of `count` numbers from slot `first` on, and its address, which callers store: NumPy takes long to tell it."""
         found = self.W[first : first + count]
         return found, found.ctypes.data
 
@@ -288,33 +304,39 @@ class Evaluator(Workspace):
 
     def __init__(self, numbering: Numbering, motion: Emitted | None = None) -> None:
         super().__init__(numbering, motion)
-        self._made_of, self._owner, self._lists = (numbering, motion), Owner("an evaluation"), dict[Any, tuple[Part, int, int]]()
+        self._made_of, self._owner = (numbering, motion), Owner("an evaluation")
+        self._lists: dict[Any, tuple[Part, Any, int, int, int]] = {}
         self.finish()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Evaluator, self._made_of
 
+    def again(self, numbering: Numbering, source: Any = None) -> Self:
+        made = super().again(numbering, source)
+        made._made_of, made._owner = (numbering, self._made_of[1]), Owner("an evaluation")
+        return made
+
     def choose(self, name: Any, emitted: Callable[[Operations], Any]) -> None:
         """From now on `scene_values` of C evaluates this list, whose `width` numbers are the results."""
         if name not in self._lists:
-            part = self.operations.part(self.motion)
-            found = np.asarray(emitted(part), dtype=np.intp).ravel()
-            first = int(found[0]) if len(found) else 0
-            if np.any(np.diff(found) != 1):
-                first = self.operations.slots(len(found))
-                part.set(first + np.arange(len(found)), found)
-            self.W = np.concatenate([self.W, np.zeros(self.operations.size - len(self.W))])
-            self.operations.fill(self.W)
-            self._x = np.zeros(max(len(self._x), part.widest))
-            self.scene.W, self.scene.x = self.W.ctypes.data, self._x.ctypes.data
-            table, kept = part.table(len(self.W))
-            self._kept.append(kept)
-            self._lists[name] = table, first, len(found)
-        self.scene.residual, self.scene.rows, self.width = self._lists[name]
+            MAKING.waiting(self._list, name, emitted)
+        table, _, widest, self.scene.rows, self.width = self._lists[name]
+        if len(self.W) < self.operations.size or len(self._x) < widest:  # by this list, or by one of another model
+            self._widest = max(self._widest, widest)
+            self._placed()
+        self.scene.residual = table
+
+    def _list(self, name: Any, emitted: Callable[[Operations], Any]) -> None:
+        part = self.operations.part(self.motion)
+        found = np.asarray(emitted(part), dtype=np.intp).ravel()
+        first = int(found[0]) if len(found) else 0
+        if np.any(np.diff(found) != 1):
+            first = self.operations.slots(len(found))
+            part.set(first + np.arange(len(found)), found)
+        self._lists[name] = *part.table(self.operations.size), part.widest, first, len(found)
 
     def at_states(self, name: Any, emitted: Callable[[Operations], Any], t: Array, y: Array, yp: Array | None = None) -> Array:
-        """The results (k, width) of a list at times (k,), unknowns y (k, n or more) and their rates, of the same shape, which are
-        0 unless given. Other threads wait."""
+        """The results (k, width) of a list at times (k,), unknowns y (k, n or more) and their rates, 0 unless given."""
         return self._owner.waiting(self._evaluated, name, emitted, t, y, yp)
 
     def _evaluated(self, name: Any, emitted: Callable[[Operations], Any], t: Array, y: Array, yp: Array | None) -> Array:
@@ -326,25 +348,3 @@ class Evaluator(Workspace):
         out, states = np.empty((len(t), self.width)), [None if one is None else address(one) for one in (t, y, yp)]
         core().scene_values(self.address, len(t), *states, y.shape[1], self.width, address(out))
         return out
-
-
-class Columns(NamedTuple):
-    """Sparsity pattern of a matrix (n, n), column by column: first (n + 1,) where each column begins, rows (nnz,) of the
-    entries."""
-
-    first: Index
-    rows: Index
-
-
-def narrow_order(n: int, i: Index, j: Index) -> tuple[Index, Index]:
-    """An order of n rows and columns in which a symmetric matrix with entries at (i, j) has a narrow band, and the position of
-    each row in it."""
-    order = np.arange(n)
-    if n >= BANDED_FROM:
-        from scipy.sparse.csgraph import reverse_cuthill_mckee  # imported here because small scenes do not need it
-
-        graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(n, n))
-        order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
-    place = np.empty(n, dtype=np.intp)
-    place[order] = np.arange(n)
-    return order, place

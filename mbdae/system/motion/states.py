@@ -44,10 +44,12 @@ class States:
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
         key = tuple(rows)
         if key not in model.kept:
-            model.kept[key] = Evaluator(Numbering(model, rows, ("lambda", "z"))), {}
-        kept: tuple[Evaluator, dict[Any, list[tuple[int, Plan]]]] = model.kept[key]
-        self._evaluator, self._plans = kept
-        self.numbering = self._evaluator.numbering
+            found, plans = model.shape.kept.setdefault(key, (None, {}))
+            own = found.again(found.numbering.again(model)) if found else Evaluator(Numbering(model, rows, ("lambda", "z")))
+            model.kept[key] = model.shape.kept[key] = own, plans
+        self._evaluator: Evaluator = model.kept[key][0]
+        self._plans: dict[Any, Any] = model.kept[key][1]
+        self.numbering: Numbering = self._evaluator.numbering
 
     @cached_property
     def reactive(self) -> list[int]:
@@ -57,12 +59,8 @@ class States:
     @cached_property
     def followed(self) -> dict[tuple[str, str], int]:
         """(joint, coordinate) -> number of the internal state that follows this angle beyond whole turns, where there is one."""
-        found = {}
-        for n, (g, i, j) in enumerate(self.numbering.states):
-            group = self.model.groups[g]
-            if group.derived.states[j] == group.instances[i].law.follows:
-                found[group.instances[i].item, group.instances[i].law.name_of_coordinate] = n
-        return found
+        of = [(self.model.groups[g].instances[i], self.model.groups[g].derived.states[j]) for g, i, j in self.numbering.states]
+        return {(one.item, one.law.name_of_coordinate): n for n, (one, state) in enumerate(of) if state == one.law.follows}
 
     @cached_property
     def rotational(self) -> Any:
@@ -114,7 +112,7 @@ class States:
     def at_states(self, name: Any, emitted: Callable[[Operations], Any], t: Array, q: Array, u: Array | None,
                   s: Array | None = None, multipliers: Array | None = None, z: Array | None = None) -> Array:
         """The results (nt, width) of a list of operations, see `Evaluator`. z (nt, nz): stresses of beams."""
-        y, nb = np.zeros((len(t), self.numbering.n)), self.numbering
+        nb, y = self.numbering, np.zeros((len(t), self.numbering.n))
         # laws read multipliers of scaled rows, which are the unknowns of the forms
         scaled = None if multipliers is None else multipliers / nb.scaling()
         firsts = [*(nb.start[head] for head in ("q", "u", "s", "z", "lambda")), nb.start["mu"]]
@@ -127,9 +125,9 @@ class States:
         """The groups whose laws have such outputs, each with the plan of these."""
         key = outputs, None if groups is None else tuple(groups)
         if key not in self._plans:
-            chosen = range(len(self.model.groups)) if groups is None else groups
+            chosen = groups if groups is not None else range(len(self.model.groups))
             self._plans[key] = [(g, p) for g in chosen if (p := plan(self.model.groups[g].derived, outputs)).targets]
-        return self._plans[key]
+        return self._plans[key]  # type: ignore[no-any-return]
 
     def _emitted(self, part: Operations, g: int, p: Plan) -> Index:
         """Slots (instances, outputs) of the outputs of a group."""
@@ -161,14 +159,13 @@ class States:
 
     def full_of_G(self, values: Array) -> Array:
         """G (nt, m, nu) from its entries (nt, k)."""
-        G = np.zeros((len(values), self.m * self.nu))
+        G: Array = np.zeros((len(values), self.m * self.nu))
         G[:, self.cells_of_G] = values
         return G.reshape(len(values), self.m, self.nu)
 
     def entries_of_G(self, t: Array, q: Array) -> tuple[Array, Index, Index]:
         """Values (nt, k) of the entries of G with their rows and columns (k,)."""
-        values, cells = self.at_states("G", self.emitted_G, t, q, None), self.cells_of_G
-        return values, cells // self.nu, cells % self.nu
+        return self.at_states("G", self.emitted_G, t, q, None), *np.divmod(self.cells_of_G, self.nu)
 
     def emitted_G(self, part: Operations) -> Index:
         """Append the entries of G; returns their slots (k,)."""
@@ -177,11 +174,13 @@ class States:
 
         return self.added(part, jacobian_G, len(self.cells_of_G), numbers)
 
-    @cached_property
+    @property
     def cells_of_G(self) -> Index:
         """(k,) row times nu plus column of every entry of G."""
-        found = np.concatenate([np.zeros(0, np.intp), *(self._in_G(g, p).ravel() for g, p in self._planned(jacobian_G))])
-        return distinct(found[found >= 0])
+        if "cells" not in self._plans:
+            found = np.concatenate([np.zeros(0, np.intp), *(self._in_G(g, p).ravel() for g, p in self._planned(jacobian_G))])
+            self._plans["cells"] = distinct(found[found >= 0])
+        return self._plans["cells"]  # type: ignore[no-any-return]
 
     def _in_G(self, g: int, p: Plan) -> Index:
         rows = self.in_rows(g, p)

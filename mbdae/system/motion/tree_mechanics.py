@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import as_full
 from mbdae.kernels.tree_passes import Place, TreePasses
-from mbdae.native.program import Operations
+from mbdae.native.program import Made, Operations, narrow_order
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import jacobian_G
 from mbdae.system.base import Array
@@ -20,8 +20,8 @@ from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.trees import Tree
-from mbdae.system.motion.all_bodies import AllBodies
-from mbdae.system.motion.constrained import Evaluator, Index, least_norm, narrow_order, solve_constrained
+from mbdae.system.motion import AllBodies
+from mbdae.system.motion.constrained import Evaluator, Index, least_norm, solve_constrained
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import Solve
 
@@ -103,20 +103,25 @@ def own_inertia(nb: Numbering, tree: Tree, mass: Inertia) -> dict[tuple[Place, P
     return {(places[a], places[b]): m for (a, b), m in mass.items() if a in places and b in places}
 
 
-def solve_mass(part: Operations, places: tuple[Index, Index], values: Array, slots: Index, once: Operations | None = None,
+def solve_mass(part: Operations, places: tuple[Index, Index], values: Array | Made, slots: Index, once: Operations | None = None,
                entries: Index | None = None) -> tuple[Index, slice]:
     """Append the accelerations of the velocities whose forces are in `slots` (n,), into the same slots, by Cholesky of their mass
-    matrix in a band. places, values (k,): rows, columns and values of its entries; once: list of operations that factorises it
-    when the array is made, None: it is factorised whenever the operations run; entries (k,): slots of terms of the entries that
-    vary. Returns the order in which the velocities are eliminated, and the slots of the factors."""
+    matrix in a band. places, values (k,): rows, columns and values of its entries, or what makes the values; once: list of
+    operations that factorises it when the array is made, None: it is factorised whenever the operations run; entries (k,): slots
+    of terms of the entries that vary. Returns the order in which the velocities are eliminated, and the slots of the factors."""
     n, (i, j) = len(slots), places
     order, place = narrow_order(n, np.concatenate([i, j]), np.concatenate([j, i]))
     width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
-    lower, band = place[i] >= place[j], np.zeros(n * width)
+    lower = place[i] >= place[j]
     cell = (place[i] * width + place[j] - place[i] + width - 1)[lower]
-    np.add.at(band, cell, values[lower])
+
+    def band(of: Any) -> Array:
+        found = np.zeros(n * width)
+        np.add.at(found, cell, (values(of) if callable(values) else values)[lower])  # type: ignore[index]
+        return found
+
     matrix, right = part.slots(n * width), part.slots(n)
-    (part if once is None else once).load(matrix, band)
+    (part if once is None else once).load(matrix, band if callable(values) else band(None))
     if entries is not None:
         part.add(matrix + cell, entries[lower])
     part.set(right + place, slots)

@@ -1,5 +1,5 @@
-"""Solids of linear elastic material from meshes of tetrahedra and hexahedra: matrices, stresses at nodes, and the force of the
-second order, assembled with the shape functions of scikit-fem."""
+"""Matrices of finite elements: whether they are symmetric and positive, and those of solids of linear elastic material, from
+meshes of tetrahedra and hexahedra, with stresses at nodes and the force of the second order, by scikit-fem's shape functions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp
+from mbdae.deferred import eigsh, issparse, sp, splu
 from mbdae.errors import OptionError
 from mbdae.values import Array, array, option, shown
 
@@ -17,6 +17,13 @@ from mbdae.values import Array, array, option, shown
 SOLIDS = {"tetra": ("MeshTet", ("ElementTetP1", "ElementTetP2")), "hexahedron": ("MeshHex", ("ElementHex1", "ElementHex2"))}
 QUADRATIC = {"tetra10": ("tetra", 4), "hexahedron20": ("hexahedron", 8), "hexahedron27": ("hexahedron", 8)}
 SIX = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  #: xx, yy, zz, yz, xz, xy
+
+
+#: relative size up to which entries and forces that ought to vanish count as rounding: matrices of FE programs are written with
+#: 6 to 16 digits
+ROUNDED = 1e-6
+INDEFINITE = 1e-9  #: negative eigenvalue of a stiffness, over the largest one, up to which it counts as rounding
+DENSE = 400  #: number of inner freedoms up to which all modes are computed by a dense method
 
 
 def package(name: str) -> Any:
@@ -101,9 +108,13 @@ def assembled(read: Any, E: float, nu: float, density: float, unit: float, order
     cells = inverse.reshape(corners.shape)
     if kind == "hexahedron":  # corners as scikit-fem counts them
         cells = cells[:, [0, 1, 3, 4, 2, 5, 7, 6]]
-    mesh = getattr(fem, mesh_class)(points.T.copy(), cells.T.copy())
     element = getattr(fem, elements[order - 1])()
-    basis = fem.Basis(mesh, element)
+    try:
+        mesh = getattr(fem, mesh_class)(points.T.copy(), cells.T.copy())
+        basis = fem.Basis(mesh, element)
+    except Exception as error:  # it raises plain ones at elements whose corners are tangled
+        raise OptionError(f"{called}: scikit-fem cannot assemble it ({error}): are corners of elements out of their order, or "
+                          f"elements folded?") from None
     k, numbers = basis.N, np.asarray(basis.element_dofs)
     gradients = np.stack([np.asarray(one[0].grad) for one in basis.basis])
     values = np.stack([np.broadcast_to(np.asarray(one[0]), basis.dx.shape) for one in basis.basis])
@@ -181,3 +192,77 @@ def _sets(read: Any, used: Any, mesh: Any, basis: Any) -> dict[str, Array]:
                 mine.append(np.asarray(dofs)[:, np.all(inside[ends], axis=0)].ravel())
         found[name] = np.unique(np.concatenate(mine)).astype(int)
     return {name: members for name, members in found.items() if len(members)}
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """Factors of D A D, which solve with A."""
+
+    factors: Any
+    D: Array
+
+    def solve(self, b: Array) -> Array:
+        """A^-1 b, for b (n,) or (n, k)."""
+        D = self.D if b.ndim == 1 else self.D[:, None]
+        return np.asarray(D * self.factors.solve(np.ascontiguousarray(D * b)))
+
+
+def sizes_of(matrix: Any) -> str:
+    """Its rows and columns in words."""
+    return f"{matrix.shape[0]} by {matrix.shape[1]}"
+
+
+def symmetric(name: str, given: Any) -> Any:
+    """The matrix as CSC, symmetric and finite."""
+    if not issparse(given):
+        given = option(name, given, array, "give a square matrix, full or SciPy sparse")
+        if given.ndim != 2:
+            raise OptionError(f"{name} has {given.ndim} dimensions: give a square matrix, full or SciPy sparse")
+    found = sp.csc_matrix(given, dtype=float)
+    if found.shape[0] != found.shape[1] or not found.shape[0]:
+        raise OptionError(f"{name} is {sizes_of(found)}: give a square matrix, full or SciPy sparse")
+    if not np.all(np.isfinite(found.data)):
+        raise OptionError(f"{name} has entries that are not finite")
+    off, size = abs(found - found.T), float(abs(found).max())
+    if size == 0 or off.max() > ROUNDED * size:
+        raise OptionError(f"{name} is {'zero' if size == 0 else 'not symmetric'}: give the whole symmetric matrix, not a half")
+    return sp.csc_matrix((found + found.T) / 2)
+
+
+def signed_factors(matrix: Any) -> Any:
+    """LU factors with a symmetric order and pivots on the diagonal, whose signs are those of the eigenvalues."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def pivots_of(factors: Any) -> Array:
+    """The pivots; 0 where one had to be taken off the diagonal, as in an indefinite matrix alone."""
+    return np.asarray(factors.U.diagonal()) if np.array_equal(factors.perm_r, factors.perm_c) else -np.ones(1)
+
+
+def refuse_negative(name: str, matrix: Any, freedom: Any) -> None:
+    """Refuse a matrix with a negative eigenvalue; freedoms may have none of it."""
+    size = matrix.diagonal()
+    scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
+    if np.any(size == 0) and abs(matrix).sum(axis=0).A1[size == 0].max(initial=0) > 0:
+        raise OptionError(f"{name} is indefinite: {freedom(np.flatnonzero(size == 0)[0])} has no mass but couples")
+    D = sp.diags(scale)
+    scaled = sp.csc_matrix(D @ matrix @ D + ROUNDED * sp.identity(len(size)))
+    if len(size) <= DENSE:
+        least = np.linalg.eigvalsh(scaled.toarray())[0]
+    else:  # Lanczos takes a twentieth of the time of factors; a rough value has the right sign
+        start = np.random.default_rng(0).standard_normal(len(size))
+        least = eigsh(scaled, 1, which="SA", tol=1e-2, v0=start, maxiter=100 * len(size),
+                      return_eigenvectors=False)[0]
+    if least < 0:
+        raise OptionError(f"{name} is indefinite: some motion has a negative kinetic energy")
+
+
+def refuse_soft(values: Array, terms: float = 0.0) -> None:
+    """Refuse a stiffness of motions that are not rigid by its eigenvalues, lowest first, where these are not positive. terms: the
+    size of those of which these are the small differences."""
+    if values[0] < -max(INDEFINITE * values[-1], 1e-13 * terms):
+        raise OptionError(f"K is indefinite: some deformation has a negative stiffness, of {-values[0] / values[-1]:.1g} of the "
+                          f"largest one")
+    if free := int(np.sum(values <= max(1e-13 * values[-1], 1e-16 * terms))):
+        raise OptionError(f"K lets the body deform without force (a mechanism): {free} motions that are not rigid have no "
+                          f"stiffness")
