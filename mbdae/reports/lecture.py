@@ -312,7 +312,7 @@ def lecture(law: type[Joint], structure: Structure) -> Document:
 
 #: sections of a full report that a lecture leaves out
 _LEFT_OUT = ("Symbols", "Planar form", "Origin", "Origin of the recursion", "As a recursive joint", "Solution set and branches",
-             "Variation", "Geometric stiffness", "Balance of forces and moments", "Sparsity", "Tangent of the element")
+             "Geometric stiffness", "Balance of forces and moments", "Sparsity", "Tangent of the element")
 
 
 def taught(full: Document, further: list[Block]) -> Document:

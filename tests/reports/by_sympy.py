@@ -14,6 +14,7 @@ from formulas import DIGITS, WORKING, E, Reader, UnreadError, tokens
 from mbdae.documents.blocks import Equation, Paragraph, Section, Table, every
 
 STEP = sp.Float("1e-25", WORKING)
+STATED = "stated"  #: verdict on an equation of which nothing here says what it must be
 ZERO, K_POINT = sp.zeros(3, 1), r"\mathbf{r}_k"
 #: what a lecture prints of body l where the joint holds
 ON_JOINT = (r"\mathbf{x}_l", r"\mathbf{y}_l", r"\mathbf{z}_l", r"\boldsymbol{\omega}_l", r"\mathbf{r}_l - \mathbf{r}_k")
@@ -300,24 +301,27 @@ def effort(p, name, work):
 
 
 def judged(document, symbols, seed=0):
-    """(LaTeX, whether it holds) of the equations that SymPy can judge; a report of two laws is judged law by law."""
+    """(LaTeX, verdict) of every equation; a report of two laws is judged law by law.
+
+    Verdict: True or False where something here says what the equation must be, None where it cannot be read, STATED where it
+    can be read and nothing here says what it must be: what a law states, names of parts, what is beyond this judge."""
     own = [b for b in document.blocks if isinstance(b, Section) and any(isinstance(x, Section) for x in b.blocks)]
     for part in own if len(own) > 1 else ():
         yield from judged(part, symbols_of(part), seed)
     if len(own) > 1:
         return
     p = Printed(document, symbols, seed)
-    stated = set()
-    for latex, left, right in p.lines:
+    for latex, left, right in dict.fromkeys(p.lines):
         try:
-            must = demanded(p, left)
-            if must is None or (latex, right) in stated:
-                continue
-            got = p.value(right)
+            must, got = demanded(p, left), p.value(right)
+            yield latex, STATED if must is None else equal(got, must)
         except UnreadError:
-            continue
-        stated.add((latex, right))
-        yield latex, equal(got, must)
+            yield latex, None
+
+
+def counts(verdicts):
+    """[equations that are judged, those that are only stated, those that cannot be read]."""
+    return [sum(v in (True, False) for v in verdicts), verdicts.count(STATED), verdicts.count(None)]
 
 
 def equal(got, must):

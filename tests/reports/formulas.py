@@ -9,6 +9,7 @@ import sympy as sp
 E = sp.Symbol("e")  #: parameter of a motion
 DIGITS, WORKING = 30, 120  #: of results and of the arithmetic
 SPACES = {r"\,", r"\;", r"\!", r"\left", r"\right", r"\bigl", r"\bigr"}
+ENDS = {"", "+", "-", ")", "}", ",", "]", "&", "=", ">", "<", r"\rVert", r"\rvert", r"\rfloor", r"\end", r"\\"}  #: of a product
 FUNCTIONS = {r"\sin": sp.sin, r"\cos": sp.cos, r"\tan": sp.tan, r"\exp": sp.exp, r"\ln": sp.log, r"\tanh": sp.tanh,
              r"\arcsin": sp.asin, r"\arccos": sp.acos, r"\arctan": sp.atan}
 
@@ -55,7 +56,7 @@ class Reader:
 
     def product(self):
         found = self.power()
-        while self.peek() not in ("", "+", "-", ")", "}", ",", "]", "&", r"\rVert", r"\rvert", "=", r"\end", r"\\", ">", "<"):
+        while self.peek() not in ENDS:
             if self.peek() == "/":
                 self.take()
                 found = found / self.power()
@@ -118,6 +119,10 @@ class Reader:
             return self.chosen()
         if token == r"\text" or token == r"\operatorname{sgn}":
             return sp.sign(self.atom())
+        if token == r"\lfloor":
+            found = self.sum()
+            self.take(r"\rfloor")
+            return sp.floor(found)
         if token in (r"\lVert", r"\lvert"):
             found = self.sum()
             self.take(r"\rVert" if token == r"\lVert" else r"\rvert")

@@ -68,6 +68,15 @@ def _kept(blocks, law, found):
     return blocks
 
 
+@pytest.mark.parametrize("name", ["rolling", "classical", "rollingball"])
+def test_other_joints_are_taught_with_all_that_they_use(name):
+    """Virtual displacements and multipliers are introduced before forces are written with them."""
+    document = mb.report(name, level="lecture")
+    holds_and_defines(document, name)
+    text = document.to_markdown()
+    assert r"$\lambda" in text[: text.index("## Generalised forces")]
+
+
 def test_other_laws_keep_their_derivation_without_tables():
     for name in ("pointspring", "gear", "lugre", "rigidbody"):
         text = mb.report(name, level="lecture").to_markdown()
