@@ -13,7 +13,7 @@ from mbdae.analysis.linearization import linearized
 from mbdae.analysis.multipliers import on_circle, prepared_from
 from mbdae.analysis.orbit import halved
 from mbdae.analysis.pencil import derivatives
-from mbdae.analysis.shooting import Shooting, Shot
+from mbdae.analysis.shooting import Shooting, Shot, fast_motions
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import system_for
 from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, with_values
@@ -183,8 +183,15 @@ class Orbits(_Varied):
         size = float(np.max(np.abs(others), initial=0.0))
         stable = False if size > 1 + KNOWN else True if size < 1 - KNOWN or np.all(
             (np.abs(others) < 1 - KNOWN) | on_circle(others + 0j, np.full(len(others), KNOWN))) else None
+        if stable is not False:
+            fast = self._fast(place.p, place.made)
+            stable = stable if fast else fast
         ordered = others[np.argsort(-np.abs(others))]
         return replace(place, roots=ordered + 0j, stable=stable, whole=float(np.linalg.det(place.J)))
+
+    def _fast(self, p: float, shot: Shot) -> bool | None:
+        """Whether motions die out that the steps do not follow; None where that is open."""
+        return fast_motions(self.at(p)[0], shot.system, shot.orbit, shot.directions, shot.returned).stable
 
     def functions(self, a: Place, b: Place) -> dict[str, Callable[[Place], float]]:
         def doubling(place: Place) -> float:

@@ -18,10 +18,10 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
-from mbdae.analysis.orbit import MOST, RETURN, Departures, Return, check_return, departures, followed, halved
+from mbdae.analysis.orbit import MOST, RETURN, Departures, Orbit, Return, check_return, departures, followed, halved
 from mbdae.analysis.reduced import refuse_rolling
 from mbdae.analysis.shapes import Mode, Modes, OnMesh, motion, participants, repeated, scaled, shares
-from mbdae.analysis.shooting import propagated
+from mbdae.analysis.shooting import Fast, fast_motions, propagated
 from mbdae.analysis.state import at_kinks, told
 from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
 from mbdae.formulations import system_for
@@ -46,6 +46,7 @@ GAIN = 8.0
 #: multipliers with a smaller relative distance, and vectors with a cosine above 1 - NEAR, count as one multiple root, whose mean
 #: is the most accurate
 NEAR = 1e-3
+CERTAIN = 1e-3  #: largest relative distance at which multipliers count as equal or reciprocal, however large their errors are
 LOST = 1e-9  #: multipliers below this part of the largest count as 0
 #: estimated relative errors below this that more steps do not halve count as rounding errors, and no further run is made
 ROUND = 1e-6
@@ -73,19 +74,24 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     per internal state that acts on the motion. Over the modes, one per conjugate pair, go `growth` (1/s), `frequencies`
     (Hz) and `angular_frequencies` (rad/s); these are known up to multiples of 1 / period and 2 pi / period, the principal
     ones are given. monodromy: (k, k); departure: relative distance of the motion from its start after the period;
-    steps: of the period; unresolved: number of multipliers left out, vibrations of beams faster than the steps follow.
+    steps: of the period; unresolved: number of multipliers left out, of motions faster than the steps follow, which damp them.
+    What the equations at each instant say of those is `fast_growth` (m,) 1/s, in the mean over the period, and its errors
+    `fast_errors` (m,) 1/s; 0 where nothing damps or feeds them.
     With beams `mesh` names the mesh, and `mesh_error` (k,) is the error of the multipliers that this mesh causes.
     """
 
     axes = np.eye(3)
     prepared: Prepared
 
-    def __init__(self, prepared: Prepared, period: float, found: Monodromy, basis: Array, returned: Return) -> None:
+    def __init__(self, prepared: Prepared, period: float, found: Monodromy, basis: Array, returned: Return, fast: Fast) -> None:
         self.prepared, self.period, self.departure, self._smooth = prepared, period, returned.off, not returned.kinks
         self.t, self.steps, self.monodromy, self.unresolved = prepared.start.t, found.steps, found.matrix, found.unresolved
         self.multipliers, self.errors = found.values, found.errors / period
-        self.exponents = exponents(found.values, period)
+        self.exponents, self._fast = exponents(found.values, period), fast
+        self.fast_growth, self.fast_errors = fast.growth, fast.errors
         shapes = self._frames @ basis @ found.vectors
+        own = self._frames @ basis @ fast.vectors
+        self._fast_modes = [Mode(complex(root), scaled(own[:, i]), self) for i, root in enumerate(fast.roots)]
         self.modes = [FloquetMode(complex(self.exponents[i]), scaled(shapes[:, i]), self, complex(mu), float(self.errors[i]))
                       for i, mu in enumerate(found.values) if mu.imag >= 0]
 
@@ -101,15 +107,22 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 
     @property
     def stable(self) -> bool | None:
-        """False where a multiplier found is larger than 1 by more than its error; True where none is: by the numbers, or
-        because multipliers lie in pairs mu, 1 / mu, and one alone on the unit circle cannot leave it, nor 1 that of a motion
-        shifted along itself; None where the errors leave it open, and where the motion stays at a kink of a law."""
+        """False where a multiplier found is larger than 1 by more than its error, or a motion too fast for the steps grows by
+        more than its error; True where none does: by the numbers, or because multipliers lie in pairs mu, 1 / mu, and one alone
+        on the unit circle cannot leave it, nor 1 that of a motion shifted along itself; None where the errors leave it open,
+        and where the motion stays at a kink of a law."""
+        return self.judged(np.ones(len(self.multipliers), dtype=bool))
+
+    def judged(self, which: NDArray[np.bool_]) -> bool | None:
+        """`stable` as some multipliers (k,) alone, and motions too fast for the steps, show it."""
         if not self._smooth:
             return None
         growth, off = self.exponents.real, self.errors
-        if np.any(growth > off):
+        if np.any((growth > off)[which]) or self._fast.stable is False:
             return False
-        return True if np.all((growth + off <= 0) | on_circle(self.multipliers, off * self.period)) else None
+        dies = growth + np.log1p(off * self.period) / self.period <= 0
+        certain = (dies | on_circle(self.multipliers, off * self.period))[which]
+        return True if np.all(certain) and self._fast.stable else None
 
     @cached_property
     def _frames(self) -> Array:
@@ -127,6 +140,14 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         m = self.prepared.mechanics
         return shares(m, m.mass, self._frames.T @ motion(m, vector))
 
+    def open_text(self) -> str:
+        """Which motion too fast for the steps leaves open whether the motion is stable."""
+        worst = int(np.argmax(self.fast_growth + self.fast_errors))
+        mode = self._fast_modes[worst]
+        return (f"floquet: whether the motion is stable is open (stable is None): a motion of {participants(mode)} with "
+                f"{abs(mode.eigenvalue.imag):.4g} rad/s is too fast for {self.steps} steps a period, and its growth, "
+                f"{self.fast_growth[worst]:.2g} 1/s in the mean of the period, is known to {self.fast_errors[worst]:.1g} 1/s")
+
     def __str__(self) -> str:
         name = f"'{self.prepared.model.scene.name}'{self._plane}"
         head = (f"scene {name}, period {self.period:.9g} s from t = {self.t:g} s, {self.steps} steps; errors are those of "
@@ -139,6 +160,9 @@ class Floquet(OnMesh, Modes[FloquetMode]):
             lines.append(f"{numbers}  {mu:>24}  {participants(mode)}")
         if self.unresolved:
             lines.append(f"not listed: {counted(self.unresolved, 'multiplier')} of motions too fast for {self.steps} steps")
+        if len(self.fast_growth):
+            lines.append("largest growth of motions too fast for the steps, in the mean of the period: {:.5g} 1/s, error {:.1e}"
+                         .format(*max(zip(self.fast_growth, self.fast_errors, strict=True))))
         return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
@@ -149,7 +173,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 def on_circle(multipliers: Complex, errors: Array) -> NDArray[np.bool_]:
     """Which multipliers (k,), relative errors given, certainly have the size 1: where to each there is one of the reciprocal
     size, those that are alone there, and those that are 1."""
-    mu = multipliers
+    mu, errors = multipliers, np.minimum(errors, CERTAIN)
     with np.errstate(divide="ignore", invalid="ignore"):
         mates = np.abs(mu[:, None] * mu.conj() - 1) <= 4 * (errors[:, None] + errors)
         beside = np.abs(mu[:, None] / mu - 1) <= 4 * (errors[:, None] + errors)
@@ -178,6 +202,7 @@ class Monodromy:
     change: Array
     errors: Array
     rounding: Array
+    orbit: Orbit
     unresolved: int = 0
 
 
@@ -213,12 +238,28 @@ def multipliers_of(scene: SceneData, period: float, at: Any, count: int | None, 
     directions = departures(prepared, system, returned, period)
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, returned.shares, wanted, accuracy)
-    found = replace(found, errors=found.errors + off)
-    made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned)
+    fast = fast_motions(prepared, system, found.orbit, directions, returned)
+    found = _without_damped(replace(found, errors=found.errors + off), fast, period)
+    made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned, fast)
+    if fast.stable is None:
+        warn(made.open_text())
     if returned.kinks:
         warn(at_kinks(returned.kinks, "the multipliers"))
     made._again = repeated(partial(multipliers_of, period=period, count=count, accuracy=accuracy, off=off), at)
     return made
+
+
+def _without_damped(found: Monodromy, fast: Fast, period: float) -> Monodromy:
+    """Leaves out multipliers that vanished in the steps and not in the motion."""
+    size = np.abs(found.values)
+    gone = np.flatnonzero(size <= LOST * np.max(size, initial=0.0))
+    left = np.sum(fast.growth * period > np.log(LOST * np.max(size, initial=1.0)))
+    return _kept(found, np.isin(np.arange(len(size)), gone[len(gone) - min(left, len(gone)):], invert=True))
+
+
+def _kept(found: Monodromy, keep: NDArray[np.bool_]) -> Monodromy:
+    return replace(found, values=found.values[keep], vectors=found.vectors[:, keep], errors=found.errors[keep],
+                   rounding=found.rounding[keep], unresolved=found.unresolved + int(np.sum(~keep)))
 
 
 def prepared_from(scene: SceneData, begin: Start | None, period: float) -> Prepared:
@@ -266,13 +307,15 @@ def _converged(system: SceneSystem, directions: Departures, period: float, ends:
 
 
 def _in_steps(system: SceneSystem, directions: Departures, period: float, ends: Array) -> Monodromy:
-    matrix = directions.read(propagated(system, followed(system, period, ends), directions.start))
+    orbit = followed(system, period, ends)
+    matrix = directions.read(propagated(system, orbit, directions.start))
     values, left, vectors = scipy.linalg.eig(matrix, left=True)
     overlap = np.maximum(np.abs(np.einsum("nk,nk->k", left.conj(), vectors)), np.finfo(float).eps)
     rounding = 4 * np.finfo(float).eps * np.linalg.norm(matrix) / overlap / np.maximum(np.abs(values), np.finfo(float).tiny)
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
     unknown = np.full(len(values), np.inf)
-    return Monodromy(matrix, len(ends) - 1, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order])
+    return Monodromy(matrix, len(ends) - 1, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order],
+                     orbit)
 
 
 def _compared(fine: Monodromy, coarse: Monodromy) -> Monodromy:
@@ -296,6 +339,4 @@ def _judged(found: Monodromy, asked: Array, worst: float, accuracy: float) -> Mo
     decayed = np.abs(found.values) <= LOST * np.max(np.abs(found.values), initial=0.0)
     all_asked = bool(np.all(asked | decayed))
     keep = np.logical_or(asked, found.change <= max(worst, accuracy)) | (decayed & all_asked)
-    left = int(np.sum(~keep))
-    return replace(found, values=found.values[keep], vectors=found.vectors[:, keep], errors=found.errors[keep],
-                   rounding=found.rounding[keep], unresolved=left)
+    return _kept(found, keep)

@@ -309,7 +309,7 @@ class Departures:
 
 
 def departures(prepared: Prepared, system: SceneSystem, returned: Return, period: float) -> Departures:
-    """The departures at the start of a system whose motion returns to it."""
+    """The departures at the start of a system, a state of a motion that returns."""
     m, nb, y = prepared.mechanics, system.numbering, system.y0
     nq, nu, acting = nb.nq, nb.nu, returned.acting
     Fy = derivatives(system, system.t0, y, system.yp0)[0].tocsr()

@@ -16,18 +16,9 @@ import numpy as np
 
 from mbdae.analysis.linearization import start_at
 from mbdae.analysis.multipliers import GAIN, ROUND, Floquet, multipliers_of, prepared_from
-from mbdae.analysis.orbit import (
-    MOST,
-    acting_states,
-    angles,
-    changed,
-    halved,
-    later,
-    shares_of,
-    timed_item,
-)
+from mbdae.analysis.orbit import MOST, acting_states, angles, changed, halved, later, shares_of, timed_item
 from mbdae.analysis.reduced import refuse_rolling
-from mbdae.analysis.shooting import NOT_FOUND, Shooting, Shot
+from mbdae.analysis.shooting import NOT_FOUND, SHRINKS, Shooting, Shot
 from mbdae.errors import OptionError, SolverError, SteadyError, naming_arguments, warn
 from mbdae.formulations import shared_system
 from mbdae.inputs.sensed import numbers_in, with_values
@@ -57,6 +48,8 @@ WAITS = (2, 8, 32)  #: numbers of periods that a motion is followed where no cor
 #: spans, in characteristic times, over which the return of an autonomous motion is sought, in turn, the later ones where those
 #: before took at most SLOW steps; it has returned where it is nearer to its last state than this part of its size
 SPANS, SLOW, NEAR = (20.0, 80.0, 320.0, 1280.0, 5120.0, 20480.0), 4000, 0.1
+#: number of times that a motion which grows is made larger, at most, by which part of its size; residual of one that returns
+GROWINGS, GROWS, FOUND_AT = 60, 0.3, 1e-7
 RESTS = 1e-6  #: a motion that stays this near to its start, in lengths of the scene and rad, is at rest
 REST = ("the only motion found that repeats is rest, which has no period: start the scene in motion, or give start=(result, t) "
         "of a run that has come near a periodic motion; where damping ends every motion there is none")
@@ -104,12 +97,9 @@ class Periodic(Result):
         leave it open."""
         if not self.autonomous:
             return self.floquet.stable
-        growth, off = self.floquet.exponents.real, self.floquet.errors
         along = int(np.argmin(np.abs(self.multipliers - 1)))  # a motion shifted along itself comes back as it is
-        others = np.arange(len(growth)) != along
-        if np.any((growth > off)[others]):
-            return False
-        return True if np.all((growth + off <= 0)[others]) else self.floquet.stable
+        found = self.floquet.judged(np.arange(len(self.multipliers)) != along)
+        return self.floquet.stable if found is None else found
 
     def __call__(self, t: Any) -> Result:
         """The same run at other times t (s) of the period."""
@@ -164,6 +154,8 @@ class Found:
 class _Search(Shooting):
     """Newton's method from the start of a prepared scene. period: s, None where it is found too."""
 
+    begun: tuple[SceneSystem, float, Array]  #: the last motion from which corrections began
+
     def __init__(self, prepared: Prepared, accuracy: float, period: float | None, wanted: Wanted) -> None:
         if period is None and (name := timed_item(prepared)) is not None:
             raise OptionError(DRIVEN.format(name))
@@ -174,23 +166,23 @@ class _Search(Shooting):
     def run(self) -> Found:
         """The motion of the given period; of a scene without drives the period is found, unless a family has one of each."""
         try:
-            found, tunes = self._found()
+            found, tunes = self._found(self._returning())
         except SteadyError as error:
-            if self.shrinks:
-                raise SteadyError(REST) from error
-            raise
+            if not self.shrinks:
+                raise
+            found, tunes = self._found(self._grown(error))
         if found.family and tunes and self.autonomous and self.given is not None:
             self.free = False
-            found = self._found()[0]
+            found = self._found(self._returning())[0]
         elif self.autonomous and self.given is not None and abs(found.shot.period - self.given) > self.accuracy * self.given:
             warn(OTHER.format(found.shot.period, self.given))
         if found.family:
             warn(FAMILY.format(", of other periods," if tunes else ""))
         return found
 
-    def _found(self) -> tuple[Found, bool]:
+    def _found(self, shot: Shot) -> tuple[Found, bool]:
         """The motion, in steps that are halved until it has the accuracy; whether the period changes along its family."""
-        shot, error = self._returning(), np.inf
+        error = np.inf
         while True:
             coarse, shot = shot, self.corrected(self.shot(shot.system, shot.period, halved(shot.shares)))
             last, error = error, self._apart(coarse, shot) / GAIN
@@ -209,7 +201,30 @@ class _Search(Shooting):
     def _refuse_rest(self, shot: Shot) -> None:
         """Raise SteadyError where nothing moves although no load or drive holds it."""
         if self.autonomous and self.extent(shot) < RESTS:
+            self.shrinks = True
             raise SteadyError(REST)
+
+    def _grown(self, error: SteadyError) -> Shot:
+        """The motion to which one grows that corrections lead to rest: the change in one period, but for that along the motion,
+        is taken many times at once, as long as the motion grows, until corrections lead to a larger one."""
+        shot = self.shot(*self.begun)
+        for _ in range(GROWINGS):
+            d, y = shot.directions, shot.orbit.y[:, -1]
+            size = float(np.max(np.linalg.norm(d.read((y - np.mean(y, axis=0)).T), axis=0)))
+            along = d.read(shot.orbit.yp[-1, -1][:, None])[:, 0]
+            drift = shot.residual - along * (along @ shot.residual) / max(float(along @ along), 1e-300)
+            times = max(1.0, GROWS * size / max(float(np.linalg.norm(drift)), 1e-300))
+            start = d.closed(shot.system, shot.system.y0 + d.start @ (times * drift))
+            try:
+                larger = self.shot(self.begun_at(shot.system.t0, start), shot.period, shot.shares)
+                if self.extent(larger) <= self.extent(shot):
+                    break
+                shot, found = larger, self.corrected(larger)
+            except (SteadyError, SolverError, OptionError):
+                continue
+            if found.off <= FOUND_AT and self.extent(found) > self.extent(larger) * SHRINKS:
+                return found
+        raise SteadyError(REST) from error
 
     def _beside(self, coarse: Shot, fine: Shot, error: float) -> Array:
         """Changes (k, departures and share of the period) of the start that lead to other periodic motions: their size in the
@@ -240,7 +255,8 @@ class _Search(Shooting):
             try:
                 run = self.followed_from(system, period)
                 self.acting = acting_states(system, run)
-                shot = self.corrected(self.shot(system, period, shares_of(run, self.autonomous)))
+                self.begun = system, period, shares_of(run, self.autonomous)
+                shot = self.corrected(self.shot(*self.begun))
                 self._refuse_rest(shot)
                 return shot
             except (SteadyError, SolverError) as error:

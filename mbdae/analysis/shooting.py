@@ -2,6 +2,10 @@
 
 The exact derivative of one period in Radau steps: with the stages Y_i of a step, F_y dY_i + F_y' sum_j A^-1_ij (dY_j - dy_0) / h
 = 0. Its columns are the departures, which the corrections of the start and the multipliers come from.
+
+Radau steps damp what they do not follow. Motions that are fast beside the steps, and beside the changes of the equations, grow as
+those of the equations held at each instant (the method of Wentzel, Kramers and Brillouin): x = r a exp(int lambda dt), where
+(F_y + lambda F_y') r = 0, and l F_y' (r a)' = 0 with the left vector l.
 """
 
 from __future__ import annotations
@@ -10,7 +14,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
+from scipy.optimize import linear_sum_assignment
 from scipy.sparse.linalg import splu
 
 from mbdae.analysis.orbit import SOLVER, Departures, Indices, Orbit, Return, departures, followed, later, timed_item
@@ -32,6 +38,10 @@ NOT_FOUND = ("no periodic motion was found from this start: after {:.6g} s the m
 #: one is taken
 SINGULAR = 1e-8
 TOGETHER = 32  #: number of steps whose dense equations are solved in one call
+#: number of times of a period at which fast motions are looked at; size of a root, over 1 / step, above which steps do not follow
+#: it; growth below ROUNDED of the root counts as none
+LOOKS, FOLLOWED, ROUNDED = 32, 1.5, 1e-9
+SMALLEST = 1e-14  #: eigenvalue over the largest that counts as 0
 SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a correction
 
 
@@ -46,6 +56,7 @@ class Shot:
     orbit: Orbit
     directions: Departures
     residual: Array
+    returned: Return
 
     @property
     def off(self) -> float:
@@ -87,7 +98,7 @@ class Shooting:
         returned = Return(0.0, self.acting, shares, sign, [])
         directions = departures(self.prepared, system, returned, period)
         off = end - sign * system.y0 - turns
-        return Shot(system, period, shares, orbit, directions, directions.read(off[:, None])[:, 0])
+        return Shot(system, period, shares, orbit, directions, directions.read(off[:, None])[:, 0], returned)
 
     def corrected(self, shot: Shot) -> Shot:
         """The shot that returns to its start, by Newton's method with corrections that are halved where they do not help."""
@@ -196,3 +207,119 @@ def _sparse_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
     right = -np.concatenate([fy @ dy for fy, _ in parts]) * rows[:, None]
     Z = splu((sp.diags(rows) @ K).tocsc()).solve(right)
     return np.asarray(columns[-system.n :, None] * Z[-system.n :])
+
+
+@dataclass(frozen=True)
+class Fast:
+    """Motions that are too fast for the steps of a period: their growth (k,) 1/s in the mean over it, its errors (k,) 1/s, both 0
+    where nothing damps or feeds them, their roots (k,) 1/s and vectors (departures, k) at the start."""
+
+    growth: Array
+    errors: Array
+    roots: Array
+    vectors: Array
+
+    @property
+    def stable(self) -> bool | None:
+        """False where one grows by more than its error; None where the errors leave it open."""
+        return False if np.any(self.growth > self.errors) else None if np.any(self.growth + self.errors > 0) else True
+
+
+def fast_motions(prepared: Prepared, system: SceneSystem, orbit: Orbit, directions: Departures, returned: Return) -> Fast:
+    """The motions near an orbit that its steps do not follow, with the growth that the equations at each instant give them.
+
+    Its error: how much it changes with half as many instants, and the part of second order in the changes of the vectors."""
+    period, count = float(np.sum(orbit.h)), len(orbit.h)
+    looks = [_look(system, directions, float(orbit.h[0]))]
+    times = [system.t0]
+    for i in np.unique(np.linspace(0, count - 1, LOOKS).astype(int))[:-1]:
+        t, y, yp, own = orbit.t[i, -1], orbit.y[i, -1], orbit.yp[i, -1], orbit.systems[i]
+        with own.within(float(np.mean(orbit.t[i]))):
+            at = own.starting(t, y, yp)
+            try:
+                look = _look(at, departures(prepared, at, returned, period), float(orbit.h[i]))
+            except OptionError:  # a singular position, which the motion passes
+                continue
+        looks.append(look)
+        times.append(float(t))
+    first, closed = looks[0], replace(looks[0], right=returned.sign[:, None] * looks[0].right)
+    spans = np.diff(np.append(times, system.t0 + period))
+    fine = _tracked([*looks, closed], spans)
+    half = _tracked([*looks[::2], closed], np.add.reduceat(spans, np.arange(0, len(spans), 2)))
+    fast = np.flatnonzero(fine.size > FOLLOWED)
+    growth = fine.growth[fast] / period
+    rounding = 8 * np.finfo(float).eps * fine.size[fast] * np.abs(first.roots[fast])
+    errors = (np.abs(fine.growth - half.growth)[fast] + fine.second[fast]) / period + rounding
+    felt = fine.scatter[fast] > ROUNDED
+    return Fast(felt * growth, felt * errors, first.roots[fast], first.vectors[:, fast])
+
+
+@dataclass(frozen=True)
+class _Look:
+    """The equations held at an instant: roots (k,) 1/s, vectors (departures, k) and as unknowns right (n, k), left (k, n) with
+    left right = 1; size (k,): of the roots times the step."""
+
+    roots: Array
+    vectors: Array
+    right: Array
+    left: Array
+    size: Array
+
+
+def _look(system: SceneSystem, d: Departures, h: float) -> _Look:
+    """S = (F_y' + h F_y)^-1 F_y' has the eigenvalues 1 / (1 - h lambda), and 0 for what constraints determine: S S removes it."""
+    fy, fyp = (part.tocsc() for part in derivatives(system, system.t0, system.y0, system.yp0))
+    K = (fyp + h * fy).tocsc()
+    columns = 1 / np.maximum(abs(K).max(axis=0).toarray().ravel(), 1e-300)
+    K = K @ sp.diags(columns)
+    rows = 1 / np.maximum(abs(K).max(axis=1).toarray().ravel(), 1e-300)
+    solver = splu((sp.diags(rows) @ K).tocsc())
+
+    def once(x: Array) -> Array:
+        return np.asarray(columns[:, None] * solver.solve(rows[:, None] * (fyp @ x)))
+
+    def back(x: Array) -> Array:
+        return np.asarray(fyp.T @ (rows[:, None] * solver.solve(columns[:, None] * x, trans="T")))
+
+    values, left, right = scipy.linalg.eig(d.read(once(d.start)), left=True)
+    overlap = np.einsum("nk,nk->k", left.conj(), right)
+    overlap = np.where(np.abs(overlap) < np.finfo(float).eps, np.finfo(float).eps, overlap)
+    reading = d.read(np.eye(system.n)) if system.n else np.zeros((0, 0))
+    reading = back(back(reading.T)).T
+    values = np.where(np.abs(values) < SMALLEST, SMALLEST, values)  # motions that die out at once
+    roots = (1 - 1 / values) / h
+    functional = (left.conj().T @ reading) / (overlap * values**2)[:, None]
+    return _Look(roots, right, d.start @ right, functional, np.abs(h * roots))
+
+
+@dataclass(frozen=True)
+class _Tracked:
+    """Roots followed over a period: growth (k,) over it, its part of second order, the largest size of a root times the step, and
+    the largest growth at an instant over the root."""
+
+    growth: Array
+    second: Array
+    size: Array
+    scatter: Array
+
+
+def _tracked(looks: list[_Look], spans: Array) -> _Tracked:
+    k = len(looks[0].roots)
+    own, growth, second, size, scatter = np.arange(k), *np.zeros((4, k))
+    for a, b, span in zip(looks, looks[1:], spans, strict=False):
+        there, again = a.left @ b.right, b.left @ a.right
+        follower = linear_sum_assignment(-np.abs(there * again.T))[1]
+        there, again, roots = there[:, follower], again[follower], (a.roots + b.roots[follower]) / 2
+        # l F_y' r' from both sides; a vector that turns with another root takes part in that root's growth
+        kept, back = (np.maximum(np.abs(np.diag(x)), SMALLEST) for x in (there, again))
+        step = span * roots.real - (np.log(kept) - np.log(back)) / 2
+        turned = np.abs(there * there.T) / np.outer(kept, kept)
+        gap = span * np.abs(roots[:, None] - roots)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            order = np.where(gap**2 > turned, turned / gap, 0.0)
+        growth += step[own]
+        second += np.sum(order - np.diag(np.diag(order)), axis=1)[own]
+        size = np.maximum(size, np.maximum(a.size, b.size[follower])[own])
+        scatter = np.maximum(scatter, (np.abs(roots.real) / np.maximum(np.abs(roots), SMALLEST))[own])
+        own = follower[own]
+    return _Tracked(growth, second, size, scatter)

@@ -36,7 +36,8 @@ FREE = 1e-9
 FADED = 0.01  #: part of a vibration's amplitude from which it counts as over
 STILL = 1e-9  #: square of a frequency over that of the largest, of motions that strain nothing
 BALANCED = 8  #: number of times that rows and columns of the linear equations are divided by the roots of their largest entries
-#: largest number of corrections; size of the last one relative to the first, and up to which it may be round-off
+#: largest number of corrections; size of the last one relative to the first, and up to which it may be round-off, relative to
+#: the first or to the sizes of the unknowns
 NEWTON, SMALL, ROUND = 8, 1e-10, 1e-4
 
 
@@ -178,7 +179,7 @@ class Slow:
                 first = max(first, size)
                 if not np.isfinite(size):
                     break
-                if size <= SMALL * first or ROUND * first > size > before / 2:  # later ones are round-off
+                if size <= SMALL * first or ROUND * max(first, 1.0) > size > before / 2:  # later ones are round-off
                     return np.asarray(Y[0])
                 before = size
         raise np.linalg.LinAlgError  # the corrections do not converge

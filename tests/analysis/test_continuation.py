@@ -176,3 +176,13 @@ def test_flutter_of_two_links(damper: float, over: tuple[float, float], load: fl
     assert not branch.stable[-1]
     assert abs(found.root.real) < 1e-4
     assert branch.mesh_error == [0.0]
+
+
+@pytest.mark.parametrize(("growth", "stable"), [(0.1, False), (-0.1, True)])
+def test_motions_faster_than_the_steps_count_in_branches(growth: float, stable: bool) -> None:
+    s = mb.Scene("excited")
+    a, b = (s.rigid_body(name, 1.0, 1.0, at=(0, 0)) for name in "AB")
+    s.revolute("JA", s.ground, a, at=(0, 0), spring=mb.number("k", 1.0), damper=0.1, torque=sp.cos(mb.t))
+    s.revolute("JB", a, b, at=(0, 0), spring=1e6, torque=growth * s.sensor("JB.rate"))
+    branch = s.continuation("k", (0.99, 1.01), of=s.periodic(2 * np.pi))
+    assert [one is stable for one in branch.stable] == [True] * len(branch)

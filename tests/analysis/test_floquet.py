@@ -249,3 +249,41 @@ def test_beams() -> None:
     assert f.growth.max() == pytest.approx(linear, rel=1e-6)
     assert f.unresolved > 0
     assert "of motions too fast for" in str(f)
+
+
+def excited(stiffness: Any, growth: Any) -> mb.Scene:
+    """Two discs, the first on a soft drive; the joint between them vibrates fast and is fed by `growth`, N m s/rad."""
+    s = mb.Scene("excited")
+    a, b = (s.rigid_body(name, 1.0, 1.0, at=(0, 0)) for name in "AB")
+    s.revolute("JA", s.ground, a, at=(0, 0), spring=1.0, damper=0.1, torque=sp.cos(mb.t))
+    s.revolute("JB", a, b, at=(0, 0), torque=growth * s.sensor("JB.rate") - stiffness * s.sensor("JB.angle"))
+    return s
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e8])
+@pytest.mark.parametrize("growth", [0.1, -0.1, 1.0])
+def test_motions_faster_than_the_steps_count(stiffness: float, growth: float) -> None:
+    """Steps damp them; the mode between both discs grows by (2 growth - 0.05) / 2."""
+    s = excited(stiffness, growth)
+    steady = s.periodic(2 * np.pi)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for f in (steady.floquet, s.floquet(2 * np.pi, at=steady)):
+            fast = f.fast_growth if f.unresolved else f.growth[np.argsort(-np.abs(f.growth + 0.025))]
+            assert fast[0] == pytest.approx(growth - 0.025, abs=3e-5)
+            assert f.stable is (growth < 0)
+            assert np.all(f.exponents.real < np.max(np.append(fast, 0.0)) + 1e-5)
+    assert steady.stable is (growth < 0)
+
+
+@pytest.mark.parametrize(("growth", "stable"), [(0.1, False), (-0.05, True), (0.0, None)])
+def test_the_growth_of_a_fast_motion_is_its_mean(growth: float, stable: bool | None) -> None:
+    """Although it grows for a part of the period, and its frequency changes."""
+    s = excited(1e8 * (1 + 0.5 * sp.cos(mb.t)), growth + 0.8 * sp.cos(mb.t + 0.3) + 0.025)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        f = s.floquet(2 * np.pi, at=s.periodic(2 * np.pi))
+    assert f.unresolved == 2
+    assert np.all(np.abs(f.fast_growth - growth) <= f.fast_errors + 1e-7)
+    assert f.stable is stable
+    assert any("too fast" in str(one.message) for one in told) == (stable is None)

@@ -51,6 +51,15 @@ def slider(law: Any, damper: float = 0.0, x: float = 0.0, load: Any = None, mu: 
     return s
 
 
+def begun_at(x: float, mu: float) -> mb.Scene:
+    """Van der Pol's oscillator, drawn at rest and started at x (m)."""
+    s = mb.Scene("oscillator")
+    m = s.point_mass("m", 1.0, (0, 0))
+    at, rate = s.sensor("J.displacement"), s.sensor("J.rate")
+    s.prismatic("J", s.ground, m, at=(0, 0), axis=(1, 0), position0=x, force=mu * (1 - at**2) * rate - at)
+    return s
+
+
 def duffing(damper: float = LOSS) -> mb.Scene:
     w = mb.number("w", W)
     return slider(Cubic, damper, load=LOAD * sp.cos(w * mb.t))
@@ -83,6 +92,20 @@ def test_a_motion_that_takes_thousands_of_periods_to_settle() -> None:
     assert np.abs(after - before).max() < 1e-6
     assert 0.99 < np.abs(r.multipliers).max() < 1.0
     assert r.stable
+
+
+@pytest.mark.parametrize(("mu", "x"), [(1e-2, 1.0), (1e-3, 0.1), (1e-2, 0.01)])
+def test_a_slowly_growing_motion_is_followed_to_its_limit_cycle(mu: float, x: float) -> None:
+    """Corrections of a small motion lead to rest, from which it grows. Amplitude 2 and period 2 pi (1 + mu^2 / 16)."""
+    r = begun_at(x, mu).periodic()
+    assert r.peak("J.displacement").value == pytest.approx(2.0, abs=2e-5)
+    assert r.period == pytest.approx(2 * np.pi * (1 + mu**2 / 16), abs=1e-8)
+    assert r.stable
+
+
+def test_a_motion_that_dies_out_is_refused() -> None:
+    with pytest.raises(mb.SteadyError, match="rest"):
+        begun_at(1.0, -1e-2).periodic()
 
 
 @pytest.mark.parametrize("mu", [1.0])

@@ -69,6 +69,16 @@ def test_a_turning_beam_begins_in_its_relative_equilibrium(rate: float) -> None:
     np.testing.assert_allclose(found.q, rest.q, atol=max(found.relaxed, 1e-8))
 
 
+@pytest.mark.parametrize("rate", [0.0, 1e-9, 1e-6])
+def test_a_beam_that_hardly_turns_begins_relaxed(rate: float) -> None:
+    """Its corrections are round-off from the first on."""
+    start = prepared_from(rotor(rate * mb.t), "relaxed").start
+    assert start.relaxed < 1e-6
+    assert not start.changes
+    blade = np.hypot(*start.u.reshape(-1, 3)[:, :2].T)
+    assert np.max(blade) == pytest.approx(0.32 * rate, rel=1e-6, abs=1e-13)
+
+
 def test_a_shaken_beam_has_the_peak_of_its_periodic_motion() -> None:
     s, T = rotor(0.1 * sympy.sin(50 * mb.t)), 2 * np.pi / 50
     first = s.simulate(T, 1e-3, start="relaxed", of=["F.torque"]).peak("F.torque")
