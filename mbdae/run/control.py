@@ -243,7 +243,7 @@ class _Search:
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 if not in_the_same_steps(made := self.tight.run(self.system, asked), self.made[-1][1]):
                     return made
-                longest = Bound(*made.t[[0, -1]].tolist(), CLOSER * float(np.max(np.diff(made.t))) / (asked.share or 1.0))
+                longest = Bound(-math.inf, asked.t_end, CLOSER * float(np.max(np.diff(made.t))) / (asked.share or 1.0))
                 return self.tight.run(self.system, replace(asked, bounds=(*asked.bounds, longest)))
         except WallClockError as error:
             raise WallClockError(USED_UP.format(asked.max_wall, UNKNOWN.format(best.solver.rtol)), error.time, error.culprit,

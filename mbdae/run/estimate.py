@@ -38,7 +38,7 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, by_speeds, check_times, scaled_distance, systems_at
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.stored_parts import AskedToo
-from mbdae.run.choice import EIGENVALUES, finite_eigenvalues
+from mbdae.run.choice import EIGENVALUES
 from mbdae.run.contacts import Hidden, largest_tolerance
 from mbdae.run.growing import Growth
 from mbdae.run.pieces import beginning_at, windows
@@ -301,12 +301,14 @@ STATES, DAMPED = 3, 0.1
 ALIKE, PERIODS, PHASE, BOTH = 10.0, 2.0, 0.5, 2.0
 #: the phase by which a step of Radau IIA(5) may turn, rad, where all of a run follows them: 2e-9 of the amplitude is lost in it
 FOLLOWS = 1.0
-LEAST_STEP = 1e-11  #: steps that follow vibrations are longer than this part of the time of a run, which round-off blurs
+#: roots are sought beside SHIFTS over the step, each for frequencies from its 1 / NEAR to NEAR times its value: constraints have
+#: infinite roots, which come out as 1e5 times the shift and more
+SHIFTS, NEAR = (30.0, 1e8), 2e3
 
 
 def left_out(system: System, run: Solution) -> Array:
-    """Angular frequencies (k,), rad/s, in increasing order, of weakly damped vibrations with periods shorter than two steps of a
-    run: of the equations linearised at a few of its states. None where there are too many unknowns to compute them."""
+    """Angular frequencies (k,), rad/s, rising, of weakly damped vibrations with periods shorter than two steps of a run: of its
+    equations linearised at a few states. None where there are too many unknowns to compute them."""
     t, memory = run.t, system.memory()
     if len(t) < 2 or system.n > EIGENVALUES:
         return np.zeros(0)
@@ -314,12 +316,14 @@ def left_out(system: System, run: Solution) -> Array:
     try:
         for first, last in zip(parts[:-1].tolist(), parts[1:].tolist(), strict=True):
             if last > first:
-                there = slice(first, first + 1)
-                equations = systems_at(run, t[there], system)[0]
-                roots = finite_eigenvalues(*equations.dense_parts(float(t[first]), run.y[first], run.yp[first]))
-                w, h = np.abs(roots.imag), float(steps[first] if system.guards is not None else np.max(steps[first:last]))
-                passed, known = w * h > math.pi, w * LEAST_STEP * float(np.max(np.abs(t))) < PHASE
-                found.append(w[passed & known & (np.abs(roots.real) < DAMPED * w)])
+                equations = systems_at(run, t[first : first + 1], system)[0]
+                fy, fyp = equations.dense_parts(float(t[first]), run.y[first], run.yp[first])
+                h = float(steps[first] if system.guards is not None else np.max(steps[first:last]))
+                for shift in (number / h for number in SHIFTS):
+                    near = np.linalg.eigvals(np.linalg.solve(fy + shift * fyp, fyp))
+                    roots = shift - 1 / near[np.abs(near) * shift * NEAR > 1]
+                    w = np.abs(roots.imag)
+                    found.append(w[(w * h > math.pi) & (w * NEAR > shift) & (np.abs(roots.real) < DAMPED * w)])
     finally:
         system.remember(memory)
     return distinct(np.concatenate(found))
@@ -334,15 +338,13 @@ def with_vibrations(run: Controlled, system: System, prepared: Prepared, accurac
         alike = left[left <= ALIKE * left[0]]
         run = with_left_out(run, Probe(close, system, prepared, PERIODS * 2 * math.pi / float(alike[0]), PROBES, BOTH,
                                        PHASE / float(alike[-1])), measure)
-        left = left[len(alike):]
-    t = run.solution.t
-    return replace(run, vibrations=(Bound(float(t[0]), float(t[-1]), FOLLOWS / float(w[-1])),)) if len(w) else run
+        left = left[len(alike) :]
+    return replace(run, vibrations=(Bound(-math.inf, math.inf, FOLLOWS / float(w[-1])),)) if len(w) else run
 
 
 def with_round_off(run: Controlled) -> Controlled:
-    """A run that follows vibrations in very many steps, in which round-off adds up: its error is taken to be the whole difference
-    from its companion, which makes fewer. Measured with a spring of 1e8 N/m that carries 0.5 N: round-off of positions makes an
-    error of 9e-6 of that in 59 000 steps, 16 times what the fall of errors with the tolerance says."""
+    """A run in very many steps, in which round-off adds up: its error is taken to be the whole difference from its companion.
+    Measured with 1e8 N/m that carry 0.5 N: 9e-6 in 59 000 steps, 16 times what the fall of errors with the tolerance says."""
     whole = max((1 / other.share for other in run.others if other.kind == "companion"), default=1.0)
     others = tuple(replace(other, share=max(other.share, 1.0)) for other in run.others)
     return replace(run, estimate=run.estimate * max(whole, 1.0), others=others)

