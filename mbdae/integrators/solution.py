@@ -205,6 +205,15 @@ class Beside:
         return self.margin * self.distance(other)
 
 
+ALIKE = 0.02  #: two runs took the same steps where these end less than this part of the longest one apart
+
+
+def in_the_same_steps(run: Solution, other: Solution) -> bool:
+    """Whether two runs took the same steps, as where nothing but their growth from the first one bounds them: both then have the
+    same error, which their difference does not show."""
+    return len(run.t) == len(other.t) > 2 and bool(np.max(np.abs(run.t - other.t)[1:-1]) < ALIKE * np.max(np.diff(run.t)))
+
+
 SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 
 

@@ -173,11 +173,8 @@ class Errors:
         if found is None or self.asked is None or self.closer is None or not found.beyond(self.asked * near):
             return found
         make, self.closer = self.closer, None
-        other = make()
-        if other is None:
-            return found
-        self.others = *self.others, other
-        return estimate()
+        self.others = *self.others, *([other] if (other := make()) is not None else [])
+        return found if other is None else estimate()
 
     def _estimated(self, result: Any, quantity: Quantity, part: Callable[..., float] | None = None,
                    size: float | None = None) -> Estimate | None:
@@ -321,14 +318,17 @@ class Errors:
         warn(f"scene '{self.prepared.model.scene.name}': {self.told[key]}")
 
     @property
-    def _leaves_out(self) -> bool:  # whether the run may leave out elastic vibrations
-        return self.prepared.model.elastic and any(other.kind == "window" for other in self.others)
+    def _leaves_out(self) -> bool:  # whether the run may leave out vibrations
+        return any(other.kind == "window" for other in self.others)
 
     def _remedy(self, asked: float) -> str:
         smaller = f"accuracy={asked / 10:.0e}"
         if self.remedy or self.prepared.contacts:
             return self.remedy or (f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or "
                                    f"ask for {smaller}")
+        if self._leaves_out and not self.prepared.model.elastic:
+            return (f"the run leaves out fast vibrations of stiff springs, which hardly move anything and carry forces; name it "
+                    f"in of=[...], with which steps follow them where that takes less than a second, or ask for {smaller}")
         if self._leaves_out:
             return (f"the run leaves out fast elastic vibrations, which hardly move them and carry forces; ask for "
                     f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")

@@ -18,8 +18,10 @@ import numpy as np
 
 from mbdae.deferred import distinct
 from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
+from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Asked, Solver
-from mbdae.integrators.solution import Beside, Solution, check_times
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.solution import Beside, Solution, check_times, in_the_same_steps
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun
 from mbdae.results.errors import FAR
@@ -39,6 +41,7 @@ from mbdae.run.estimate import (
     other_run,
     share_of,
     usual_companion,
+    with_round_off,
     with_rtol,
     with_short_vibrations,
 )
@@ -107,8 +110,17 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
             distance = second.distance(run.solution, run.estimate)
             second.tell(run.estimate, distance, accuracy)
             run = replace(run, estimate=distance).after(second.runs, second.cpu_s)
-    notes = [*run.notes, *(str(w.message) for w in caught)]  # of those that differ in the time they name ("at t = ...") the last
+    notes = [*run.notes, *(str(w.message) for w in caught)]  # of those that differ in the time ("at t = ...") the last
     return replace(run, notes=tuple({note.split(" at t = ")[0]: note for note in notes}.values()))
+
+
+def following(run: Controlled, system: System, prepared: Prepared, accuracy: float, asked: Asked, outputs: Array) -> Controlled:
+    """A run in place of `run` whose steps follow the vibrations that those of it leave out. What grows along it is known."""
+    asked = replace(asked, bounds=(*asked.bounds, *run.vibrations), motion_alone=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AccuracyWarning)
+        found = with_round_off(_Search(system, prepared, RadauIIA(5), accuracy, asked, outputs, False).run())
+    return replace(found, growth=run.growth, vibrations=run.vibrations)
 
 
 def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -226,9 +238,13 @@ class _Search:
         """The next run; it is stopped where it costs far more than the one before."""
         most = CRAWL * self.made[-1][1].stats.residuals + 10000 + CUT * _cuts(self.system, self.tight, self.asked.t_end)
         asked = replace(self.asked, max_residuals=most * (LEAVING if self.grown else 1))
+        asked = closer(asked, self.solver, self._count, self._kept)
         try:
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                return self.tight.run(self.system, closer(asked, self.solver, self._count, self._kept))
+                if not in_the_same_steps(made := self.tight.run(self.system, asked), self.made[-1][1]):
+                    return made
+                longest = Bound(-math.inf, asked.t_end, CLOSER * float(np.max(np.diff(made.t))) / (asked.share or 1.0))
+                return self.tight.run(self.system, replace(asked, bounds=(*asked.bounds, longest)))
         except WallClockError as error:
             raise WallClockError(USED_UP.format(asked.max_wall, UNKNOWN.format(best.solver.rtol)), error.time, error.culprit,
                                  best.solution) from error

@@ -6,9 +6,7 @@ inside the accepted steps. A defect alone is no error: between its nodes an accu
 vanishes. So the defect is integrated from the start of its step, and its effect is the resulting change of the motion,
 J^-1 (integral / step) with the iteration matrix J = dF/dy + dF/dy' / step. Steps whose effect is above the accuracy are suspects;
 `recheck` integrates them again with short steps, and warns where the motion differs.
-
-All steps are examined where something in a scene may act for a time, or over a distance, that is short compared with a step: a
-short event.
+All steps are examined where something may act for a time, or over a distance, short compared with a step: a short event.
 """
 
 from __future__ import annotations

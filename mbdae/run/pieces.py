@@ -5,6 +5,8 @@ more than a few widths over an interval, so that no narrow peak is missed betwee
 
 Values of sensors over a run, for conditions. Sensors that loads may read are evaluated as for loads; all others are read from
 results.
+
+Times at which vibrations begin in a run: its start, and inputs that excite them by a jump or a change shorter than a mean step.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from mbdae.symbolic.rebuild import KINDS, limited, nodes, scales, substituted
 from mbdae.symbolic.switches import LOCAL_POWER
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.guards import Observer
-from mbdae.system.base import Array
+from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.values import BadValueError
 
@@ -277,3 +279,67 @@ def probe(prepared: Prepared, paths: Sequence[str]) -> None:
         if found.ndim > 1:
             one = f"{path}[{', '.join('0' for _ in found.shape[1:])}]"
             raise OptionError(f"until, record: '{path}' is no single number; say which component, such as '{one}'")
+
+
+BEGINNINGS = 4  #: largest number of excitations considered besides the start: those that change velocities and accelerations most
+#: short changes and breaks of inputs that follow each other within a mean step count as one excitation; one that lasts this many
+#: mean steps or longer does not count
+LONG = 50.0
+
+
+def windows(system: System, run: Solution, span: float) -> Iterator[tuple[float, float]]:
+    """(begin, end), s, of the parts of a run to be compared, each `span` (s) long, after its start and after its excitations."""
+    for a, b in _beginnings(system, run):
+        yield a, min(b + span, float(run.t[-1]))
+
+
+def _beginnings(system: System, run: Solution) -> list[tuple[float, float]]:
+    """(begin, end), s, of the start of a run and of its excitations."""
+    t0, t1 = float(run.t[0]), float(run.t[-1])
+    line = None if system.timeline is None or not t1 > t0 else system.timeline(system.t0, t1)
+    if line is None:
+        return [(t0, t0)]
+    h = (t1 - t0) / max(run.stats.steps, 1)
+    edges = line.stretches.edges
+    short = np.flatnonzero(np.diff(edges) < h)
+    sudden = np.concatenate([line.breaks, line.stretches.kinks])
+    found = np.concatenate([np.stack([edges[short], edges[short + 1]], axis=1), np.stack([sudden, sudden], axis=1)])
+    found = found[(found[:, 0] > t0) & (found[:, 1] < t1)]
+    clusters = _merged(found[np.argsort(found[:, 0], kind="stable")], h)
+    clusters = [(a, b) for a, b in clusters if b - a < LONG * h]
+    worst = sorted(clusters, key=lambda c: -_change(system, run, c, h))[:BEGINNINGS]
+    return [(t0, t0), *sorted(worst)]
+
+
+def _merged(found: Array, near: float) -> list[tuple[float, float]]:
+    """Intervals (k, 2) in order, with those closer to each other than `near` joined."""
+    clusters: list[list[float]] = []
+    for a, b in found.tolist():
+        if clusters and a - clusters[-1][1] < near:
+            clusters[-1][1] = max(b, clusters[-1][1])
+        else:
+            clusters.append([a, b])
+    return [(a, b) for a, b in clusters]
+
+
+def _change(system: System, run: Solution, excitation: tuple[float, float], h: float) -> float:
+    """Largest change of a velocity, relative to its scale, during an `excitation` (begin, end), s, plus the changes that the
+    jumps of its acceleration and of the slope of that cause within one step h (s)."""
+    velocities = np.array([kind == "v" for kind in system.kinds])
+    a, b = excitation
+    aside = 1e-9 * max(abs(a), abs(b), h)
+    times = np.array([max(a - h, run.t[0]), a - aside, b + aside, min(b + h, run.t[-1])])
+    y, yp = run(times), run.derivative(times)
+    moved = np.abs(y[2] - y[1]) + h * np.abs(yp[2] - yp[1]) + h * np.abs(yp[3] - yp[2] - yp[1] + yp[0])
+    return float(np.max((moved / system.scale)[velocities], initial=0.0))
+
+
+def beginning_at(system: System, run: Solution, t: float) -> System:
+    """The system started at a time t (s) inside a run, with consistent values."""
+    if t <= system.t0:
+        return system
+    system.read_at(t)
+    values = system.restarted(t, run(t))
+    system.read_at(None)
+    other = system.starting(t, *values)
+    return other if system.sampled is None else other.sampling(system.sampled.going_on(t, run.t, run.y))
