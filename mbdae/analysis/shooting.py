@@ -244,7 +244,7 @@ def fast_motions(prepared: Prepared, system: SceneSystem, orbit: Orbit, directio
 
     some = [begin, *(one for i in (count // 3, 2 * count // 3) if (one := look(i)))]
     if max(float(np.max(one.size, initial=0.0)) for one in some) < SLOW * FOLLOWED:
-        return Fast(*np.zeros((3, 0)), np.zeros((len(begin.vectors), 0)))
+        return Fast(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((len(begin.vectors), 0)))
     found = [(float(orbit.t[i, -1]), one) for i in np.unique(np.linspace(0, count - 1, LOOKS).astype(int))[:-1]
              if (one := look(int(i)))]
     times, looks = [system.t0, *(t for t, _ in found)], [begin, *(one for _, one in found)]
