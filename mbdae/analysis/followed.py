@@ -27,7 +27,7 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
 
-DIFFERENCE = 1e-5  #: half the difference of the number, over its range, for derivatives by it
+DIFFERENCE = 1e-5  #: difference of the number to either side, over its range, for derivatives by it
 SLACK = 1e-7  #: growth, over the largest root or in one period, that counts as none where roots lie on the border of stability
 LARGEST = 600.0  #: logarithm of the largest ratio of two determinants
 KNOWN = 1e-6  #: error of multipliers, relative, that the steps leave
@@ -166,12 +166,10 @@ class Orbits(_Varied):
         return self._place(p, y, period)
 
     def slope(self, place: Place) -> Array:
-        shot, ends = place.made, []
-        for way in (-1.0, 1.0):
-            p = place.p + way * DIFFERENCE * self.unit
-            y = shot.directions.closed(self.at(p)[1], shot.system.y0)
-            ends.append(self._shot(p, y, place.period if self.free else self.length(p))[1].residual)
-        found = (ends[1] - ends[0]) / (2 * DIFFERENCE)
+        shot, p = place.made, place.p + DIFFERENCE * self.unit  # one more scene: it costs more than the period that is followed
+        y = shot.directions.closed(self.at(p)[1], shot.system.y0)
+        beside = self._shot(p, y, place.period if self.free else self.length(p))[1]
+        found = (beside.residual - shot.residual) / DIFFERENCE
         return np.append(found, 0.0) if self.free else np.asarray(found)
 
     def judged(self, place: Place) -> Place:

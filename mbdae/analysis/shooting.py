@@ -41,6 +41,7 @@ TOGETHER = 32  #: number of steps whose dense equations are solved in one call
 #: number of times of a period at which fast motions are looked at; size of a root, over 1 / step, above which steps do not follow
 #: it; growth below ROUNDED of the root counts as none
 LOOKS, FOLLOWED, ROUNDED = 32, 1.5, 1e-9
+SLOW = 0.1  #: where three instants have roots below this part of FOLLOWED alone, no others are looked at
 SMALLEST = 1e-14  #: eigenvalue over the largest that counts as 0
 SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a correction
 
@@ -230,18 +231,23 @@ def fast_motions(prepared: Prepared, system: SceneSystem, orbit: Orbit, directio
 
     Its error: how much it changes with half as many instants, and the part of second order in the changes of the vectors."""
     period, count = float(np.sum(orbit.h)), len(orbit.h)
-    looks = [_look(system, directions, float(orbit.h[0]))]
-    times = [system.t0]
-    for i in np.unique(np.linspace(0, count - 1, LOOKS).astype(int))[:-1]:
+    begin = _look(system, directions, float(orbit.h[0]))
+
+    def look(i: int) -> _Look | None:
         t, y, yp, own = orbit.t[i, -1], orbit.y[i, -1], orbit.yp[i, -1], orbit.systems[i]
         with own.within(float(np.mean(orbit.t[i]))):
             at = own.starting(t, y, yp)
             try:
-                look = _look(at, departures(prepared, at, returned, period), float(orbit.h[i]))
+                return _look(at, departures(prepared, at, returned, period), float(orbit.h[i]))
             except OptionError:  # a singular position, which the motion passes
-                continue
-        looks.append(look)
-        times.append(float(t))
+                return None
+
+    some = [begin, *(one for i in (count // 3, 2 * count // 3) if (one := look(i)))]
+    if max(float(np.max(one.size, initial=0.0)) for one in some) < SLOW * FOLLOWED:
+        return Fast(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((len(begin.vectors), 0)))
+    found = [(float(orbit.t[i, -1]), one) for i in np.unique(np.linspace(0, count - 1, LOOKS).astype(int))[:-1]
+             if (one := look(int(i)))]
+    times, looks = [system.t0, *(t for t, _ in found)], [begin, *(one for _, one in found)]
     first, closed = looks[0], replace(looks[0], right=returned.sign[:, None] * looks[0].right)
     spans = np.diff(np.append(times, system.t0 + period))
     fine = _tracked([*looks, closed], spans)
