@@ -111,9 +111,9 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         more than its error; True where none does: by the numbers, or because multipliers lie in pairs mu, 1 / mu, and one alone
         on the unit circle cannot leave it, nor 1 that of a motion shifted along itself; None where the errors leave it open,
         and where the motion stays at a kink of a law."""
-        return self.judged(np.ones(len(self.multipliers), dtype=bool))
+        return self._judged(np.ones(len(self.multipliers), dtype=bool))
 
-    def judged(self, which: NDArray[np.bool_]) -> bool | None:
+    def _judged(self, which: NDArray[np.bool_]) -> bool | None:
         """`stable` as some multipliers (k,) alone, and motions too fast for the steps, show it."""
         if not self._smooth:
             return None

@@ -98,7 +98,7 @@ class Periodic(Result):
         if not self.autonomous:
             return self.floquet.stable
         along = int(np.argmin(np.abs(self.multipliers - 1)))  # a motion shifted along itself comes back as it is
-        found = self.floquet.judged(np.arange(len(self.multipliers)) != along)
+        found = self.floquet._judged(np.arange(len(self.multipliers)) != along)
         return self.floquet.stable if found is None else found
 
     def __call__(self, t: Any) -> Result:

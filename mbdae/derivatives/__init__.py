@@ -176,7 +176,7 @@ class Refined:
             ratio = self._tolerance(along.finer) / self._tolerance(coarser.finer)
             for key, (value, doubt) in now.items():
                 off = size_of(value - before[key][0])
-                found[key] = Derivative(value, max(off * max(1 / (fall - 1), 1), left.get(key, 0.0))
+                found[key] = Derivative(value, max(off * max(1 / (fall - 1), 1), left.get(key, 0.0) * ratio**UNEVEN)
                                         + ROUNDED * size_of(value) + size_of(doubt))
                 left[key] = AT_ONCE * off * ratio**UNEVEN if self.prepared.contacts else 0.0
             wrong = {key: one.error / (max(size_of(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}

@@ -197,9 +197,9 @@ def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
     return np.asarray(times[distinct(np.linspace(0, len(times) - 1, count).astype(int))])
 
 
-def wrenches(prepared: Prepared, at: States, items: list[str]) -> Array:
-    """(nt, items, 6) force (N) and torque (N m) of joints and force elements on their bodies l, as their sensors show them."""
-    m = prepared.with_all_rows
+def wrenches(prepared: Prepared, at: States, names: list[str] | None = None) -> Array:
+    """(nt, names, 6) force (N) and torque (N m) of joints and force elements, by names (None: all), on their bodies l."""
+    m, items = prepared.with_all_rows, names or [c.name for c in prepared.model.scene.connections]
     multipliers = m.accelerations(at.t, at.q, at.u, at.s, at.z)[1]
     total = np.zeros((len(at.t), len(items), 6))
     for g, _, values in m.evaluate(reaction_outputs, at.t, at.q, at.u, at.s, multipliers):
