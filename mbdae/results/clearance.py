@@ -199,7 +199,7 @@ def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
 
 def wrenches(prepared: Prepared, at: States, names: list[str] | None = None) -> Array:
     """(nt, names, 6) force (N) and torque (N m) of joints and force elements, by names (None: all), on their bodies l."""
-    m, items = prepared.with_all_rows, names or [c.name for c in prepared.model.scene.connections]
+    m, items = prepared.with_all_rows, names if names is not None else [c.name for c in prepared.model.scene.connections]
     multipliers = m.accelerations(at.t, at.q, at.u, at.s, at.z)[1]
     total = np.zeros((len(at.t), len(items), 6))
     for g, _, values in m.evaluate(reaction_outputs, at.t, at.q, at.u, at.s, multipliers):
