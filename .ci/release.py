@@ -85,11 +85,11 @@ def run(*command: str | Path, cwd: Path | None = None, **further: str) -> str:
     return done.stdout
 
 
-def environment(folder: Path) -> Path:
-    """Python of an environment with what makes and reads archives: build, hatchling, twine and zig."""
+def environment(folder: Path, *packages: str | Path) -> Path:
+    """Python of a new environment with these packages."""
     venv.create(folder, with_pip=True)
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "hatchling>=1.27", "twine>=6.1", build.ZIGLANG)
+    run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages)
     return python
 
 
@@ -155,9 +155,7 @@ def tried(python: Path, made: Path, folder: Path, target: str) -> str:
 
 def first_work(made: Path, folder: Path) -> str:
     """A user's first work with the wheel, in an environment with nothing else."""
-    venv.create(folder / "env", with_pip=True)
-    python = folder / "env" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", made)
+    python = environment(folder / "env", made)
     place = folder / "elsewhere"
     place.mkdir()
     shutil.copy(ROOT / "examples" / "ground_resonance.py", place)
@@ -179,7 +177,7 @@ def main() -> int:
     rows: list[tuple[str, str]] = []
     failed = False
     with tempfile.TemporaryDirectory(prefix="mbdae-release-") as scratch:
-        python = environment(Path(scratch, "tools"))
+        python = environment(Path(scratch, "tools"), "hatchling>=1.27", "twine>=6.1", build.ZIGLANG)
         source = archive(python, Path(scratch), dist)
         rows.append((source.name, "the same bytes twice"))
         for target in a.targets or build.TARGETS:

@@ -65,8 +65,7 @@ class Estimate(NamedTuple):
 class Errors:
     """The errors of a run, from its differences to other runs; called, it returns that of all reactions.
 
-    asked: the accuracy; closer: makes a run that is far more accurate, or None. It is made, once, where the estimate from the
-    others is above the accuracy."""
+    asked: the accuracy; closer: makes a far more accurate run, or None: once, where the estimate by the others is above it."""
 
     prepared: Prepared
     solution: Solution
@@ -144,9 +143,8 @@ class Errors:
 
     def of_mean(self, result: Any, quantity: Quantity, size: float, power: int) -> Estimate | None:
         """The error of the mean (power 1), or of the root mean square (2), of a quantity between the first and the last of
-        the result's times, relative to the largest value `size` there, as that of a peak. Of a mean counts the largest integral
-        of the difference up to any time, since what swings about 0 may end at 0 by chance; of a root mean square that of the
-        difference, which is at least as large. Beside a closer run the others count from its end on."""
+        the result's times, over the largest value `size` there. Of a mean counts the largest integral of the difference up to any
+        time, as what swings may end at 0 by chance; of a root mean square its own. Beside a closer run others count after it."""
         def mean(other: OtherRun, t: Array, own: Array, beside: Array) -> float:
             apart = difference(own, beside, unit_of(result, quantity)).reshape(len(t), -1)
             apart = apart if power == 1 else np.sum(apart**2, axis=1, keepdims=True)
@@ -173,8 +171,10 @@ class Errors:
         if found is None or self.asked is None or self.closer is None or not found.beyond(self.asked * near):
             return found
         make, self.closer = self.closer, None
-        self.others = *self.others, *([other] if (other := make()) is not None else [])
-        return found if other is None else estimate()
+        if (other := make()) is None:
+            return found
+        self.others = *self.others, other
+        return estimate()
 
     def _estimated(self, result: Any, quantity: Quantity, part: Callable[..., float] | None = None,
                    size: float | None = None) -> Estimate | None:

@@ -20,7 +20,8 @@ from mbdae.scene.record import models_of
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, Kept
 from mbdae.system.dependent_rows import smallest, unit_rows
-from mbdae.system.model.model import Model, Renewed, build
+from mbdae.system.model.feedback import Renewed
+from mbdae.system.model.model import Model, build
 from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees

@@ -19,7 +19,8 @@ from mbdae.scene.scene import SceneData
 from mbdae.symbolic.law import Impact
 from mbdae.system.base import Array
 from mbdae.system.changes import RigidMotions
-from mbdae.system.model.model import FLAT, build, scene_length
+from mbdae.system.model.feedback import FLAT, scene_length
+from mbdae.system.model.model import build
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.constrained import largest_entries, row_lengths
 from mbdae.system.motion.mechanics import InstanceNumber, Mechanics, approaches, effective_masses, in_units

@@ -23,10 +23,7 @@ from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
 from mbdae.system.base import Kept
-from mbdae.system.model.feedback import FLAT as FLAT
-from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into, out_of_plane
-from mbdae.system.model.feedback import Renewed as Renewed
-from mbdae.system.model.feedback import scene_length as scene_length
+from mbdae.system.model.feedback import ConditionTime, Renewed, Scenery, fed_into, out_of_plane, scene_length
 from mbdae.system.model.nodes import (
     Group,
     Groups,
