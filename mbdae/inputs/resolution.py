@@ -95,6 +95,12 @@ class Bound(NamedTuple):
     unseen: bool = False
 
 
+def kept_by(t: Array, bounds: Sequence[Bound]) -> bool:
+    """Whether no step between the times t (k,), s, is longer than a bound of the part in which it begins or ends."""
+    h = np.diff(t)
+    return not any(np.any(h[(t[1:] > bound.begin) & (t[:-1] < bound.end)] > bound.longest) for bound in bounds)
+
+
 #: at a start at order 1 the length of steps grows by WIDENS after EQUAL steps: BDF of order k takes a higher one after steps of
 #: equal length, k + 2 of them
 WIDENS, EQUAL = 4.0, 7

@@ -18,7 +18,7 @@ import numpy as np
 
 from mbdae.deferred import distinct
 from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
-from mbdae.inputs.resolution import Bound
+from mbdae.inputs.resolution import Bound, kept_by
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Solution, check_times, in_the_same_steps
@@ -92,8 +92,7 @@ FOLLOWING = 3  #: largest number of times that a run is repeated because its ste
 #: a run whose motion has the accuracy is not repeated any more where the last one brought what else was asked for no nearer than
 #: this: tolerances fall to 0.3 or less, and errors with the power SLOW of them at least
 STUCK = 0.65
-#: smallest ratio of the error to the difference from a companion at the smallest tolerance, where errors need not fall any more
-AT_ROUND_OFF = 1.0
+AT_ROUND_OFF = 1.0  #: smallest ratio of error to difference from a companion at the smallest tolerance; errors need not fall
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -129,10 +128,10 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
     depth, given = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), len(asked.bounds)
-    runs, cpu = 0, 0.0
+    runs, cpu, known = 0, 0.0, None
     for repeats in range(REPEATS + 1):
         grown = len(asked.bounds) > given
-        search = _Search(system, prepared, solver, accuracy, asked, outputs, grown)
+        search = _Search(system, prepared, solver, accuracy, asked, outputs, grown, known)
         try:
             run = (search.by_steps() if solver.by_steps else search.run()).after(runs, cpu)
         except SolverError as error:
@@ -145,28 +144,32 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
             one for _, other in search.made for one in hidden_contacts(system, other, depth)]
         growth = growing(system, run.solution, grown)
         bounds = unfollowed(growth) if repeats < FOLLOWING else ()
-        if not bounds and not grown and search.made and unseen(growth):  # else such an estimate was made
+        if bounds and not grown:
+            bounds = unseen(growth := growing(system, run.solution, True)) or bounds  # a disturbance may be unseen by turns
+        elif not grown and search.made and unseen(growth):  # else such an estimate was made
             run = replace(run, estimate=max(run.estimate, search.estimate(at_least(solver))))
             bounds = () if run.estimate <= accuracy and not solver.starts_low else unseen(growth)
         if not hidden and not of_companions and not bounds:
             return replace(run, growth=tuple(growth))
-        runs, cpu = run.runs, run.cpu_s
+        runs, cpu, known = run.runs, run.cpu_s, None
         asked = replace(asked, bounds=(*asked.bounds, *bounds))
         if hidden or of_companions:
-            known = [] if asked.edges is None else [asked.edges]
-            asked = replace(asked, edges=distinct(np.concatenate([*known, *(one.ends() for one in hidden + of_companions)])))
+            edges = (() if asked.edges is None else asked.edges), *(one.ends() for one in hidden + of_companions)
+            asked = replace(asked, edges=distinct(np.concatenate(edges)))
+        elif search.made and system.guards is None and not solver.starts_low and kept_by(run.solution.t, bounds):
+            known = search.made[-1]  # it keeps the bounds of a companion: it is that of the next run
     run = replace(run, growth=tuple(growth))
     return replace(run, estimate=float("inf"), others=(), hidden=tuple(hidden)) if hidden else run
 
 
 class _Search:
     """Runs with smaller and smaller tolerances, without the search for hidden contacts. grown: whether steps are bounded by
-    growth; made: the last runs with their tolerances, each compared with the companions before it."""
+    growth; known: the first companion; made: the last runs with their tolerances, each compared with the companions before it."""
 
     def __init__(self, system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked, outputs: Array,
-                 grown: bool) -> None:
+                 grown: bool, known: RunAt | None = None) -> None:
         self.system, self.prepared, self.solver, self.accuracy = system, prepared, solver, accuracy
-        self.asked, self.outputs, self.grown = asked, outputs, grown
+        self.asked, self.outputs, self.grown, self.known = asked, outputs, grown, known
         self.measure = measure_of(system, prepared, asked.wanted)
         self.made: list[RunAt] = []
 
@@ -181,7 +184,11 @@ class _Search:
     def run(self) -> Controlled:
         """The first run that has the accuracy, or the last one that can be made."""
         self.tight, self.ceiling, self.limit = first_tolerance(self.system, self.prepared, self.solver, self.accuracy)
-        best, self.made = companions_of(self.system, self.tight, self.asked, first=True)
+        if self.known and (rtol := self.known[0] / companions(self.system, self.tight)[0]) >= self.limit:
+            best, self.made = Controlled(self.known[1], with_rtol(self.tight, self.known[0]), math.inf, 0, 0.0), [self.known]
+            self.tight = with_rtol(self.tight, rtol)
+        else:
+            best, self.made = companions_of(self.system, self.tight, self.asked, first=True)
         self.first = self.made[-1][0] / self.tight.tolerance
         contacts, told = self.system.guards is not None, list[tuple[float, float]]()
         self._count = self._kept
@@ -236,9 +243,11 @@ class _Search:
 
     def _finer(self, best: Controlled) -> Solution:
         """The next run; it is stopped where it costs far more than the one before."""
-        most = CRAWL * self.made[-1][1].stats.residuals + 10000 + CUT * _cuts(self.system, self.tight, self.asked.t_end)
-        asked = replace(self.asked, max_residuals=most * (LEAVING if self.grown else 1))
-        asked = closer(asked, self.solver, self._count, self._kept)
+        system, end = self.system, self.asked.t_end
+        line = None if system.timeline is None else system.timeline(system.t0, end, self.tight.aimed(system.label))
+        cuts = 0 if line is None else len(line.stretches.edges) + len(line.edges)  # more for a smaller tolerance, with tables
+        most = (CRAWL * self.made[-1][1].stats.residuals + 10000 + CUT * cuts) * (LEAVING if self.grown else 1)
+        asked = closer(replace(self.asked, max_residuals=most), self.solver, self._count, self._kept)
         try:
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 if not in_the_same_steps(made := self.tight.run(self.system, asked), self.made[-1][1]):
@@ -314,15 +323,6 @@ class _Search:
 def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
     """`asked` for a run after `count` others, with shorter longest steps; kept: how many of them were the first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
-
-
-def _cuts(system: System, solver: Solver, end: float) -> int:
-    """Number of stretches into which inputs of time divide a run to the time `end` (s), each at least a step. It depends on the
-    tolerance, because tables are divided more finely for a smaller one."""
-    if system.timeline is None:
-        return 0
-    line = system.timeline(system.t0, end, solver.aimed(system.label))
-    return 0 if line is None else len(line.stretches.edges) + len(line.edges)
 
 
 def companions_of(system: System, tight: Solver, asked: Asked, first: bool = False) -> tuple[Controlled, list[RunAt]]:
