@@ -21,8 +21,8 @@ from mbdae.errors import say
 from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["Later", "LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
-           "cython_lapack", "dijkstra", "distinct", "eigh", "eigsh", "eigvals", "entered", "entries_of", "group_columns",
-           "identity", "issparse", "later", "maximum_flow", "median", "qr", "sp", "splu"]
+           "cython_lapack", "dijkstra", "distinct", "eigh", "eigs", "eigsh", "eigvals", "entered", "entries_of",
+           "group_columns", "identity", "issparse", "later", "maximum_flow", "median", "qr", "sp", "splu"]
 
 
 class Later:
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from scipy.optimize._numdiff import group_columns
     from scipy.sparse import bmat, csc_matrix, csr_matrix, identity, issparse
     from scipy.sparse.csgraph import connected_components, dijkstra, maximum_flow
-    from scipy.sparse.linalg import LinearOperator, eigsh, splu
+    from scipy.sparse.linalg import LinearOperator, eigs, eigsh, splu
 else:
 
     sp, cython_lapack = Later("scipy.sparse"), Later("scipy.linalg.cython_lapack")
@@ -70,7 +70,7 @@ else:
     group_columns = Later("scipy.optimize._numdiff", "group_columns")
     connected_components, dijkstra, maximum_flow = later(
         "scipy.sparse.csgraph", "connected_components", "dijkstra", "maximum_flow")
-    LinearOperator, eigsh, splu = later("scipy.sparse.linalg", "LinearOperator", "eigsh", "splu")
+    LinearOperator, eigs, eigsh, splu = later("scipy.sparse.linalg", "LinearOperator", "eigs", "eigsh", "splu")
 
     def issparse(matrix: Any) -> bool:
         """Whether a matrix is sparse; False where SciPy's module of sparse matrices has not been imported yet."""

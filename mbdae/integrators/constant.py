@@ -1,23 +1,28 @@
 """The right-hand side f of y' = f(t, y), for methods that take ordinary differential equations.
 
+The roots of linearised equations near a given magnitude.
+
 Steps of constant length, for all methods that take them; how many steps are made in one native call.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from math import ceil
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mbdae.deferred import splu
+from mbdae.deferred import LinearOperator, eigs, splu
 from mbdae.errors import OptionError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.matrices import as_csc
 from mbdae.integrators.watch import StepWatch
+from mbdae.native import Entries
 from mbdae.system.base import Array, System
 
 
@@ -48,6 +53,42 @@ def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
             f"dF/dy' is singular at t = {t:.9g} s: an equation contains no derivative (such as a motion without mass), or the "
             "derivatives of several depend on each other, so there is no y' = f(t, y); use mb.IDA() or mb.RadauIIA(3)"
         ) from error
+
+
+#: roots beside a shift are known from its 1 / NEAR to NEAR times its value: infinite roots, of constraints, come out as 1e5
+#: times the shift and more. Where the shift is a root itself, ODD times its value is taken. MOST_FELT: number of roots of a large
+#: system, each found if its vector is one to UNSURE
+NEAR, ODD, MOST_FELT, UNSURE = 2e3, 1.07, 8, 1e-2
+
+
+def roots_beside(entries: Entries, parts: Sequence[Array], shift: Array) -> NDArray[np.complex128]:
+    """The roots (k, m), 1/s, of dF/dy and dF/dy' (k, nnz) at k states within a factor NEAR of the shifts (k,), 1/s; 0 else."""
+    fy, fyp = np.zeros((2, len(shift), entries.n, entries.n))
+    fy[:, entries.row_of, entries.column_of], fyp[:, entries.row_of, entries.column_of] = parts
+    moving = np.any(fyp != 0, axis=(0, 1))
+    for s in (shift[:, None], ODD * shift[:, None]):
+        with suppress(np.linalg.LinAlgError):
+            found = np.linalg.eigvals(np.linalg.solve(fy + s[..., None] * fyp, fyp[:, :, moving])[:, moving])
+            roots = s - 1 / np.where(found == 0, 1.0, found)
+            return np.where((np.abs(found) * s * NEAR > 1) & (np.abs(roots) * NEAR > s), roots, 0.0)
+    return np.zeros((len(shift), 1), complex)
+
+
+def roots_about(entries: Entries, parts: Sequence[Array], shift: Array) -> NDArray[np.complex128]:
+    """The same of large sparse equations: those MOST_FELT (k, m) for which, with N = (A + s E)^-1 E and the shift s, N (1 - s N)
+    is largest, which is 0 for slow and for infinite roots; 0 where none are found."""
+    roots, n = np.zeros((len(shift), MOST_FELT), complex), entries.n
+    for k, s in enumerate(shift.tolist()):
+        E = entries.matrix(parts[1][k])
+        with suppress(RuntimeError):  # a singular matrix; no convergence
+            solve = splu(entries.matrix(parts[0][k] + s * parts[1][k])).solve
+            N = LinearOperator((n, n), lambda x, solve=solve, E=E: solve(E @ x), dtype=float)
+            vectors = eigs(N - s * (N @ N), k=MOST_FELT, v0=1 + np.arange(n) % 7 / 7, tol=1e-4, maxiter=50)[1]
+            images = N @ vectors.real + 1j * (N @ vectors.imag)
+            found = np.sum(vectors.conj() * images, axis=0)
+            sure = np.linalg.norm(images - vectors * found, axis=0) < UNSURE * np.linalg.norm(images, axis=0)
+            roots[k, sure] = s - 1 / found[sure]
+    return roots
 
 
 #: tolerance of unknowns, relative to their magnitude plus their scale, that the watch for kinks assumes, since constant steps

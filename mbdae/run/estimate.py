@@ -3,28 +3,20 @@
 If a tolerance smaller by the factor r makes the error smaller by r**fall or more, the errors e of a run and E of its companion
 obey e <= x E with x = r**fall. They differ by at least E - e, so that e <= x / (1 - x) times their difference.
 
-Sequences of impacts violate this assumption: the time of each impact depends on all before, errors at neighbouring tolerances
-may be nearly equal, and at large tolerances they hardly fall. Measured with a slider-crank with clearance at tolerances from 1e-4
-to 3e-10 (errors from 3e-6 to 2e-2): with one companion at 10 times the tolerance and the exponent of smooth motion, the estimate
-of Radau IIA is too small by more than a factor of 3 in 11 % of 104 pairs, by 13 at worst. With FALL_WITH_IMPACTS and two
-companions this happens never in 94 cases (at 3 and 30 times the tolerance; factor 2.2 at worst) and in 2 % of 83 (at 10 and 100
-times; 4.0 at worst); with IDA never in 28.
+Sequences of impacts violate this assumption: the time of each depends on all before, and errors at neighbouring tolerances
+may be nearly equal. Measured with a slider-crank with clearance at tolerances from 1e-4 to 3e-10, one companion and the exponent
+of smooth motion: too small by more than a factor of 3 in 11 % of 104 pairs; with FALL_WITH_IMPACTS and two companions in none.
 
-Where the duration of an impact bounds the steps, and not the tolerance, runs at different tolerances take the same steps and have
-the same error, which their difference does not show. Companions may therefore take longer steps during an impact than the run
-(`CLOSER_IMPACTS` of `control`). Measured on 266 scenes with balls and pins, drawn at random, at up to six tolerances each (1366
-cases): with the same bound for all runs the estimate is too small by more than a factor of 3 in 44 % of 88 cases with DOP853 (327
-at worst) and in 1.2 % of 1098 cases with Radau IIA (12 at worst). With longer steps of the companions, and with the differences
-themselves as estimate where they contradict the assumed fall (`contradicted`), that happens in 2.5 % (4.1 at worst) and in 0.1 %
-(5.8 at worst); with IDA and CVODE never in 131 cases. Since then runs with DOP853 take steps a quarter as long during impacts
-(`Solver.impacts`).
+Where the duration of an impact bounds the steps, runs at different tolerances take the same steps and have the same error.
+Companions may therefore take longer steps in it (`CLOSER_IMPACTS` of `control`). Measured on 266 drawn scenes with balls and
+pins: with the same bound the estimate is too small by more than 3 in 44 % of 88 cases with DOP853, with longer steps of
+companions, and the differences themselves where they contradict the assumed fall (`contradicted`), in 2.5 %, by 4.1 at worst.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -35,13 +27,15 @@ from mbdae.deferred import distinct
 from mbdae.errors import FINAL, SolverError, WallClockError, keeping
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import SHARE, Asked, Solver
+from mbdae.integrators.constant import roots_about, roots_beside
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, by_speeds, check_times, scaled_distance, systems_at
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.stored_parts import AskedToo
+from mbdae.run.amplification import entries_of
 from mbdae.run.choice import EIGENVALUES
 from mbdae.run.contacts import Hidden, largest_tolerance
-from mbdae.run.growing import Growth
+from mbdae.run.growing import Growth, is_explicit
 from mbdae.run.pieces import beginning_at, windows
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
@@ -302,29 +296,31 @@ STATES, DAMPED = 3, 0.1
 ALIKE, PERIODS, PHASE, BOTH = 10.0, 2.0, 0.5, 2.0
 #: the phase by which a step of Radau IIA(5) may turn, rad, where all of a run follows them: 2e-9 of the amplitude is lost in it
 FOLLOWS = 1.0
-#: roots are sought beside SHIFTS over the step, each for frequencies from its 1 / NEAR to NEAR times its value: constraints have
-#: infinite roots, which come out as 1e5 times the shift and more
-SHIFTS, NEAR = (30.0, 1e8), 2e3
+#: roots are sought beside SHIFTS over the step, with more than EIGENVALUES unknowns beside ABOUT; of explicit methods, which are
+#: stable in steps that are short beside all roots but those near the first, beside that alone
+SHIFTS, ABOUT = (30.0, 1e8), (10.0, 1e2, 1e3, 1e4, 1e5)
 
 
 def left_out(system: System, run: Solution) -> Array:
     """Angular frequencies (k,), rad/s, rising, of weakly damped vibrations with periods shorter than two steps of a run: of its
-    equations linearised at a few states. None where there are too many unknowns to compute them."""
-    t, memory = run.t, system.memory()
-    if len(t) < 2 or system.n > EIGENVALUES:
+    equations linearised at a few states. None in runs of explicit methods with so many unknowns that they take sparse matrices:
+    these are not stable in such steps."""
+    t, memory, few, explicit = run.t, system.memory(), system.n <= EIGENVALUES, is_explicit(run)
+    if len(t) < 2 or (explicit and not few):
         return np.zeros(0)
-    found, steps, parts = [np.zeros(0)], np.diff(t), np.linspace(0, len(t) - 1, STATES + 1).astype(int)
+    steps, first = np.diff(t), distinct(np.linspace(0, len(t) - 1, STATES + 1).astype(int))[:-1]
+    longest = steps[first] if system.guards is not None else np.maximum.reduceat(steps, first)
+    found, systems = [np.zeros(0)], systems_at(run, t[first], system)
     try:
-        for first, last in zip(parts[:-1].tolist(), parts[1:].tolist(), strict=True):
-            if last > first:
-                equations = systems_at(run, t[first : first + 1], system)[0]
-                fy, fyp = equations.dense_parts(float(t[first]), run.y[first], run.yp[first])
-                h = float(steps[first] if system.guards is not None else np.max(steps[first:last]))
-                for shift in (number / h for number in SHIFTS):
-                    with suppress(np.linalg.LinAlgError):  # a shift that is a root itself: the others find the roots near it
-                        near = np.linalg.eigvals(np.linalg.solve(fy + shift * fyp, fyp))
-                        w = np.abs((roots := shift - 1 / near[np.abs(near) * shift * NEAR > 1]).imag)
-                        found.append(w[(w * h > math.pi) & (w * NEAR > shift) & (np.abs(roots.real) < DAMPED * w)])
+        for one in dict.fromkeys(systems):
+            these = np.array([other is one for other in systems])
+            at, h = first[these], longest[these]
+            equations, *parts = one.linear_stages(t[at], run.y[at], run.yp[at])
+            entries = entries_of(equations)
+            for number in (SHIFTS[:1] if explicit else SHIFTS) if few else ABOUT:
+                roots = (roots_beside if few else roots_about)(entries, parts, number / h)
+                w = np.abs(roots.imag)
+                found.append(w[(w * h[:, None] > math.pi) & (np.abs(roots.real) < DAMPED * w)])
     finally:
         system.remember(memory)
     return distinct(np.concatenate(found))

@@ -104,7 +104,7 @@ def growing(system: System, run: Solution, closely: bool = False, varying: bool 
         system.remember(memory)
 
 
-def _explicit(run: Solution) -> bool:
+def is_explicit(run: Solution) -> bool:
     """Whether the method is explicit: it damps no growth, however long its steps are."""
     return isinstance(run.solver, Solver) and not (run.solver.highest_index or run.solver.bdf_order)
 
@@ -115,7 +115,7 @@ def _read(stored: list[list[float]]) -> list[Growth]:
 
 def _growing(system: System, run: Solution, closely: bool, varying: bool) -> list[Growth]:
     t0, t1 = float(run.t[0]), float(run.t[-1])
-    if len(run.t) < 2 or not t1 > t0 or (system.n > MOST and _explicit(run)):
+    if len(run.t) < 2 or not t1 > t0 or (system.n > MOST and is_explicit(run)):
         return []
     count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
     steps = distinct(run.t[1:-1].searchsorted(t0 + (t1 - t0) * (np.arange(count) + 0.5) / count, side="right"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.integrators.solution import in_the_same_steps
+from mbdae.run import estimate
 from mbdae.run.estimate import left_out
 
 
@@ -98,6 +100,25 @@ def test_what_damping_takes_or_steps_follow_is_not_left_out() -> None:
         left, runs = found(s)
         assert len(left) == 0
         assert runs == 2
+
+
+def test_vibrations_of_a_large_scene_are_found_as_those_of_a_small_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One stiff spring among 31 wheels that weak ones hold, 310 unknowns: the sparse search finds what all eigenvalues show."""
+    s = mb.Scene("wheels", gravity=(0, -9.81))
+    wheels = [s.rigid_body(f"W{i}", 1.0, 0.1, at=(2 * i + 0.5, 0)) for i in range(31)]
+    for i, wheel in enumerate(wheels):
+        s.revolute(f"J{i}", s.ground, wheel, at=(2 * i, 0))
+    for i, (a, b) in enumerate(pairwise(wheels)):
+        s.spring(f"S{i}", a, b, (2 * i + 0.5, -0.5), (2 * i + 2.5, -0.5), stiffness=1e7 if i == 3 else 10.0)
+    r = quiet(s, 0.5, accuracy=1e-3, form=mb.GGL(), solver=mb.RadauIIA(3))
+    system = s.system(form=mb.GGL())
+    assert system.n > estimate.EIGENVALUES
+    found = left_out(system, r.solution)
+    monkeypatch.setattr(estimate, "EIGENVALUES", system.n)
+    exact = left_out(system, r.solution)
+    assert len(exact) > 0
+    assert all(np.min(np.abs(found / w - 1)) < 1e-3 for w in exact)
+    assert any(other.kind == "window" for other in r.accuracy.errors.others)
 
 
 def test_a_run_and_its_companion_take_different_steps() -> None:
