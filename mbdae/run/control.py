@@ -118,7 +118,7 @@ def following(run: Controlled, system: System, prepared: Prepared, accuracy: flo
     asked = replace(asked, bounds=(*asked.bounds, *run.vibrations), motion_alone=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AccuracyWarning)
-        found = with_round_off(_Search(system, prepared, RadauIIA(5), accuracy, asked, outputs, False).run())
+        found = with_round_off(Search(system, prepared, RadauIIA(5), accuracy, asked, outputs, False).run())
     return replace(found, growth=run.growth, vibrations=run.vibrations)
 
 
@@ -131,7 +131,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     runs, cpu, known = 0, 0.0, None
     for repeats in range(REPEATS + 1):
         grown = len(asked.bounds) > given
-        search = _Search(system, prepared, solver, accuracy, asked, outputs, grown, known)
+        search = Search(system, prepared, solver, accuracy, asked, outputs, grown, known)
         try:
             run = (search.by_steps() if solver.by_steps else search.run()).after(runs, cpu)
         except SolverError as error:
@@ -153,21 +153,21 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
             return replace(run, growth=tuple(growth))
         runs, cpu, known = run.runs, run.cpu_s, None
         asked = replace(asked, bounds=(*asked.bounds, *bounds))
-        if hidden or of_companions:
-            edges = (() if asked.edges is None else asked.edges), *(one.ends() for one in hidden + of_companions)
-            asked = replace(asked, edges=distinct(np.concatenate(edges)))
+        if ends := [one.ends() for one in hidden + of_companions]:
+            asked = replace(asked, edges=distinct(np.concatenate(ends if asked.edges is None else [asked.edges, *ends])))
         elif search.made and system.guards is None and not solver.starts_low and kept_by(run.solution.t, bounds):
-            known = search.made[-1]  # it keeps the bounds of a companion: it is that of the next run
+            rtol = search.made[-1][0] / companions(system, search.tight)[0]
+            known = search.made[-1:], rtol  # it keeps the bounds of a companion: it is that of the next run
     run = replace(run, growth=tuple(growth))
     return replace(run, estimate=float("inf"), others=(), hidden=tuple(hidden)) if hidden else run
 
 
-class _Search:
+class Search:
     """Runs with smaller and smaller tolerances, without the search for hidden contacts. grown: whether steps are bounded by
-    growth; known: the first companion; made: the last runs with their tolerances, each compared with the companions before it."""
+    growth; known: the first companions, and the tolerance to go on with; made: the last runs, each beside those before it."""
 
     def __init__(self, system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked, outputs: Array,
-                 grown: bool, known: RunAt | None = None) -> None:
+                 grown: bool, known: tuple[list[RunAt], float] | None = None) -> None:
         self.system, self.prepared, self.solver, self.accuracy = system, prepared, solver, accuracy
         self.asked, self.outputs, self.grown, self.known = asked, outputs, grown, known
         self.measure = measure_of(system, prepared, asked.wanted)
@@ -184,9 +184,9 @@ class _Search:
     def run(self) -> Controlled:
         """The first run that has the accuracy, or the last one that can be made."""
         self.tight, self.ceiling, self.limit = first_tolerance(self.system, self.prepared, self.solver, self.accuracy)
-        if self.known and (rtol := self.known[0] / companions(self.system, self.tight)[0]) >= self.limit:
-            best, self.made = Controlled(self.known[1], with_rtol(self.tight, self.known[0]), math.inf, 0, 0.0), [self.known]
-            self.tight = with_rtol(self.tight, rtol)
+        if self.known and self.known[1] >= self.limit:
+            self.made, self.tight = self.known[0], with_rtol(self.tight, self.known[1])
+            best = Controlled(self.made[-1][1], with_rtol(self.tight, self.made[-1][0]), math.inf, 0, 0.0)
         else:
             best, self.made = companions_of(self.system, self.tight, self.asked, first=True)
         self.first = self.made[-1][0] / self.tight.tolerance

@@ -7,10 +7,14 @@ vanishes. So the defect is integrated from the start of its step, and its effect
 J^-1 (integral / step) with the iteration matrix J = dF/dy + dF/dy' / step. Steps whose effect is above the accuracy are suspects;
 `recheck` integrates them again with short steps, and warns where the motion differs.
 All steps are examined where something may act for a time, or over a distance, short compared with a step: a short event.
+
+Forces of contacts and force elements may be far stiffer than the motion, so that they miss the accuracy that it has: a run is
+repeated for them.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -22,12 +26,19 @@ import symengine as se
 from numpy.polynomial import legendre
 
 from mbdae.deferred import distinct, median
-from mbdae.errors import SolverError
+from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.inputs.timed import TIME
+from mbdae.integrators.base import Asked
 from mbdae.integrators.matrices import IterationMatrix
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.kernels.plan import plan
 from mbdae.native.sparse import SingularMatrixError
+from mbdae.results.clearance import AtTimes
+from mbdae.results.errors import Errors
+from mbdae.run.contacts import hidden_contacts
+from mbdae.run.control import Search
+from mbdae.run.estimate import FALL, Controlled, cpu_of, with_rtol
+from mbdae.run.growing import growing, is_explicit, unseen
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import loads, position
 from mbdae.system.assembled.right_hand_side import state_rate_outputs
@@ -295,3 +306,37 @@ def _steep(e: Any) -> bool:
     base, exponent = e.args
     falls = exponent.is_Integer and exponent.is_negative and base.is_Add
     return bool(exponent.free_symbols or (falls and any(term.is_Number for term in base.args)))
+
+
+#: a run is repeated for forces down from an accuracy of TIGHT, with a tolerance with which AIMED of the accuracy is expected, if
+#: that takes at most DEARER times its work, which rises with POWERS of the inverse of the tolerance, of implicit and of explicit
+#: methods
+TIGHT, AIMED, DEARER, POWERS = 1e-5, 0.5, 2.5, (0.2, 0.125)
+
+
+def with_stiff_forces(run: Controlled, system: SceneSystem, prepared: Prepared, accuracy: float, asked: Asked,
+                      times: Array) -> Controlled:
+    """The run; where its forces miss a tight accuracy that the motion has, one with a smaller tolerance, if theirs is better.
+    Where growth bounds its steps, or vibrations are left out, forces miss it for other reasons."""
+    solver, stiff = run.solver, prepared.contacts or any(not c.is_joint for c in prepared.model.scene.connections)
+    if accuracy > TIGHT or not stiff or not run.others or unseen(run.growth) or run.vibrations:
+        return run
+    off, before = Errors(prepared, run.solution, run.others)(), run.others[-1]
+    if off <= accuracy or isinstance(before.run.interpolant, AtTimes):
+        return run
+    rtol = solver.tolerance * min((AIMED * accuracy / off) ** (1 / FALL), 1 / solver.companion)
+    dearer = (solver.tolerance / rtol) ** POWERS[is_explicit(run.solution)]
+    if dearer > DEARER or rtol < run.limit:
+        return run
+    known = [(before.ratio * solver.tolerance, before.run), (solver.tolerance, run.solution)][-1 - bool(prepared.contacts) :]
+    most = replace(asked, max_residuals=int(2 * dearer * run.solution.stats.residuals))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AccuracyWarning)
+            made = Search(system, prepared, with_rtol(solver, None), accuracy, most, times, False, (known, rtol)).run()
+    except SolverError as error:
+        return run.after(1, cpu_of(error))
+    better = made.estimate <= accuracy and made.others and Errors(prepared, made.solution, made.others)() < off
+    if not better or hidden_contacts(system, made.solution, 0.0):
+        return run.after(made.runs, made.cpu_s)
+    return replace(made, growth=tuple(growing(system, made.solution)), notes=run.notes).after(run.runs, run.cpu_s)

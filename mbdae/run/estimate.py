@@ -115,7 +115,7 @@ def nearer_companion(system: System, solver: Solver, asked: Asked, runs: Sequenc
     return [] if run is None else [(loose, coarse), (between, run), (tight, fine)]
 
 
-def with_rtol(solver: Solver, rtol: float) -> Solver:
+def with_rtol(solver: Solver, rtol: float | None) -> Solver:
     """The solver with another tolerance."""
     return replace(solver, rtol=rtol)  # type: ignore[type-var]
 

@@ -47,6 +47,7 @@ from mbdae.run.choice import Choice, alternatives
 from mbdae.run.conditions import Rechecked, rechecked
 from mbdae.run.contacts import hidden_contacts, refuse_unresolved
 from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, following, run_controlled
+from mbdae.run.defect import with_stiff_forces
 from mbdae.run.drift import Assessment, joint_drift
 from mbdae.run.estimate import UNTESTED, Controlled, cpu_of, measure_of, with_vibrations
 from mbdae.run.growing import growing, unfollowed
@@ -68,10 +69,6 @@ LOOSER, MOST = 10.0, 1e-3
 NEARLY = 10.0
 #: ratio of the first to the last estimate of a search above which the runs count as convergent
 CONVERGED = 10.0
-
-
-def _same(value: Any) -> Any:
-    return value
 
 
 @dataclass
@@ -113,9 +110,12 @@ class Job:
         with keeping(run.solution, UNTESTED):
             measure = measure_of(system, self.prepared, self.asked.wanted)
             found = with_vibrations(run, system, self.prepared, self.accuracy, measure)
-            if found.estimate <= self.accuracy or not found.vibrations or self.prepared.contacts:
+            asked, met = replace(self.asked, begin=self.begin), found.estimate <= self.accuracy
+            if met and self.choice and not asked.wanted:
+                return with_stiff_forces(found, system, self.prepared, self.accuracy, asked, self.times)
+            if met or not found.vibrations or self.prepared.contacts:
                 return found
-            asked = replace(self.asked, begin=self.begin, max_residuals=run.solution.stats.residuals + SPARE / system.n / 3)
+            asked = replace(asked, max_residuals=run.solution.stats.residuals + SPARE / system.n / 3)
             return _better(found, lambda: following(found, system, self.prepared, self.accuracy, asked, self.times))
 
     def _for_forces(self, solver: Solver, system: SceneSystem) -> Controlled:
@@ -170,7 +170,7 @@ class Job:
         if not solver.fixed and solver.rtol is None:
             solver = solver.at_accuracy(looser, self._system(solver).label)
         asked = replace(self.asked, stop=lambda solution: ends(self.prepared, solution) is not None, begin=self.begin)
-        found: float | None = kept_value(lambda: self._found(solver, asked, ends), _same, _same)
+        found: float | None = kept_value(lambda: self._found(solver, asked, ends), lambda kept: kept, lambda kept: kept)
         return found
 
     def _found(self, solver: Solver, asked: Asked, ends: Callable[[Prepared, Solution], Any]) -> float | None:
