@@ -209,7 +209,8 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     # a masked array exists only where numpy.ma has been imported
     if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         raise BadValueError(f"{shown(value)} has masked entries: fill them, or leave them out")
-    found = entries(value)
+    plainly = type(value) is list and all(type(entry) is float for entry in value)
+    found = np.array(value) if plainly else entries(value)
     try:
         if found.dtype.kind in "iuf":
             plain: Array = np.array(found, dtype=float, subok=False)
@@ -274,6 +275,8 @@ def option(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds:
 
 def _float(value: Any) -> float:
     """The nearest double of a real number of any kind."""
+    if type(value) is float:
+        return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating | np.timedelta64) or not _is_number(value):

@@ -47,6 +47,7 @@ FOLLOWED, NEAR = 24, 0.2
 PLACED = 1e-11
 #: what was prepared last, of scenes of at most KEPT nodes (100 kB each): others are made again from it
 KEPT, _latest = 100, deque[Any](maxlen=8)
+INERT = 1e-9  #: least moment of inertia of a body, over its largest, that is surely more than round-off
 FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where no later end of the run is known
 
 
@@ -197,24 +198,33 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
     """A scene that differs in numbers alone from another one, whose items it shares and which was prepared last, with its start;
     None where it has to be prepared as a whole."""
     last = models_of(scene).get((Prepared, (t0, t_end)))
-    if scene.problems or last is None or last.model.scene is scene or last.model.lines or (
-            last.all_bodies.moved.trees or last.rank.dropped or last.rank.doubtful or last.rank.singular_here):
+    if scene.problems or last is None or last.model.scene is scene or last.model.lines:
         return None
-    model = build(scene)
+    model = build(scene, last.model.kept["by_rows"])
     how: Renewed | None = model.kept.pop(Renewed, None)
-    if how is None or how.last is not last.model or how.timed:
+    all_bodies = last.all_bodies.again(model) if how is not None and how.last is last.model and not how.timed else None
+    if how is None or all_bodies is None:
+        return None
+    again, r = how.placed or (how.inertia and not last.kept["placed"]) or bool(last.start.changes), last.rank
+    if again and (r.dropped or r.doubtful or r.singular_here):
         return None
     model.conditions.time, model.conditions.end = after(last.start.t), t_end if t_end is not None else inf
-    all_bodies = last.all_bodies.again(model)
-    mechanics = Mechanics(model, last.rank.kept)
+    alone, mechanics = all_bodies.moved.alone, mechanics_of(model, last.rank.kept, all_bodies)
+    if not how.inertia and "mass" in vars(last.mechanics):
+        vars(mechanics)["mass"] = last.mechanics.mass
     starter = Starter(mechanics, last.start.t)
     with suppress(StartError):  # which is told by the whole preparation
         t, q, u = starter.t, last.start.q, last.start.u
-        if how.placed or (how.inertia and not last.kept["placed"]) or last.start.changes:
-            q = start_positions(starter)
-            B = unit_rows(mechanics, mechanics.constraint_matrix(t, q))
-            if smallest(B, B.shape[0]) < SOUND:
+        if again:
+            bare = starter if alone else Starter(Mechanics(model, last.rank.kept), last.start.t, changes=starter.changes)
+            if not (alone and _closed(mechanics, t, q := starter.placed())):
+                q = start_positions(bare)
+            m = bare.mechanics
+            if not alone and smallest(unit_rows(m, m.constraint_matrix(t, q)), m.m) < SOUND:
                 return None
+            starter.drawn = bare.drawn
+        if (again or how.inertia) and not _all_inert(model) and _massless(mechanics, all_bodies, r, starter, q):
+            return None
         if q is not last.start.q or (how.inertia and u.any() and last.rank.degrees_of_freedom):
             begin = starter.run(q)
         else:
@@ -224,7 +234,7 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
         model.conditions.time = None
         if not all(np.isfinite(x).all() for x in (begin.q, begin.u, begin.s, begin.acceleration, begin.multipliers)):
             return None
-        made = _begun(Prepared(model, mechanics, last.rank, begin, 0.0, all_bodies), {}, False)
+        made = _begun(Prepared(model, mechanics, r, begin, 0.0, all_bodies), {}, False)
         made.kept["placed"] = starter.drawn if how.placed else last.kept["placed"]
         _keep(scene, made, (t0, t_end))
         return made
@@ -254,6 +264,13 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
     if all_bodies.moved.trees and not all_bodies.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
         return massless_coordinates(all_bodies, all_rows.mass, starter.t, q)
     return massless_motions(all_rows, rank, starter.t, q)
+
+
+def _all_inert(model: Model) -> bool:
+    """Whether every motion of every body has inertia, so that all motions of the scene have."""
+    J = [b.inertia for _, b in model.bodies if b.inertia is not None]
+    return all(b.mass > 0 for _, b in model.bodies) and all(
+        (j[2, 2] if model.planar else np.linalg.eigvalsh(j)[0]) > INERT * j.max() for j in J)
 
 
 def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> Mechanics:
