@@ -72,7 +72,7 @@ def shown(value: Any) -> str:
 
 def number(value: Any, *, least: float = -math.inf, above: float = -math.inf, most: float = math.inf) -> float:
     """The value as a float: a finite number within bounds, of Python, NumPy, SymPy or symengine, a fraction or a decimal."""
-    found = _float(value)
+    found = value if type(value) is float else _float(value)
     if math.isnan(found) or math.isinf(found):
         raise BadValueError(f"{shown(value)} is not finite")
     if abs(found) > LARGEST or 0 < abs(found) < SMALLEST:
@@ -209,8 +209,7 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     # a masked array exists only where numpy.ma has been imported
     if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         raise BadValueError(f"{shown(value)} has masked entries: fill them, or leave them out")
-    plainly = type(value) is list and all(type(entry) is float for entry in value)
-    found = np.array(value) if plainly else entries(value)
+    found = np.array(value) if type(value) is list and all(type(entry) is float for entry in value) else entries(value)
     try:
         if found.dtype.kind in "iuf":
             plain: Array = np.array(found, dtype=float, subok=False)
@@ -275,8 +274,6 @@ def option(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds:
 
 def _float(value: Any) -> float:
     """The nearest double of a real number of any kind."""
-    if type(value) is float:
-        return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating | np.timedelta64) or not _is_number(value):

@@ -32,7 +32,7 @@ from mbdae.system.nearest import start_positions
 from mbdae.system.redundancy import RankReport, analyse
 from mbdae.system.start import Start, Starter, continued
 from mbdae.system.start_with_contacts import ExpectedContact, characteristic_time, expected_contacts, ideal_start
-from mbdae.system.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
+from mbdae.system.undetermined import all_inert, massless_coordinates, massless_motions, massless_unknowns, undecided
 from mbdae.threads import single_threaded
 
 SINGULAR = "; the scene starts in a singular position, where rows depend on each other that do not elsewhere: start away from it"
@@ -47,7 +47,6 @@ FOLLOWED, NEAR = 24, 0.2
 PLACED = 1e-11
 #: what was prepared last, of scenes of at most KEPT nodes (100 kB each): others are made again from it
 KEPT, _latest = 100, deque[Any](maxlen=8)
-INERT = 1e-9  #: least moment of inertia of a body, over its largest, that is surely more than round-off
 FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where no later end of the run is known
 
 
@@ -223,7 +222,7 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
             if not alone and smallest(unit_rows(m, m.constraint_matrix(t, q)), m.m) < SOUND:
                 return None
             starter.drawn = bare.drawn
-        if (again or how.inertia) and not _all_inert(model) and _massless(mechanics, all_bodies, r, starter, q):
+        if (again or how.inertia) and not all_inert(model) and _massless(mechanics, all_bodies, r, starter, q):
             return None
         if q is not last.start.q or (how.inertia and u.any() and last.rank.degrees_of_freedom):
             begin = starter.run(q)
@@ -264,13 +263,6 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
     if all_bodies.moved.trees and not all_bodies.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
         return massless_coordinates(all_bodies, all_rows.mass, starter.t, q)
     return massless_motions(all_rows, rank, starter.t, q)
-
-
-def _all_inert(model: Model) -> bool:
-    """Whether every motion of every body has inertia, so that all motions of the scene have."""
-    J = [b.inertia for _, b in model.bodies if b.inertia is not None]
-    return all(b.mass > 0 for _, b in model.bodies) and all(
-        (j[2, 2] if model.planar else np.linalg.eigvalsh(j)[0]) > INERT * j.max() for j in J)
 
 
 def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> Mechanics:
