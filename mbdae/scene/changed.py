@@ -35,7 +35,7 @@ def with_statements(scene: SceneItems, statements: list[Statement]) -> Any:
             if of_bodies and i not in own and _onto(made, touched[i], bodies):
                 continue
             old = _repeated(made, statements[i], touched[i], scene)
-            new = made._known.get(touched[i])
+            new: Any = made._known.get(touched[i])
             if isinstance(old, Body) and drawn_as(new, old):
                 bodies[old] = new
                 vars(new).update(drawn=old.drawn, outline=old.outline)

@@ -206,7 +206,8 @@ def constant_masses(mechanics: Mechanics, contacts: Sequence[InstanceNumber]) ->
 def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
     """The arguments of a model that solvers have to watch; None where there are none."""
     if (known := model.shape.kept.get((Switches, moved.shape))) is not None:
-        made, (watched, found) = copy(known[0]), known[1]
+        made: Switches = copy(known[0])
+        watched, found = known[1]
         numbers = [(model.groups[g].instances[i], s) for (g, i), s in found]
         vars(made).update(arguments=_Arguments(model, moved, watched),
                           weights=np.array([_weight(instance, exponent) for instance, (_, exponent) in numbers]))
@@ -221,9 +222,9 @@ def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
     found = [(model.groups[g].instances[i], s) for (g, i), s in places]
     kinds, names = tuple(kind for _, (kind, _) in found), tuple(instance.item for instance, _ in found)
     weights = np.array([_weight(instance, exponent) for instance, (_, exponent) in found])
-    made = Switches(_Arguments(model, moved, watched), kinds, weights, names)
-    model.shape.kept[Switches, moved.shape] = made, (watched, places)
-    return made
+    first = Switches(_Arguments(model, moved, watched), kinds, weights, names)
+    model.shape.kept[Switches, moved.shape] = first, (watched, places)
+    return first
 
 
 def _weight(instance: Instance, stated: Expr) -> float:

@@ -190,7 +190,7 @@ def _renewed(last: Model, scene: SceneData, kept: dict[str, str]) -> Model | Non
     if items is None or last.lines or own or scene.gravity is not theirs.gravity or any(
             getattr(i.law, p) != i.numbers[p] for _, _, i in last.instances() for p in i.law.params if p in i.numbers):
         return None
-    bodies, connections = ([one for one in every if one.name in items] for every in (scene.bodies, scene.connections))
+    bodies, connections = [b for b in scene.bodies if b.name in items], [c for c in scene.connections if c.name in items]
     alike = {b.name for b in bodies if drawn_as(b, theirs[b.name])}
     alike |= {c.name for c in connections if carried_over(c, theirs[c.name])}
     length = last.length if len(alike) == len(bodies) + len(connections) else scene_length(scene)

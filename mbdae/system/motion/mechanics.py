@@ -95,7 +95,8 @@ class Mechanics(States):
             for g, group in enumerate(self.model.groups):
                 p = linearised_plan(group.derived, _inertia)
                 at = [(k, row, target) for k, (row, target) in enumerate(p.constant_places) if target[0] == "up"]
-                places += [tuple(self.numbering.velocities(one, g) for one in (p.targets[row], target)) for _, row, target in at]
+                of = self.numbering.velocities
+                places += [(of(p.targets[row], g), of(target, g)) for _, row, target in at]
                 found += [(g, p, [k for k, *_ in at])] if at else []
             rows, columns = (np.concatenate([np.zeros(0), *parts]).astype(np.intp) for parts in zip(*places, strict=True)
                              ) if places else (np.zeros(0, dtype=np.intp),) * 2
