@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, ClassVar
@@ -176,7 +177,11 @@ class Index1(Form):
         return replace(self, multipliers="algebraic" if highest >= 2 else MULTIPLIERS[2 * (highest < 1)])
 
     def for_time(self, characteristic: float) -> Index1:
-        return self if self.baumgarte is not None else replace(self, baumgarte=RATE / characteristic)
+        if self.baumgarte is not None:
+            return self
+        made = copy(self)
+        object.__setattr__(made, "baumgarte", _pair(RATE / characteristic))
+        return made
 
     def spec(self) -> FormSpec:
         alpha, beta = _pair(self.baumgarte if self.baumgarte is not None else 0.0)

@@ -72,7 +72,7 @@ def shown(value: Any) -> str:
 
 def number(value: Any, *, least: float = -math.inf, above: float = -math.inf, most: float = math.inf) -> float:
     """The value as a float: a finite number within bounds, of Python, NumPy, SymPy or symengine, a fraction or a decimal."""
-    found = _float(value)
+    found = value if type(value) is float else _float(value)
     if math.isnan(found) or math.isinf(found):
         raise BadValueError(f"{shown(value)} is not finite")
     if abs(found) > LARGEST or 0 < abs(found) < SMALLEST:
@@ -209,7 +209,7 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     # a masked array exists only where numpy.ma has been imported
     if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         raise BadValueError(f"{shown(value)} has masked entries: fill them, or leave them out")
-    found = entries(value)
+    found = np.array(value) if type(value) is list and all(type(entry) is float for entry in value) else entries(value)
     try:
         if found.dtype.kind in "iuf":
             plain: Array = np.array(found, dtype=float, subok=False)

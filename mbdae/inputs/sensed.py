@@ -176,10 +176,15 @@ def number_symbol(name: str, value: float) -> str:
     return f'number("{name}", {float(value)!r})'
 
 
+PLAIN = frozenset({float, int, bool, str, type(None)})  #: types of values that contain no named numbers
+
+
 def numbers_in(value: Any, known: dict[str, float] | None = None) -> dict[str, float]:
     """The named numbers in a value, an expression, a law or lists and mappings of these: name -> value. known: those found
     before, to which they are added; BadValueError where one has two values."""
     found, known = dict[str, float](), {} if known is None else known
+    if type(value) in PLAIN or (type(value) is list and all(type(part) is float for part in value)):
+        return found
     for part in _parts(value):
         for symbol_ in part.free_symbols:
             if (named := named_by(symbol_)) is not None:

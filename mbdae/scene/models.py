@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from inspect import signature
 from typing import TYPE_CHECKING, Any, TypeVar
+from weakref import WeakValueDictionary
 
 from mbdae.deferred import Later, later
 from mbdae.errors import LawError, SceneError
@@ -76,8 +77,7 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
     leads: dict[Body, Body] = {}
     chosen: list[Connection] = []
     closing: list[Connection] = []
-    first = sorted(scene.joints if joints is None else joints, key=_rank)
-    for joint in first:
+    for joint in sorted(scene.joints if joints is None else joints, key=_rank):
         a, b = leader(joint.k, leads), leader(joint.l, leads)
         if a is b or joint.others:
             closing.append(joint)
@@ -320,12 +320,16 @@ def with_open_tree(scene: SceneItems) -> Any | None:
     if spanning_tree(scene, joints).closing:
         return None
     chosen, own = set(open_), dict(scene.own)
-    found: Any = object.__new__(type(scene))
-    vars(found).update({name: copy(value) if isinstance(value, list | dict) else value for name, value in vars(scene).items()})
-    new = {"statements": _with_models(scene, chosen, Recursive(), own), "own": own, "_known": {"ground": scene.ground},
-           "_read": [0] * len(scene._read), "connections": [
-               _recursive(c, c.name in chosen) if c.is_joint else c for c in scene.connections]}
-    vars(found).update(new)
+    found, of = object.__new__(type(scene)), vars(scene).setdefault("_open_tree", [])  # of the scene that was taken last
+    vars(found).update({name: copy(value) if isinstance(value, list | dict) else value for name, value in vars(scene).items()
+                        if name != "_open_tree"})
+    statements, joints = _with_models(scene, chosen, Recursive(), own), scene.connections
+    same = of and of[0] == (chosen, len(statements), len(joints))
+    known, models = (dict(zip(map(id, of[1]), of[2], strict=True)), of[3]) if same else ({}, WeakValueDictionary[Any, Any]())
+    vars(found).update(statements=[known.get(id(a), b) for a, b in zip(scene.statements, statements, strict=True)], own=own,
+                       connections=[known.get(id(c)) or (_recursive(c, c.name in chosen) if c.is_joint else c) for c in joints],
+                       _known={"ground": scene.ground}, _read=[0] * len(scene._read), _models=models)
+    of[:] = (chosen, len(statements), len(joints)), (*scene.statements, *joints), (*found.statements, *found.connections), models
     return found
 
 

@@ -306,7 +306,7 @@ class SceneItems(NamesAttributes):
             texts, found = [repr(s[1:]) for s in self.statements], {}
             items = {*(b.name for b in self.bodies), *(c.name for c in self.connections)}
             for i, s in enumerate(self.statements):
-                if (name := item_name(s)) in items:
+                if (name := item_name(s)) in (self.frames if s[0] == "frame" else items):
                     alike = re.compile(rf"(?<!\w){re.escape(name)}(?!\w)")
                     found[i] = name, [j for j, text in enumerate(texts) if j != i and alike.search(text)]
             vars(self)["_mentions"] = len(self.statements), found
@@ -337,7 +337,7 @@ def models_of(scene: SceneItems) -> WeakValueDictionary[Any, Any]:
 
 
 def apart(scene: SceneItems, other: SceneItems) -> set[str] | None:
-    """Names of the items that a scene does not share with another one, where both come from the same one by `_restated`; else
+    """Names of the items that a scene does not share with another one, where both come from the same one by `changed`; else
     None."""
     if len(scene.statements) != len(other.statements) or models_of(scene) is not models_of(other):
         return None

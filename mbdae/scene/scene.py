@@ -11,7 +11,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from mbdae.errors import LawError, MbdaeError
+from mbdae.errors import LawError
 from mbdae.inputs.sensed import paths
 from mbdae.inputs.tables import from_data
 from mbdae.laws.forces import (
@@ -34,9 +34,8 @@ from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.models import replaced, with_recursive_tree
 from mbdae.scene.reading import FEEDS, Argument, reads
-from mbdae.scene.record import FrameOnBody, Statement, encode, models_of, statement, tables_in
-from mbdae.scene.replay import Known, repeat, replay
-from mbdae.scene.sensed import read_by
+from mbdae.scene.record import FrameOnBody, Statement, encode, statement, tables_in
+from mbdae.scene.replay import Known, replay
 from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
 from mbdae.symbolic.stated import own, own_class
@@ -106,7 +105,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     def __getstate__(self) -> dict[str, Any]:
         """Pickle, with the process and what its own laws state here: code is sent by name, so that they may state something else
         where the scene arrives."""
-        return {k: v for k, v in vars(self).items() if k != "_models"} | {"_sent": (_process(), stated_laws(self))}
+        kept = {k: v for k, v in vars(self).items() if k not in ("_models", "_open_tree")}
+        return kept | {"_sent": (_process(), stated_laws(self))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Unpickle: the tables of its expressions are registered first, because another process does not know them."""
@@ -296,36 +296,6 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         if "'unreadable'" in text or not all(stated.values()):
             return None
         return text, type(self), frozenset(classes), str([sorted(vars(law)) for law in laws]), *self.own.items()
-
-    def _restated(self, statements: list[Statement]) -> Any:
-        """A scene by statements of which some state other numbers. It shares the items with this one, except those of these
-        statements and of all that name them. None where that cannot be told, as beside beams, or where a statement is wrong."""
-        statements = [old if new == old else new for new, old in zip(statements, self.statements, strict=True)]
-        if self.problems or self.frames or any(isinstance(b, Beam) for b in self.bodies) or (
-                touched := self._touched(statements)) is None:
-            return None
-        made, _ = object.__new__(type(self)), models_of(self)
-        vars(made).update(vars(self), statements=statements, problems=[], numbers={}, recording=False, _as_named={}, told=[],
-                          _known=dict(self._by_name), _wanted={name: set(of) for name, of in self._wanted.items()},
-                          bodies=[*self.bodies], connections=[*self.connections])
-        vars(made)["_shares"] = tuple({id(b.scene): b.scene for b in (self.ground, *self.bodies)}.values())
-        try:
-            for i in sorted(touched):
-                old = made._known.pop(touched[i])
-                items: list[Any] = made.bodies if isinstance(old, Body) else made.connections
-                at = items.index(old)
-                del items[at]
-                vars(made)["_read"] = [len(made.bodies), len(made.connections), *self._read[2:]]
-                repeat(made, statements[i], Known(self.own))
-                items.insert(at, items.pop())
-                made._known[touched[i]] = items[at]
-                if isinstance(old, Connection) and read_by(items[at]) != read_by(old):
-                    return None  # which coordinates are unknowns of their own may change
-        except MbdaeError:  # it is told of all statements
-            return None
-        made.recording = True
-        vars(made).update(numbers=self.numbers | made.numbers, _read=[*self._read])
-        return made
 
     def _copied(self, statements: list[Statement] | None = None) -> Any:
         """A scene made by the same statements, or by others, which nobody else changes."""

@@ -20,6 +20,7 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import timed
 from mbdae.inputs.breaks import Pulse, pulse_of
 from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, paths, with_values
+from mbdae.scene.changed import with_statements
 from mbdae.scene.record import encode, item_name, read, signature_of, stored
 from mbdae.scene.scene import SceneData
 from mbdae.values import array, option
@@ -82,7 +83,7 @@ def _with_number(data: Any, name: str, value: float) -> Any:
 def _again(scene: SceneData, statements: list[Any], name: str, value: Value) -> SceneData:
     """The scene with other statements."""
     try:
-        made: SceneData = scene._restated(statements) or scene._copied(statements)
+        made: SceneData = with_statements(scene, statements) or scene._copied(statements)
         return made
     except MbdaeError as scene_problem:
         said = name if callable(value) else f"{name} = {value:g}"

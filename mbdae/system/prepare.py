@@ -32,7 +32,7 @@ from mbdae.system.nearest import start_positions
 from mbdae.system.redundancy import RankReport, analyse
 from mbdae.system.start import Start, Starter, continued
 from mbdae.system.start_with_contacts import ExpectedContact, characteristic_time, expected_contacts, ideal_start
-from mbdae.system.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
+from mbdae.system.undetermined import all_inert, massless_coordinates, massless_motions, massless_unknowns, undecided
 from mbdae.threads import single_threaded
 
 SINGULAR = "; the scene starts in a singular position, where rows depend on each other that do not elsewhere: start away from it"
@@ -197,24 +197,33 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
     """A scene that differs in numbers alone from another one, whose items it shares and which was prepared last, with its start;
     None where it has to be prepared as a whole."""
     last = models_of(scene).get((Prepared, (t0, t_end)))
-    if scene.problems or last is None or last.model.scene is scene or last.model.lines or (
-            last.all_bodies.moved.trees or last.rank.dropped or last.rank.doubtful or last.rank.singular_here):
+    if scene.problems or last is None or last.model.scene is scene or last.model.lines:
         return None
-    model = build(scene)
+    model = build(scene, last.model.kept["by_rows"])
     how: Renewed | None = model.kept.pop(Renewed, None)
-    if how is None or how.last is not last.model or how.timed:
+    all_bodies = last.all_bodies.again(model) if how is not None and how.last is last.model and not how.timed else None
+    if how is None or all_bodies is None:
+        return None
+    again, r = how.placed or (how.inertia and not last.kept["placed"]) or bool(last.start.changes), last.rank
+    if again and (r.dropped or r.doubtful or r.singular_here):
         return None
     model.conditions.time, model.conditions.end = after(last.start.t), t_end if t_end is not None else inf
-    all_bodies = last.all_bodies.again(model)
-    mechanics = Mechanics(model, last.rank.kept)
+    alone, mechanics = all_bodies.moved.alone, mechanics_of(model, last.rank.kept, all_bodies)
+    if not how.inertia and "mass" in vars(last.mechanics):
+        vars(mechanics)["mass"] = last.mechanics.mass
     starter = Starter(mechanics, last.start.t)
     with suppress(StartError):  # which is told by the whole preparation
         t, q, u = starter.t, last.start.q, last.start.u
-        if how.placed or (how.inertia and not last.kept["placed"]) or last.start.changes:
-            q = start_positions(starter)
-            B = unit_rows(mechanics, mechanics.constraint_matrix(t, q))
-            if smallest(B, B.shape[0]) < SOUND:
+        if again:
+            bare = starter if alone else Starter(Mechanics(model, last.rank.kept), last.start.t, changes=starter.changes)
+            if not (alone and _closed(mechanics, t, q := starter.placed())):
+                q = start_positions(bare)
+            m = bare.mechanics
+            if not alone and smallest(unit_rows(m, m.constraint_matrix(t, q)), m.m) < SOUND:
                 return None
+            starter.drawn = bare.drawn
+        if (again or how.inertia) and not all_inert(model) and _massless(mechanics, all_bodies, r, starter, q):
+            return None
         if q is not last.start.q or (how.inertia and u.any() and last.rank.degrees_of_freedom):
             begin = starter.run(q)
         else:
@@ -224,7 +233,7 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
         model.conditions.time = None
         if not all(np.isfinite(x).all() for x in (begin.q, begin.u, begin.s, begin.acceleration, begin.multipliers)):
             return None
-        made = _begun(Prepared(model, mechanics, last.rank, begin, 0.0, all_bodies), {}, False)
+        made = _begun(Prepared(model, mechanics, r, begin, 0.0, all_bodies), {}, False)
         made.kept["placed"] = starter.drawn if how.placed else last.kept["placed"]
         _keep(scene, made, (t0, t_end))
         return made

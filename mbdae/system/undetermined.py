@@ -14,6 +14,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.motion import AllBodies
 from mbdae.system.motion.constrained import row_lengths
@@ -27,6 +28,14 @@ UNLIKE = 1e6  #: largest factor of a coupling, over the smallest or 1, whichever
 #: inertia of a motion, over that of the displacements it consists of, up to which the motion counts as having none; in large
 #: scenes up to about 100 times this
 NOTHING = 1e-13
+INERT = 1e-9  #: least moment of inertia of a body, over its largest, that is surely more than round-off
+
+
+def all_inert(model: Model) -> bool:
+    """Whether every motion of every body has inertia, so that all motions of the scene have."""
+    J = [b.inertia for _, b in model.bodies if b.inertia is not None]
+    return all(b.mass > 0 for _, b in model.bodies) and all(
+        (j[2, 2] if model.planar else np.linalg.eigvalsh(j)[0]) > INERT * j.max() for j in J)
 
 
 def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from runner import Found
 
 import mbdae as mb
 from mbdae.derivatives import Refined
+from mbdae.formulations import default_form
 from mbdae.scene.record import item_name
 from mbdae.study.statements import call_of, changed
 
@@ -96,9 +98,13 @@ class Reference:
 
     def __init__(self, base: Any, read: Any, end: float) -> None:
         self.base, self.read, self.end = base, read, end
+        prepared = base.simulate(min(end, 1e-6), outputs=2).prepared
+        #: of elastic bodies all vibrations are resolved: what steps pass over depends on their numbers too
+        self.form = replace(default_form(prepared), waves=True) if prepared.model.elastic else None
         for self.solver, self.rounded in EXACT:
             try:
-                run = base.simulate(end, solver=self.solver, outputs=2, max_wall=PATIENCE if self.solver is EXACT[0][0] else None)
+                run = base.simulate(end, solver=self.solver, form=self.form, outputs=2,
+                                    max_wall=PATIENCE if self.solver is EXACT[0][0] else None)
             except mb.MbdaeError:
                 if self.solver is EXACT[-1][0]:
                     raise
@@ -113,7 +119,7 @@ class Reference:
         scene = self.base
         for name, change in by.items():
             scene = changed(scene, name, lambda x, change=change: x + change, self.end)[0]
-        return np.asarray(self.read(scene.simulate(self.end, solver=self.solver, outputs=2)))
+        return np.asarray(self.read(scene.simulate(self.end, solver=self.solver, form=self.form, outputs=2)))
 
     def value(self, name: str) -> float:
         """The number as it is stated, 1 where it is 0."""

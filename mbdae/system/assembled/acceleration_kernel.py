@@ -9,6 +9,7 @@ LU instead. M is inverted once.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -122,7 +123,7 @@ class AccelerationKernel(Workspace):
         inverse = inverse_of(mass)
         h = part.zeros(nu)  # first slot of M^-1 f
         i, j = np.nonzero(inverse)
-        part.add(h + i, self._F + self.nq + j, lambda of: -inverse_of(as_full(of.constant_mass))[i, j])
+        part.add(h + i, self._F + self.nq + j, lambda of: -of.inverse_mass[i, j])
         along = {int(k): np.flatnonzero(inverse[k]).tolist() for k in distinct(columns)}
         # entries (row, column) of G M^-1 that are not zero
         cells = sorted({(r, c) for r, k in zip(rows.tolist(), columns.tolist(), strict=True) for c in along[k]})
@@ -131,7 +132,7 @@ class AccelerationKernel(Workspace):
         terms = [(place_of[r, c], e, k, c) for e, (r, k) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True))
                  for c in along[k]]
         to, entry, *at = (np.array(x) for x in zip(*terms, strict=True))
-        part.add(weighted + to, self._G + entry, lambda of: inverse_of(as_full(of.constant_mass))[tuple(at)])
+        part.add(weighted + to, self._G + entry, lambda of: of.inverse_mass[tuple(at)])
         by_column: dict[int, list[int]] = {}
         for e, c in enumerate(columns.tolist()):
             by_column.setdefault(c, []).append(e)
@@ -201,18 +202,24 @@ class AccelerationKernel(Workspace):
 def inverse_of(mass: Array) -> Array:
     """Inverse of a mass matrix, block by block, so that its entries outside of the diagonal blocks are exactly 0."""
     inverse = np.zeros_like(mass)
-    for at in _blocks(mass):
-        inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
+    for at in _blocks((mass != 0).tobytes(), len(mass)):
+        rows, columns = at[:, :, None], at[:, None, :]
+        inverse[rows, columns] = np.linalg.inv(mass[rows, columns])
     return inverse
 
 
-def _blocks(matrix: Array) -> list[Index]:
-    """The diagonal blocks of a symmetric matrix, each as the numbers of its rows, which need not be consecutive."""
-    label = np.arange(len(matrix))
-    for i, j in np.argwhere(np.triu(matrix, 1)).tolist():
+@lru_cache(maxsize=64)
+def _blocks(places: bytes, n: int) -> list[Index]:
+    """The diagonal blocks of a symmetric matrix (n, n), those of a size together: (blocks, size) numbers of their rows, which
+    need not be consecutive. places: where its entries are not 0."""
+    label, found = np.arange(n), dict[int, list[Index]]()
+    for i, j in np.argwhere(np.triu(np.frombuffer(places, dtype=bool).reshape(n, n), 1)).tolist():
         if label[i] != label[j]:
             label[label == label[j]] = label[i]
-    return [np.flatnonzero(label == one) for one in dict.fromkeys(label.tolist())]
+    for one in dict.fromkeys(label.tolist()):
+        at = np.flatnonzero(label == one)
+        found.setdefault(len(at), []).append(at)
+    return [np.array(of_size) for of_size in found.values()]
 
 
 def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, int], int]) -> int:

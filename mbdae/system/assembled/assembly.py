@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import distinct, later, sp
+from mbdae.deferred import as_full, distinct, later, sp
 from mbdae.errors import internal
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.native.program import Columns
@@ -20,6 +20,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree_motion import Open
+from mbdae.system.assembled.acceleration_kernel import inverse_of
 from mbdae.system.assembled.evaluation import EquationsOfScene, JacobianTerms
 from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern, Scatter, TreeTerms, add_derivatives
 from mbdae.system.base import Array, Places
@@ -44,7 +45,8 @@ RESOLVED = {"z": 3}
 #: number of unknowns above which the Jacobian is sparse unless stated otherwise; with fewer, dense linear algebra is faster
 #: (measured: up to 150 to 200)
 SPARSE_FROM = 150
-LAZY = ("evaluation", "constant_mass", "_constants_of_mass", "inertia")  #: what depends on numbers and is made when it is needed
+NUMBERS = ("offset", "weights", "entries", "constant_entries")  #: what contains numbers of the laws
+LAZY = (*NUMBERS, "evaluation", "constant_mass", "inverse_mass", "_constants_of_mass", "inertia")  #: made when it is needed
 
 
 class Assembly:
@@ -65,7 +67,6 @@ class Assembly:
         if self._first is not None:
             vars(self).update({name: value for name, value in vars(self._first).items() if name not in (*vars(self), *LAZY)})
             self.numbering = self._first.numbering.again(model, moved.constants, spec.numbers)
-            self._numbered()
             return
         blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
         self.numbering = moved.numbering(model, rows, blocks, spec.derivatives, numbers=spec.numbers)
@@ -106,15 +107,23 @@ class Assembly:
         if self.has_pattern and not model.lines:
             model.shape.kept[key] = self
 
-    def _numbered(self) -> None:
+    if not TYPE_CHECKING:  # a type checker would take every attribute to exist
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in NUMBERS or vars(self).get("_first") is None:
+                raise AttributeError(f"{type(self).__name__} has no attribute {name}")
+            self._numbered(self._first)
+            return vars(self)[name]
+
+    def _numbered(self, first: Assembly) -> None:
         """Put the numbers of the laws in the places that another model of the same shape has for them."""
-        self.offset, weights, values = np.zeros(len(self.offset)), [np.zeros(0)], [np.zeros(0)]
+        self.offset, weights, values = np.zeros(len(first.offset)), [np.zeros(0)], [np.zeros(0)]
         for g, active, plan, rows, split, live, keep in self._constants:
-            constants = plan.constants.once(self.numbering.numbers(g, plan.constant_inputs)[active])
+            constants = self.numbering.constants(g, plan)[active]
             np.add.at(self.offset, rows, constants[:, split:])
             weights.append(constants[:, keep][live])
             values.append(constants[:, :split].ravel())
-        self.weights, self.entries = np.concatenate(weights), self.entries.again(np.concatenate(values))
+        self.weights, self.entries = np.concatenate(weights), first.entries.again(np.concatenate(values))
         self._add_constant_entries()
 
     # -- construction
@@ -165,7 +174,7 @@ class Assembly:
         check("the equations were put together")
         nb, count = self.numbering, len(active)
         rows = np.array([[self.row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
-        constants = plan.constants.once(nb.numbers(g, plan.constant_inputs)[active])
+        constants = nb.constants(g, plan)[active]
         split = len(plan.constant_places)
         np.add.at(self.offset, rows[:, plan.offset_places], constants[:, split:])
         linear = set(plan.offset_places)
@@ -252,6 +261,7 @@ class Assembly:
     def __getstate__(self) -> dict[str, Any]:
         """State for copies and pickles, without the native tables: they contain addresses of arrays, so that a copy makes its
         own."""
+        assert self.offset is not None  # the numbers are in their places
         return {name: value for name, value in self.__dict__.items() if name != "evaluation"} | {"_first": None}
 
     def motion(self) -> Emitted | None:
@@ -277,6 +287,11 @@ class Assembly:
         M = np.zeros((nu, nu))
         np.add.at(M, (i, j), values)
         return M
+
+    @cached_property
+    def inverse_mass(self) -> Array:
+        """Inverse of `constant_mass`, block by block, so that its entries outside of the diagonal blocks are exactly 0."""
+        return inverse_of(as_full(self.constant_mass))
 
     @cached_property
     def _constants_of_mass(self) -> tuple[Any, Any, Array]:

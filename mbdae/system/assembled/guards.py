@@ -9,6 +9,7 @@ Values of expressions of sensors at given states, evaluated by the same code by 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from random import Random
@@ -25,7 +26,8 @@ from mbdae.symbolic.switches import switch_kinds, switch_outputs
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Array, Switches
-from mbdae.system.model.model import Model, entry_of
+from mbdae.system.model.feedback import entry_of
+from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Groups, Instance
 from mbdae.system.model.numbering import Numbering
@@ -203,23 +205,32 @@ def constant_masses(mechanics: Mechanics, contacts: Sequence[InstanceNumber]) ->
 
 def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
     """The arguments of a model that solvers have to watch; None where there are none."""
+    if (known := model.shape.kept.get((Switches, moved.shape))) is not None:
+        made: Switches = copy(known[0])
+        watched, found = known[1]
+        numbers = [(model.groups[g].instances[i], s) for (g, i), s in found]
+        vars(made).update(arguments=_Arguments(model, moved, watched),
+                          weights=np.array([_weight(instance, exponent) for instance, (_, exponent) in numbers]))
+        return made
     members = {place for tree in moved.trees for place in tree.members}
     watched = [(g, [i for i in range(len(group.instances)) if (g, i) not in moved.replaced or (g, i) in members])
                for g, group in enumerate(model.groups) if switch_kinds(group.derived)]
     watched = [(g, active) for g, active in watched if active]
     if not watched:
         return None
-    found = [(model.groups[g].instances[i], s) for g, active in watched for i in active
-             for s in switch_kinds(model.groups[g].derived)]
+    places = [((g, i), s) for g, active in watched for i in active for s in switch_kinds(model.groups[g].derived)]
+    found = [(model.groups[g].instances[i], s) for (g, i), s in places]
     kinds, names = tuple(kind for _, (kind, _) in found), tuple(instance.item for instance, _ in found)
     weights = np.array([_weight(instance, exponent) for instance, (_, exponent) in found])
-    return Switches(_Arguments(model, moved, watched), kinds, weights, names)
+    first = Switches(_Arguments(model, moved, watched), kinds, weights, names)
+    model.shape.kept[Switches, moved.shape] = first, (watched, places)
+    return first
 
 
 def _weight(instance: Instance, stated: Expr) -> float:
     """Weight of an argument, see `Switches`: |exponent| of a power, with the numbers of this instance inserted; 1 for an exponent
     that varies, and for all other functions, where `stated` is 1."""
-    exponent = stated.subs(dict(instance.numbers))
+    exponent = stated.subs(dict(instance.numbers)) if stated.free_symbols else stated
     return 1.0 if exponent.free_symbols else abs(float(exponent))
 
 

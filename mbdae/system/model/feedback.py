@@ -12,7 +12,7 @@ Whether a scene lies in the plane, and its length.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf, isnan, nan
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import symengine as se
 
-from mbdae.errors import SceneError
+from mbdae.errors import LawError, SceneError
 from mbdae.inputs.sensed import path_of, paths
 from mbdae.inputs.tables import in_cases, lookup_of
 from mbdae.inputs.text import TIME
@@ -34,7 +34,7 @@ from mbdae.symbolic.law import Structure
 from mbdae.symbolic.rebuild import is_condition, joined
 from mbdae.symbolic.statement import Feeds, Reading
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.model.nodes import JointMotion, Node, rotation_matrices, sides_of
+from mbdae.system.model.nodes import Instance, JointMotion, Key, Node, rotation_matrices, sides_of
 from mbdae.values import BadValueError
 
 if TYPE_CHECKING:
@@ -234,6 +234,25 @@ class _Feeding:
         self.fed.nodes += nodes
 
 
+def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
+             item: str) -> tuple[Key, Instance]:
+    """The key of the group that a law belongs to, and its instance in the group. bodies, ends: the bodies of its frames and their
+    nodes (None: ground); item: name of its item."""
+    try:
+        sides, numbers = sides_of(law, bodies, ends, scenery.planar)
+    except LawError as error:
+        raise LawError(f"'{item}': {error}") from error
+    own = tuple(scenery.by_coordinate[key] for key in law.coordinates_in(item))
+    values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
+    fed = fed_into(scenery, values)
+    values = {p: v for p, v in values.items() if p not in dict(fed.names)} | fed.numbers | fed.timed
+    timed = {p: v for p, v in values.items() if not isinstance(v, float)}
+    numbers |= fed.frames | {p: v for p, v in values.items() if p not in timed}
+    structure = replace(law.structure(frozenset(timed)), feeds=fed.feeds)
+    nodes, sides = (*ends, *own, *fed.nodes), (*sides, *((n.kind, Axes.GENERAL) for n in own), *fed.sides)
+    return (type(law), structure, sides), Instance(law, nodes, numbers, timed, item, tuple(fed.states), fed.signals)
+
+
 FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane
 
 
@@ -247,12 +266,12 @@ def scene_length(scene: SceneData) -> float:
     return extent if extent > 0 else 1.0
 
 
-def out_of_plane(scene: SceneData, items: Collection[str] | None = None) -> str | None:
-    """Reason why the scene is not planar: the first thing that leaves the plane z = 0; None where nothing does. items: names of
-    those that are looked at, None: all."""
+def out_of_plane(scene: SceneData, length: float, items: Collection[str] | None = None) -> str | None:
+    """Reason why the scene is not planar: the first thing that leaves the plane z = 0; None where nothing does. length: that of
+    the scene, m; items: names of those that are looked at, None: all."""
     bodies = [b for b in scene.bodies if items is None or b.name in items]
     connections = [c for c in scene.connections if items is None or c.name in items]
-    tolerance = FLAT * scene_length(scene)
+    tolerance = FLAT * length
     for b in (None, *bodies):
         g, of = (scene.gravity, "") if b is None else (b.gravity, f" of body '{b.name}'")
         if g is not None and abs(g[2]) > 0:

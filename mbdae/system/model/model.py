@@ -15,6 +15,7 @@ from mbdae.deferred import later
 from mbdae.errors import LawError, SceneError
 from mbdae.laws.bodies import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
+from mbdae.scene.changed import carried_over, drawn_as
 from mbdae.scene.components import Beam, Body, Connection, Station
 from mbdae.scene.record import apart, models_of
 from mbdae.scene.scene import SceneData, refuse_other_laws
@@ -23,7 +24,7 @@ from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
 from mbdae.system.base import Kept
-from mbdae.system.model.feedback import ConditionTime, Renewed, Scenery, fed_into, out_of_plane, scene_length
+from mbdae.system.model.feedback import ConditionTime, Renewed, Scenery, entry_of, out_of_plane, scene_length
 from mbdae.system.model.nodes import (
     Group,
     Groups,
@@ -34,7 +35,6 @@ from mbdae.system.model.nodes import (
     Shape,
     out_of_plane_motions,
     shape_of,
-    sides_of,
 )
 
 if TYPE_CHECKING:
@@ -69,6 +69,11 @@ class Model:
     def nq(self) -> int:
         """Number of position unknowns."""
         return sum(n.kind.sizes[0] for n in self.nodes)
+
+    @cached_property
+    def listed(self) -> list[float]:
+        """The numbers of all laws one after the other, group by group."""
+        return [number for group in self.groups for number in group.numbers.ravel().tolist()]
 
     @cached_property
     def nu(self) -> int:
@@ -147,12 +152,13 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     with suppress(LawError):  # of the plane
         found = _renewed(last, scene, kept) if last is not None and last.scene is not scene else None
     made = known[key] = found or _built(scene, kept)
+    made.kept["by_rows"] = kept
     return made
 
 
 def _built(scene: SceneData, kept: dict[str, str]) -> Model:
     if scene.space != "spatial":
-        reason = out_of_plane(scene)
+        reason = out_of_plane(scene, scene_length(scene))
         if reason is None:
             try:
                 flat = "every point, axis, velocity and load lies in the plane z = 0 and no law leaves it"
@@ -179,48 +185,64 @@ def _changing(scene: SceneData) -> dict[str, str]:
 def _renewed(last: Model, scene: SceneData, kept: dict[str, str]) -> Model | None:
     """The model of a scene that shares items with the scene of another model: the laws of the others alone are read. None where
     its laws have other equations, or for other reasons to build it whole."""
-    items = apart(scene, last.scene)
-    if items is None or last.lines or scene.own or scene.gravity is not last.scene.gravity or any(
+    items, theirs = apart(scene, last.scene), last.scene
+    own = not all(name.startswith("mbdae:") for name in scene.own)
+    if items is None or last.lines or own or scene.gravity is not theirs.gravity or any(
             getattr(i.law, p) != i.numbers[p] for _, _, i in last.instances() for p in i.law.params if p in i.numbers):
         return None
-    why = out_of_plane(scene, items) if last.planar else out_of_plane(scene)
-    if last.planar is (why is not None) and scene.space != "spatial":
+    bodies, connections = [b for b in scene.bodies if b.name in items], [c for c in scene.connections if c.name in items]
+    alike = {b.name for b in bodies if drawn_as(b, theirs[b.name])}
+    alike |= {c.name for c in connections if carried_over(c, theirs[c.name])}
+    length = last.length if len(alike) == len(bodies) + len(connections) else scene_length(scene)
+    joints = [c for c in connections if c.name not in alike]
+    why = out_of_plane(scene, length, items - {c.name for c in connections if c.name in alike} if last.planar else None)
+    across = out_of_plane_motions(scene) if last.planar and any(c.recursive for c in joints) else {}
+    if (last.planar is (why is not None) and scene.space != "spatial") or (across and kept | across != last.stay_kinematic):
         return None
+    kept = last.stay_kinematic
     nodes = [replace(n, body=scene[n.name]) if n.body is not None and n.name in items else n for n in last.nodes]
     by_body = {n.body: n for n in nodes if n.body is not None}
     by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
     scenery = Scenery(scene, last.planar, by_body, by_coordinate, {}, {}, lambda c: laws_of(c, kept)[0])
     at = {item: iter(places) for item, places in last.kept["places"].items() if item in items}
     groups, timed, placed, inertia = [*last.groups], False, False, False
-    bodies = [b for b in scene.bodies if b.name in items]
-    for law, sides, item in _laws(scene, kept, {}, bodies, [c for c in scene.connections if c.name in items], ()):
-        key, instance = entry_of(scenery, law, sides, tuple(by_body.get(b) for b in sides), item)
-        g, i = next(at[item], (-1, 0))
-        old = groups[g].instances[i]
+    for law, sides, item in _laws(scene, kept, {}, bodies, connections, ()):
+        (g, i), ends = next(at[item], (-1, 0)), tuple(by_body.get(b) for b in sides)
+        old, key = groups[g].instances[i], groups[g].key
+        if (instance := _carried(law, old, key, ends) if item in alike else None) is None:
+            key, instance = entry_of(scenery, law, sides, ends, item)
         if g < 0 or key != groups[g].key or (*instance.numbers, *instance.timed) != (*old.numbers, *old.timed):
             return None
         if groups[g] is last.groups[g]:
-            groups[g] = replace(groups[g], instances=[*groups[g].instances])
-        groups[g].instances[i], timed = instance, timed or instance.timed != old.timed
-        own = {n: v for n, v in instance.numbers.items() if v != old.numbers[n]}
-        if isinstance(law, Element) and any(not v or not old.numbers[n] for n, v in own.items()):
+            groups[g] = groups[g].again()
+        groups[g].put(i, instance)
+        changed = {n for n, v in instance.numbers.items() if v != old.numbers[n]}
+        if isinstance(law, Element) and any(not instance.numbers[n] or not old.numbers[n] for n in changed):
             return None  # what is 0 may be left out
-        placed |= bool(own) and (bool(groups[g].derived.rows) or not own.keys() <= set(law.params))
-        inertia |= isinstance(law, Element) and bool(own)
-    length = scene_length(scene)
-    joints = [c for c in scene.joints if c.name in items]
-    if any(next(left, None) for left in at.values()) or any(c.rotor or JointMotion(c).not_as_drawn(length) for c in joints):
+        timed |= instance.timed != old.timed
+        placed |= bool(changed) and (bool(groups[g].derived.rows) or not changed <= law.params.keys())
+        inertia |= isinstance(law, Element) and bool(changed)
+    placed |= any(b.name not in alike for b in bodies) or any(
+        (c.hold, c.hold_rate) != (theirs[c.name].hold, theirs[c.name].hold_rate) for c in joints)
+    if any(next(left, None) for left in at.values()) or any(
+            c.rotor or JointMotion(c).not_as_drawn(length) for c in joints if c.is_joint):
         return None
     made = replace(last, scene=scene, why=last.why if last.planar else why or last.why, nodes=nodes, groups=groups, length=length,
                    scenery=scenery, conditions=ConditionTime())
-    pairs = [(c.hold, c.hold_rate) for c in joints], [(last.scene[c.name].hold, last.scene[c.name].hold_rate) for c in joints]
-    drawn = ([np.concatenate([x.ravel() for x in vars(of[b.name].drawn).values()]) for b in bodies] for of in (scene, last.scene))
-    placed |= pairs[0] != pairs[1] or not all(map(np.array_equal, *drawn))
     last.kept.pop(Renewed, None)  # of the model before
     made.kept.update({"places": last.kept["places"], Renewed: Renewed(last, timed, placed, inertia)})
     if not timed:
         vars(made)["shape"] = last.shape
     return made
+
+
+def _carried(law: Any, old: Instance, key: Key, ends: tuple[Node | None, ...]) -> Instance | None:
+    """The instance, in place of an old one, of a law whose item is drawn as before, so that its parameters alone may be others;
+    None where it has other equations or reads other items."""
+    stated = {p: v for p in law.params if isinstance(v := getattr(law, p), float)}
+    if key != (type(law), law.structure(frozenset(old.timed)), key[2]) or not stated.keys() <= old.numbers.keys():
+        return None
+    return replace(old, law=law, nodes=(*ends, *old.nodes[len(ends) :]), numbers=old.numbers | stated)
 
 
 def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) -> Model:
@@ -280,25 +302,6 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     made = Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
     made.kept["places"] = places
     return made
-
-
-def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
-             item: str) -> tuple[Key, Instance]:
-    """The key of the group that a law belongs to, and its instance in the group. bodies, ends: the bodies of its frames and their
-    nodes (None: ground); item: name of its item."""
-    try:
-        sides, numbers = sides_of(law, bodies, ends, scenery.planar)
-    except LawError as error:
-        raise LawError(f"'{item}': {error}") from error
-    own = tuple(scenery.by_coordinate[key] for key in law.coordinates_in(item))
-    values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
-    fed = fed_into(scenery, values)
-    values = {p: v for p, v in values.items() if p not in dict(fed.names)} | fed.numbers | fed.timed
-    timed = {p: v for p, v in values.items() if not isinstance(v, float)}
-    numbers |= fed.frames | {p: v for p, v in values.items() if p not in timed}
-    structure = replace(law.structure(frozenset(timed)), feeds=fed.feeds)
-    nodes, sides = (*ends, *own, *fed.nodes), (*sides, *((n.kind, Axes.GENERAL) for n in own), *fed.sides)
-    return (type(law), structure, sides), Instance(law, nodes, numbers, timed, item, tuple(fed.states), fed.signals)
 
 
 def without_rows(item: str, d: Derived) -> list[str]:

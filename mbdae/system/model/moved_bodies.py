@@ -10,6 +10,7 @@ motion is evaluated first, the laws outside read it, and the tree's kernel proje
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -154,10 +155,13 @@ class MovedBodies:
         self.replaced = frozenset(inside | idle)
         self.alone = self.ordered and not _rows_left(model, self.replaced)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
-        self.trees = [tree.loaded(loaded) for tree in trees]
         not_shared = moved | {n for tree in trees for n in tree.nodes[1:] if n}
         self.sharing = shared_displacements(model, not_shared, self.replaced) if share else Sharing()
-        self._constants: dict[Any, int] = {}
+        self._take([tree.loaded(loaded) for tree in trees])
+
+    def _take(self, trees: list[Tree]) -> None:
+        """Take over trees with their numbers."""
+        self.trees, self._constants = trees, dict[Any, int]()
         self.constants: list[float] = []  #: quaternions of the joints' axes, which are not among the numbers of the laws
         for tree in self.trees:
             for j, own in enumerate(tree.numbers, start=1):
@@ -172,6 +176,20 @@ class MovedBodies:
     def shape(self) -> tuple[Any, ...]:
         """All but the numbers of its trees; nodes of beams may share unknowns."""
         return self.ordered, self.open, bool(self.sharing.nodes), self.replaced, tuple(tree.structure for tree in self.trees)
+
+    def again(self, model: Model, last: Model) -> MovedBodies | None:
+        """The same of a model that differs from `last`, whose these are, in numbers alone; None where kernels contain one of
+        these."""
+        if not self.trees:
+            return self
+        trees = [again for tree in self.trees if (again := tree.again(model, last)) is not None]
+        if len(trees) < len(self.trees):
+            return None
+        made, named = copy(self), {n.name: n for n in model.nodes}
+        made.nodes = dict.fromkeys(named[n.name] for n in self.nodes)
+        made.loaded = tuple(named[n.name] for n in self.loaded)
+        made._take(trees)
+        return made
 
     def opened(self, model: Model, open: Open = Open.LAWS, ordered: bool | None = None) -> MovedBodies:
         """The same with the numbers of laws as inputs of kernels."""

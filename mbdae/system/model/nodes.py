@@ -281,6 +281,7 @@ class Group:
     key: Key
     derived: Derived
     instances: list[Instance] = field(default_factory=list)
+    constants: dict[int, Any] = field(default_factory=dict, repr=False, compare=False)  #: see `Numbering.constants`
 
     @cached_property
     def motion(self) -> object:
@@ -303,6 +304,19 @@ class Group:
         names = self.names_of_numbers
         rows = [[i.numbers.get(name, nan) for name in names] for i in self.instances]
         return np.array(rows, dtype=float).reshape(len(rows), len(names))
+
+    def again(self) -> Group:
+        """A copy in which single laws may be replaced by `put`."""
+        made = Group(self.key, self.derived, [*self.instances], self.constants)
+        vars(made).update({name: value for name, value in vars(self).items() if name not in vars(made)})
+        return made
+
+    def put(self, i: int, instance: Instance) -> None:
+        """Replace a law by one whose numbers have the same names."""
+        if instance.numbers != self.instances[i].numbers:
+            vars(self).update(numbers=self.numbers.copy(), constants={})
+            self.numbers[i, [self.names_of_numbers[name] for name in instance.numbers]] = [*instance.numbers.values()]
+        self.instances[i] = instance
 
     def side(self, name: str) -> list[Node]:
         """Of every instance the node of the frame `name`."""

@@ -4,7 +4,6 @@ parameters."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
@@ -156,11 +155,10 @@ class Numbering:
 
     def again(self, model: Model, constants: Sequence[float] = (), numbers: Mapping[str, float] | None = None) -> Numbering:
         """The same for another model of the same shape, without beams; arguments as of `Numbering`."""
-        made = copy(self)
-        made.__dict__.pop("_scaling", None)
-        made.model, made.form_numbers, made._constants = model, dict(numbers or {}), []
-        made._collect_numbers()
-        made._add(constants)
+        made = object.__new__(type(self))
+        vars(made).update(vars(self), model=model, form_numbers=dict(numbers or {}))
+        vars(made).pop("_scaling", None)
+        made._constants = [*model.listed, *made.form_numbers.values(), *constants]
         return made
 
     def workspace(self) -> Array:
@@ -297,6 +295,14 @@ class Numbering:
         columns = [group.numbers[:, group.names_of_numbers[name]] if name in group.names_of_numbers
                    else np.full(len(group.instances), known[name]) for name in inputs.parameters]
         return np.stack(columns, axis=1) if columns else np.empty((len(group.instances), 0))
+
+    def constants(self, g: int, p: Any) -> Array:
+        """(instances, outputs) the constant outputs of a `LinearisedPlan` of group g; models that share the group share them."""
+        known = [self.form_numbers.get(name) for name in p.constant_inputs.parameters]
+        kept = self.model.groups[g].constants
+        if id(p) not in kept or kept[id(p)][1] != known:
+            kept[id(p)] = p, known, p.constants.once(self.numbers(g, p.constant_inputs))
+        return kept[id(p)][2]  # type: ignore[no-any-return]
 
     def scaling(self) -> Array:
         """(m,) scaling factor of every constraint row (`symbolic.law.AUGMENTED`), 1 where its joint has none."""

@@ -69,6 +69,26 @@ class Tree:
         numbers = tuple(j for j, n in enumerate(self.nodes) if j and n in nodes)
         return replace(self, structure=replace(self.structure, loaded=numbers))
 
+    def again(self, model: Model, last: Model) -> Tree | None:
+        """This tree of `last` in a model that differs from it in numbers alone; None where its kernels contain one of these."""
+        def same(place: Place) -> bool:
+            (g, i), known = place, last.length == model.length
+            return known and model.groups[g].instances[i] is last.groups[g].instances[i]
+
+        numbers, of = list(self.numbers), self.structure
+        for j, (place, link) in enumerate(zip(self.joints, of.links, strict=True)):
+            if not same(place):
+                group = model.groups[place[0]]
+                numbers[j] = _with_quaternions(group.instances[place[1]], group.key[2])
+                if _rounded(numbers[j], model.length) != link.numbers:
+                    return None
+        if any(_rounded(model.groups[g].instances[i].numbers, model.length) != member.numbers
+               for (g, i), member in zip(self.members, of.members, strict=True) if not same((g, i))):
+            return None
+        named = {n.name: n for n in model.nodes}
+        nodes = tuple(n and named[n.name] for n in self.nodes)
+        return replace(self, nodes=nodes, coordinates=tuple(named[n.name] for n in self.coordinates), numbers=tuple(numbers))
+
     def opened(self, open: Open = Open.LAWS) -> Tree:
         """This tree with numbers of its laws as inputs of its kernels."""
         inputs, of = open.inputs, self.structure

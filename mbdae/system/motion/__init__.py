@@ -71,11 +71,14 @@ class AllBodies:
         self.numbering = moved.numbering(model, [], (), loaded=False)
         self.nq, self.nu = self.numbering.nq, self.numbering.nu
 
-    def again(self, model: Model) -> AllBodies:
-        """The same, without trees, of another model of the same shape."""
+    def again(self, model: Model) -> AllBodies | None:
+        """The same of a model that differs in numbers alone; None where kernels of trees contain one of these."""
+        if (moved := self.moved.again(model, self.model)) is None:
+            return None
         made = copy(self)
-        made.__dict__.pop("_evaluator", None)
-        made.model, made.numbering = model, self.numbering.again(model)
+        made.model, made.moved, made.numbering = model, moved, self.numbering.again(model, moved.constants)
+        if (known := made.__dict__.pop("_evaluator", None)) is not None:
+            vars(made)["_evaluator"] = known.again(made.numbering)
         return made
 
     @cached_property

@@ -89,16 +89,21 @@ class Mechanics(States):
     def _entries_of_mass(self) -> tuple[Array, Any, Any]:
         """Values, rows and columns of entries of the mass matrix of everything but beams; entries of equal place have to be
         summed."""
-        entries: list[tuple[Array, Any, Any]] = []
-        for g, group in enumerate(self.model.groups):
-            p = linearised_plan(group.derived, _inertia)
-            values = p.constants.once(self.numbering.numbers(g, p.constant_inputs))
-            for (row, target), value in zip(p.constant_places, values.T, strict=False):
-                if target[0] == "up":
-                    entries.append((value, self.numbering.velocities(p.targets[row], g), self.numbering.velocities(target, g)))
-        pairs = zip(*entries, strict=True) if entries else [()] * 3
-        values, rows, columns = (np.concatenate([np.zeros(0), *parts]) for parts in pairs)
-        return values, rows.astype(np.intp), columns.astype(np.intp)
+        if "mass" not in self._plans:
+            found: list[tuple[int, Any, list[int]]] = []
+            places: list[tuple[Any, Any]] = []
+            for g, group in enumerate(self.model.groups):
+                p = linearised_plan(group.derived, _inertia)
+                at = [(k, row, target) for k, (row, target) in enumerate(p.constant_places) if target[0] == "up"]
+                of = self.numbering.velocities
+                places += [(of(p.targets[row], g), of(target, g)) for _, row, target in at]
+                found += [(g, p, [k for k, *_ in at])] if at else []
+            rows, columns = (np.concatenate([np.zeros(0), *parts]).astype(np.intp) for parts in zip(*places, strict=True)
+                             ) if places else (np.zeros(0, dtype=np.intp),) * 2
+            self._plans["mass"] = found, rows, columns
+        found, rows, columns = self._plans["mass"]
+        values = [np.zeros(0), *(self.numbering.constants(g, p)[:, at].T.ravel() for g, p, at in found)]
+        return np.concatenate(values), rows, columns
 
     @cached_property
     def weight(self) -> Any:
