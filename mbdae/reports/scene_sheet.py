@@ -19,7 +19,7 @@ from mbdae.reports.letters import unit_text
 from mbdae.reports.page import checks_section, short_hash
 from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import ClosedForms
-from mbdae.reports.scene_input import OverInput
+from mbdae.reports.mechanisms.over_input import OverInput
 from mbdae.reports.units import law_faults
 from mbdae.run.checks import Check
 from mbdae.run.choice import absent

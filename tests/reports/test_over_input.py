@@ -9,7 +9,7 @@ import sympy
 
 import mbdae as mb
 from mbdae.documents.blocks import Equation, Picture, Section, Table, every, numbered
-from mbdae.reports.scene_input import OverInput
+from mbdae.reports.mechanisms.over_input import OverInput
 from mbdae.system.prepare import prepare
 
 ACCURACY = 1e-7

@@ -15,9 +15,10 @@ import symengine as se
 
 from mbdae.documents.blocks import escaped
 from mbdae.notation import counted
+from mbdae.reports.mechanisms.solution import determinant
 from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import ClosedForms
-from mbdae.reports.vectors import ZERO, determinant
+from mbdae.reports.vectors import ZERO
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.motion import symbolic_motion
 from mbdae.symbolic.outputs import lowest

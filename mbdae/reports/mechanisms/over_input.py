@@ -12,7 +12,7 @@ from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, 
 from mbdae.inputs import timed
 from mbdae.reports.page import Check, Printed, Wanted
 from mbdae.reports.reading import key_of
-from mbdae.reports.scene_dyads import Dyads
+from mbdae.reports.mechanisms.dyads import Dyads
 from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import RUN
 from mbdae.reports.states import POINTS, residual
