@@ -90,6 +90,7 @@ class Velocity(NamedTuple):
     unit: str  #: unit of the position whose rate this velocity is
     of: str  #: the position whose rate this velocity is, in words
 
+    @property
     def balance(self) -> tuple[str, str]:
         """What this is one of up to three balances of: the forces on a body, or the moments."""
         return self.below.rpartition(",")[0], self.letter

@@ -16,7 +16,7 @@ from mbdae.reports.letters import unit_text
 from mbdae.reports.mechanisms.solution import Coefficients, SolvedTogether, TakenOut, determinant, less, solved, total
 from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash
 from mbdae.reports.reading import key_of
-from mbdae.reports.scene_equations import SHORT, Said, SceneEquations, Velocity
+from mbdae.reports.scene_equations import SHORT, Said, SceneEquations
 from mbdae.reports.states import value
 from mbdae.reports.units import Unit, unit
 from mbdae.reports.vectors import ZERO
@@ -109,7 +109,8 @@ class ClosedForms(SceneEquations, Page):
         super().__init__(prepared)
         self.taken: dict[str, Expr] = {}  #: letters of rows that are taken from others, with their formulas
         self.coefficients: dict[str, list[list[Expr]]] = {}  #: those of such rows, by their first multiplier
-        efforts, bodies = ({at: of(v) for at, v in self.velocities.items()} for of in (lambda v: str(v.effort), Velocity.balance))
+        efforts, bodies = {at: str(v.effort) for at, v in self.velocities.items()}, {at: v.balance for at, v in
+                                                                                     self.velocities.items()}
         self.steps = solved(self.rows, self._number, efforts, bodies, self._taken)
 
     @cached_property

@@ -15,9 +15,9 @@ import numpy as np
 import symengine as se
 
 from mbdae.documents.blocks import escaped
+from mbdae.reports.mechanisms.links import Link, Links, Pair, Place
 from mbdae.reports.mechanisms.solution import determinant
 from mbdae.reports.page import NEXT_TO_ZERO
-from mbdae.reports.mechanisms.links import Link, Links, Pair, Place
 from mbdae.reports.states import value
 from mbdae.reports.vectors import ZERO
 from mbdae.symbolic.vectors import Expr

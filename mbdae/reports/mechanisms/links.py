@@ -137,9 +137,9 @@ class Links(ClosedForms):
             if instance.item in seen or instance.item not in joints or "l_p1" not in instance.numbers:
                 continue
             seen.add(instance.item)
-            yield self._link(instance, joints[instance.item].joint)
+            yield self._link(instance, joints[instance.item].joint, row)
 
-    def _link(self, instance: Instance, joint: Any) -> Any:
+    def _link(self, instance: Instance, joint: Any, row: Any) -> Any:
         motion = symbolic_motion(joint) if hasattr(joint, "states_motion") else None
         coordinates = [s for s in (motion.steps if motion else ()) if s.amount.free_symbols]
         if len(coordinates) != 1 or not coordinates[0].amount.is_Symbol or len(motion.steps) != 1:  # type: ignore[union-attr]

@@ -10,9 +10,9 @@ import symengine as se
 
 from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, Table, escaped
 from mbdae.inputs import timed
+from mbdae.reports.mechanisms.dyads import Dyads
 from mbdae.reports.page import Check, Printed, Wanted
 from mbdae.reports.reading import key_of
-from mbdae.reports.mechanisms.dyads import Dyads
 from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import RUN
 from mbdae.reports.states import POINTS, residual
@@ -45,18 +45,24 @@ class OverInput(Dyads):
     def _arms(self) -> None:
         """Define the arms, axes and entries of G that the balances of the bodies contain."""
         self.say("Arms and axes of the joints:")
-        groups = self.prepared.model.groups
+        groups, letters = self.prepared.model.groups, dict[str, dict[Expr, Expr]]()
+        for name, (row, e) in self.raw.items():
+            d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
+            moving = {f.side for f, node in zip(d.frames, instance.nodes, strict=True) if node is not None and f.kind.turns}
+            fixed = {s for s in e.free_symbols if str(s)[1:-1] in ("_s", "_x", "_y", "_z") and str(s)[0] in moving}
+            letters[name] = {s: self._renamed(row, d, s) for s in sorted(fixed, key=str)}
+        known = dict(self.formulas)
         for (g, i, symbol), name in self.places.items():
             d, instance = groups[g].derived, groups[g].instances[i]
-            if symbol not in instance.numbers:
+            if symbol not in instance.numbers and name not in known:
                 self.follow(name, self._in_scene(d, instance, se.Symbol(symbol)))
         for name, (row, e) in self.raw.items():
             d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
-            self.follow(name, self._in_scene(d, instance, e))
+            self.follow(name, self._in_scene(d, instance, e, letters[name]))
 
-    def _in_scene(self, d: Derived, instance: Instance, e: Expr) -> Expr:
-        """A formula of a law in letters of the scene."""
-        table, meaning = dict[Expr, Expr](), dict[Expr, Expr]()
+    def _in_scene(self, d: Derived, instance: Instance, e: Expr, letters: dict[Expr, Expr] | None = None) -> Expr:
+        """A formula of a law in letters of the scene, some of which are given."""
+        table, meaning = dict(letters or {}), dict[Expr, Expr]()
         for f, node in zip(d.frames, instance.nodes, strict=True):
             meaning |= f.meaning | f.structure
             table |= self._unknowns_of(f, node) if node is not None else {}

@@ -3,8 +3,8 @@
 A row in which one multiplier is left with the coefficient 1 or -1 gives it without a division: force balances, in trees from
 the leaves to the root. Where there is none, a row with a coefficient 1 or -1 is put into the others. What remains is split into
 the smallest blocks that can be solved one after the other by determinants: single rows, and two rows per dyad. Further rows with
-the same multipliers join their block, so that it is solved wherever any of its determinants differs from 0. Where the smallest block
-has more than three rows, up to three rows of a body are taken from the others, times factors with which as many multipliers
+the same multipliers join their block, so that it is solved wherever any of its determinants differs from 0. Where the smallest
+block has more than three rows, up to three rows of a body are taken from the others, times factors with which as many multipliers
 vanish there, and solved after these: the moments of a leg as a whole do not have those of the slide inside of it.
 """
 
@@ -80,8 +80,8 @@ def solved(rows: Mapping[int, Coefficients], number: Callable[[Expr], float], ef
 
 def _of_one_body(rows: dict[int, Coefficients], known: set[Any], number: Callable[[Expr], float],
                  bodies: Mapping[int, Any]) -> SolvedTogether:
-    """Up to three rows of one body and as many multipliers, which they give wherever the others are known: those that fewest other
-    rows contain, with a determinant well off 0 at the start. ValueError where there are none."""
+    """Up to three rows of one body and as many multipliers, which they give wherever the others are known: those that fewest
+    other rows contain, with a determinant well off 0 at the start. ValueError where there are none."""
     found = []
     for body in dict.fromkeys(bodies[at] for at in sorted(rows)):
         places = [at for at in sorted(rows) if bodies[at] == body]
