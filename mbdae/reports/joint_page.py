@@ -74,6 +74,9 @@ class JointReport(LawPage):
         for letter, side, i in self.letters():
             self.want(letter, self.covector(self.state, side)[i], DERIVED)
             self.want(rf"\delta{letter}", np.imag(self.covector(self.varied, side)[i]) / STEP, MOVED)
+        for name in statement.coordinates:
+            rows = [self.varied.scalar(self.d.G[i][self.s.places[name]][0][0] * m) for i, m in enumerate(self.d.multipliers)]
+            self.want(rf"\delta {effort(name)}", np.imag(sum(rows)) / STEP, MOVED, effort_unit(self.known[name].unit))
         want_efforts(self)
 
     # -- required values of the equations
@@ -203,9 +206,12 @@ class JointReport(LawPage):
         """Generalised forces on the coordinates, by name."""
         found = dict[str, Expr]()
         for name, symbol in self.s.coordinates.items():
-            rows = (se.Symbol(f"lambda_{row}") * p[symbol] for row, (_, p) in self.s.gradients.items())
-            found[name] = sum(rows, se.Integer(0)) + self.stated_partials[symbol]
+            found[name] = self._by_rows(symbol) + self.stated_partials[symbol]
         return found
+
+    def _by_rows(self, symbol: Expr) -> Expr:
+        """What the rows add to the equation of a coordinate."""
+        return sum((se.Symbol(f"lambda_{row}") * p[symbol] for row, (_, p) in self.s.gradients.items()), se.Integer(0))
 
     def _balances(self) -> list[Section]:
         if not self.s.sides:
@@ -254,7 +260,8 @@ class JointReport(LawPage):
         changes = {letter: rule.vector(totals[side][i]) for letter, side, i in self.letters()}
         text = ("Change of the forces in a virtual displacement at constant multipliers,"
                 " $\\delta(\\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda})$:")
-        lines = (self.line(rf"\delta{letter}", change) for letter, change in changes.items())
+        lines = [self.line(rf"\delta{letter}", change) for letter, change in changes.items()]
+        lines += [self.line(rf"\delta {effort(name)}", rule.scalar(self._by_rows(symbol))) for name, symbol in self.s.coordinates.items()]
         return self.section("Geometric stiffness", text, *lines)
 
 

@@ -6,6 +6,7 @@ is compared with rates that do not vanish."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from mbdae.reports.states import POINTS, FormulaValues, SymbolValues, random_sta
 from mbdae.reports.vectors import Base, Vector
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Structure
+from mbdae.symbolic.motion import symbolic_motion
 from mbdae.symbolic.outputs import dynamics, fingerprint, position, velocity
 
 ALL = r"{\text{xyz}}"  #: subscript of three rows along the inertial axes, written as one vector
@@ -261,23 +263,26 @@ class Forces(Stated):
             for i, s in enumerate(f.q[-4:] if f.kind.by_quaternion else []):
                 given[str(s)] = np.full(POINTS, 1.0 if i == 0 else 0.0)
         scalars = law.scalars()
+        moved = {str(x) for step in getattr(symbolic_motion(law), "steps", ()) for x in step.amount.free_symbols}
         numbers = {name: ANGLE if spec.unit == "rad" else LENGTH for name, spec in scalars.items()}
         given |= {str(c): np.full(POINTS, numbers[name]) for name, c in self.relations.s.coordinates.items()}
         state = self.relations.at({n: v for n, v in known.items() if n not in given and n not in poses} | given
                                   | {n: np.ones(POINTS) for n in law.params if n in known})
-        n = FormulaValues(self.s.record, state.atom, state.symbol)
-        G = np.array([np.concatenate([np.broadcast_to(n.vector(part), (POINTS, 3))[0] for part in pairs["l"]])
-                      for pairs, _ in self.s.gradients.values()])
+        own = {str(c): str(self.relations.s.coordinates[name]) for name, c in self.s.coordinates.items()}
+        n = FormulaValues(self.s.record, state.atom, lambda symbol: state.symbol(own.get(symbol, symbol)))
+        G = _on_l(n, self.s.gradients.values())
         arm = ARM * state.atom(Base("x", "l"))[0]
         load = np.concatenate([force := np.array(LOAD), np.cross(arm, force)])
         columns = self.relations.columns(state)
         A = np.array([np.concatenate([move[0], turn[0]]) for _, _, move, turn in columns]).reshape(-1, 6)
-        if np.max(np.abs(A @ A.T - np.eye(len(A))), initial=0.0) > 1e-9:  # a force along one coordinate acts along others too
-            return []
         efforts = -A @ load
-        held = A.T @ efforts
-        lam, *_ = np.linalg.lstsq(G.T, load + held, rcond=None)
-        if np.max(np.abs(G.T @ lam - load - held)) > 1e-9:
+        held = np.zeros((len(A), 6))  # what holds coordinates that are unknowns acts on l by the rows
+        if not self.s.values:
+            held = A if _inverse(A, A) else _on_l(n, map(self.s.gradient, self.s.read.values()))
+            if not _inverse(held, A):
+                return []
+        lam, *_ = np.linalg.lstsq(G.T, load + held.T @ efforts, rcond=None)
+        if np.max(np.abs(G.T @ lam - load - held.T @ efforts)) > 1e-9:
             return []
         lam = dict(zip(self.s.rows, np.where(np.abs(lam) < 1e-9, 0.0, lam), strict=True))
         three = ", ".join(f"{v:.4g}" for row, v in lam.items() if row not in self.single)
@@ -285,12 +290,25 @@ class Forces(Stated):
         rows += [[f"$\\lambda_{below(row)}$", f"{lam[row]:.4g}", unit_text(self.effort(self.s.rows[row]))] for row in self.single]
         rows += [[f"held along ${latex}$" if unit == "N" else f"held about ${latex}$", f"{v + 0.0:.4g}", unit]
                  for (latex, unit, _, _), v in zip(columns, efforts, strict=False)]
-        posed = ", ".join(f"${self.known[name].latex} = {v:g}$ {scalars[name].unit}" for name, v in numbers.items())
+        posed = ", ".join(f"${self.known[name].latex} = {v:g}$ {spec.unit}" for name, v, spec in
+                          [*((name, v, scalars[name]) for name, v in numbers.items()),
+                           *((name, 1.0, spec) for name, spec in law.params.items() if name in moved)])
         posed = f" and {posed}" if posed else ""
         text = (f"As in the figure, with the axes of k along the inertial ones{posed}: the force $-8\\,\\mathbf{{i}}_y -"
                 f" 6\\,\\mathbf{{i}}_z$ (N) acts on l, {ARM:g} m along $\\mathbf{{x}}_l$ from the point of the joint, and"
                 " everything rests. From the balance of l, by the compiled rows:")
         return [Section("Example", [Paragraph(text), Table(["", "value", "unit"], rows)])]
+
+
+def _on_l(n: FormulaValues, gradients: Iterable[Any]) -> NDArray[np.float64]:
+    """Derivatives by displacement and rotation of l, (rows, 6)."""
+    return np.array([np.concatenate([np.broadcast_to(n.vector(part), (POINTS, 3))[0] for part in pairs["l"]])
+                     for pairs, _ in gradients])
+
+
+def _inverse(wrenches: NDArray[np.float64], A: NDArray[np.float64]) -> bool:
+    """Whether each wrench acts along one freedom alone, with the power of 1 at rate 1."""
+    return wrenches.shape == A.shape and bool(np.max(np.abs(wrenches @ A.T - np.eye(len(A))), initial=0.0) < 1e-9)
 
 
 def lecture(law: type[Joint], structure: Structure) -> Document:

@@ -15,9 +15,10 @@ import numpy as np
 import symengine as se
 
 from mbdae.reports.letters import of_name, unit_on
-from mbdae.reports.states import POINTS, value
+from mbdae.reports.mechanisms.solution import Coefficients
+from mbdae.reports.states import POINTS
 from mbdae.reports.units import Unit, dimensions, unit, unit_in
-from mbdae.reports.vectors import ZERO, Coefficients, NamedQuantities, solved
+from mbdae.reports.vectors import ZERO, NamedQuantities
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
@@ -90,6 +91,11 @@ class Velocity(NamedTuple):
     of: str  #: the position whose rate this velocity is, in words
 
     @property
+    def balance(self) -> tuple[str, str]:
+        """What this is one of up to three balances of: the forces on a body, or the moments."""
+        return self.below.rpartition(",")[0], self.letter
+
+    @property
     def effort(self) -> Unit:
         """Unit of the generalised force along this velocity."""
         return unit("J") / unit(self.unit)
@@ -120,7 +126,6 @@ class SceneEquations:
         self.entries: dict[str, tuple[int, int]] = {}  #: letter of an entry of G -> (row, place in u)
         self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
         self.rows = self._equations()
-        self.steps = solved(self.rows, self._number, {at: str(v.effort) for at, v in self.velocities.items()})
         self.on_l = self._forces_on_l()
 
     def _refuse(self) -> None:
@@ -229,17 +234,7 @@ class SceneEquations:
             table[s] = se.Symbol(self.places[key])
         return se.sympify(e).subs(table)
 
-    # -- solution of the equations
-
-    @cached_property
-    def _at_start(self) -> dict[str, Any]:
-        start = self.prepared.start
-        known, _ = SceneEquations.values(self, np.array([start.t]), start.q[None], start.u[None], start.s[None])
-        return {name: known[latex] for name, latex in self.latex.items() if latex in known}
-
-    def _number(self, e: Expr) -> float:
-        """Value of a coefficient at the start."""
-        return float(np.broadcast_to(value(se.sympify(e), lambda symbol: self._at_start[str(symbol)]), (1,))[0])
+    # -- forces by the multipliers
 
     def _forces_on_l(self) -> dict[tuple[str, str, int], Expr]:
         """Components of the joint forces ("F") on the bodies l and of their moments ("T") about the joint's

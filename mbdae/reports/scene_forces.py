@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import combinations
 from operator import mul
 from typing import Any
@@ -13,14 +13,16 @@ import symengine as se
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, every
 from mbdae.errors import MbdaeError
 from mbdae.reports.letters import unit_text
+from mbdae.reports.mechanisms.solution import Coefficients, SolvedTogether, TakenOut, determinant, less, solved, total
 from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash
 from mbdae.reports.reading import key_of
-from mbdae.reports.scene_equations import Said, SceneEquations
+from mbdae.reports.scene_equations import SHORT, Said, SceneEquations
 from mbdae.reports.states import value
 from mbdae.reports.units import Unit, unit
-from mbdae.reports.vectors import ZERO, Coefficients, determinant, total
+from mbdae.reports.vectors import ZERO
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
+from mbdae.system.prepare import Prepared
 
 # -- States of a scene next to the zeros of the divisors of its closed forms, found along lines through random positions
 
@@ -103,7 +105,63 @@ RUN = "the multipliers of the scene at random states"
 class ClosedForms(SceneEquations, Page):
     """The joint forces of a scene as formulas. Raises ValueError, with the reason, where a scene has none."""
 
+    def __init__(self, prepared: Prepared) -> None:
+        super().__init__(prepared)
+        self.taken: dict[str, Expr] = {}  #: letters of rows that are taken from others, with their formulas
+        self.coefficients: dict[str, list[list[Expr]]] = {}  #: those of such rows, by their first multiplier
+        efforts, bodies = {at: str(v.effort) for at, v in self.velocities.items()}, {at: v.balance for at, v in
+                                                                                     self.velocities.items()}
+        self.steps = solved(self.rows, self._number, efforts, bodies, self._taken)
+
+    @cached_property
+    def _at_start(self) -> dict[str, Any]:
+        start = self.prepared.start
+        known, _ = SceneEquations.values(self, np.array([start.t]), start.q[None], start.u[None], start.s[None])
+        return {name: known[latex] for name, latex in self.latex.items() if latex in known}
+
+    def _number(self, e: Expr) -> float:
+        """Value of a coefficient at the start."""
+        def get(symbol: Expr) -> Any:
+            name = str(symbol)
+            return self._at_start[name] if name not in self.taken else self._number(self.taken[name])
+
+        return float(np.broadcast_to(value(se.sympify(e), get), (1,))[0])
+
     # -- formulas
+
+    def _define(self, name: str, latex: str, e: Expr, unit_: str, meaning: str) -> Expr:
+        """A letter of the solution with its formula."""
+        self.taken[name] = e
+        return self.letter(name, latex, unit_, meaning)
+
+    def _taken(self, step: SolvedTogether, others: dict[int, Coefficients]) -> TakenOut:
+        """Take rows from others, with letters for their coefficients, the determinant of these, factors, and what is left."""
+        first, n, of = len(self.taken), 1 + len(self.coefficients), self.velocities
+        known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in step.unknowns]
+        efforts = [of[at].effort for at in step.places]
+        A = [[self._define(f"b{n}_{i}{j}", f"b^{{({n})}}_{{{i + 1}{j + 1}}}", row.get(x, ZERO), str(efforts[i] / known[j]),
+                           f"factor of ${self.latex[str(x)]}$") for j, x in enumerate(step.unknowns)]
+             for i, row in enumerate(step.rows)]
+        self.coefficients[str(step.unknowns[0])] = A
+        size = reduce(mul, (e / x for e, x in zip(efforts, known, strict=True)))
+        det = self._define(f"Ga{n}", f"\Gamma^{{({n})}}", determinant(A), str(size), "determinant")
+        left = dict[int, Coefficients]()
+        for number, (at, row) in enumerate(others.items(), 1):
+            c, factors = [row.get(x, ZERO) for x in step.unknowns], []
+            for i, place in enumerate(step.places):
+                e = determinant([c if j == i else A[j] for j in range(len(A))])
+                meaning = f"factor of the balance along the {of[place].of} where it is taken from that along the {of[at].of}"
+                factors.append(self._define(f"m{n}_{number}{i}", f"\mu^{{({n})}}_{{{number}{i + 1}}}", se.expand(e) / det,
+                                            str(of[at].effort / efforts[i]), meaning))
+            left[at] = less(row, step, factors)
+            for i, (x, e) in enumerate(left[at].items()):
+                if len(e.free_symbols) > SHORT:
+                    factor = unit(self.said[self.latex[str(x)]].unit or "1") if x is not None else unit("1")
+                    meaning = f"in what is left of the balance along the {of[at].of}, " + (
+                        f"factor of ${self.latex[str(x)]}$" if x is not None else "all but reactions")
+                    left[at][x] = self._define(f"w{n}_{number}{i}", f"w^{{({n})}}_{{{number}{i + 1}}}", e,
+                                               str(of[at].effort / factor) if x is not None else of[at].effort.of_force, meaning)
+        return TakenOut(left, [*self.taken][first:])
 
     def blocks(self) -> list[Block]:
         """Sections: letters with values, equations of the bodies, solution, forces on the bodies l, laws."""
@@ -147,7 +205,13 @@ class ClosedForms(SceneEquations, Page):
     def solution(self) -> list[Block]:
         """Equations of the multipliers in the order of their solution."""
         w, out, count = self.writer, list[Block](), 0
-        for unknowns, rows, places in self.steps:
+        for step in self.steps:
+            if isinstance(step, TakenOut):
+                for name in step.letters:
+                    apart = r" \ne 0" if name.startswith("Ga") else ""
+                    out += self.lines(f"{self.latex[name]} = {w.scalar(self.taken[name])}{apart}")
+                continue
+            unknowns, rows, places = step
             if any(unknown in row for row in rows for unknown in unknowns):
                 count += 1
                 out += self._determinants(unknowns, rows, count, [self.velocities[at].effort for at in places])
@@ -160,13 +224,15 @@ class ClosedForms(SceneEquations, Page):
         weighted by the squares of their determinants. efforts: units of the rows."""
         w, n, m, lines = self.writer, len(unknowns), len(rows), []
         known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in unknowns]
-        A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
-                          f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(m)]
+        own = self.coefficients.get(str(unknowns[0]))
+        A = own or [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
+                                 f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(m)]
         h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "minus the rest of the row")
              for i in range(m)]
         for i, row in enumerate(rows):
             apart = r" \ne 0" if m == n == 1 else ""
-            lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, ZERO))}{apart}" for j, unknown in enumerate(unknowns)]
+            lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, ZERO))}{apart}" for j, unknown in enumerate(unknowns)
+                      if own is None]
             rest = {key: e for key, e in row.items() if key not in unknowns}
             lines.append(f"{w.scalar(h[i])} = {w.scalar(se.expand(-total(rest)))}")
         if m == n == 1:

@@ -16,10 +16,10 @@ from mbdae.errors import AccuracyWarning, MbdaeError, SteadyError
 from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.reports.letters import unit_text
+from mbdae.reports.mechanisms.legs import mechanism
 from mbdae.reports.page import checks_section, short_hash
 from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import ClosedForms
-from mbdae.reports.scene_input import OverInput
 from mbdae.reports.units import law_faults
 from mbdae.run.checks import Check
 from mbdae.run.choice import absent
@@ -56,7 +56,7 @@ class Sheet:
         except ValueError as reason:
             return [Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])]
         try:
-            over = OverInput(self.prepared)
+            over = mechanism(self.prepared)
         except ValueError as reason:
             blocks = numbered(page.blocks())
             told = [Section("Motion over the input", [Paragraph(f"There is no closed form of it: {reason}.")])]

@@ -7,6 +7,7 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mbdae as mb
@@ -85,3 +86,24 @@ def test_other_laws_keep_their_derivation_without_tables():
         assert "\n| symbol |" not in text
     with pytest.raises(mb.OptionError, match="level = 'short' is not one of 'full', 'lecture'"):
         mb.report("gear", level="short")
+
+
+class BentPin(mb.Joint):
+    """l turns about k.z and slides along a pin inclined to it: a force along the pin turns l, too."""
+
+    coordinates = mb.params(angle=("rad", "rotation"), displacement=("m", "displacement along the pin"))
+    params = mb.params(bend=("rad", "angle between hinge and pin"))
+
+    def motion(self, from_k):
+        return from_k.about("z", self.angle).about("x", self.bend).along("z", self.displacement).about("x", -self.bend)
+
+
+@pytest.mark.parametrize(("law", "wanted"), [("screw", {"varphi": 4 * np.cos(0.6) + 6 / (2 * np.pi)}),
+                                             (BentPin, {"varphi": 4 * np.cos(0.6) + 0.9 * 8 * np.sin(1) * np.sin(0.6),
+                                                        "s": 6 * np.cos(1) - 8 * np.sin(1) * np.cos(0.6)})])
+def test_example_where_freedoms_are_not_orthogonal(law, wanted):
+    """By hand: minus the power of the load at rate 1 of each coordinate; the rows carry the whole load."""
+    text = mb.report(law, level="lecture").to_markdown()
+    assert r"| $\boldsymbol{\lambda}_{\text{xyz}}$ | (0, -8, -6) | N |" in text
+    found = {name: float(v) for name, v in re.findall(r"held (?:along|about) \$\\?(\w+)\$ \| ([-\d.]+)", text)}
+    assert found == pytest.approx(wanted, rel=2e-3)

@@ -1,4 +1,4 @@
-"""Planar mechanisms over their input: what is printed, from the input alone, is the motion and the joint forces of a run."""
+"""Mechanisms over their input: what is printed, from the input alone, is the motion and the joint forces of a run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sympy
 
 import mbdae as mb
 from mbdae.documents.blocks import Equation, Picture, Section, Table, every, numbered
-from mbdae.reports.scene_input import OverInput
+from mbdae.reports.mechanisms.legs import mechanism
 from mbdae.system.prepare import prepare
 
 ACCURACY = 1e-7
@@ -33,7 +33,7 @@ def slider_crank(pin=(0.1, 0), angle=12.0 * mb.t):
     s.revolute("A", s.ground, crank, at=(0, 0), angle=angle)
     s.revolute("B", crank, rod, at=pin)
     s.revolute("C", rod, piston, at=(0.5, 0))
-    s.prismatic("D", s.ground, piston, at=(0.5, 0), axis=(1, 0, 0))
+    s.prismatic("D", s.ground, piston, at=(0.55, 0), axis=(1, 0, 0))
     return s
 
 
@@ -81,8 +81,74 @@ def dyad(kinds, turned, backwards):
     return s
 
 
+AXIS, CROSS, BALL = np.array([0.1, 0.2, 1.0]), np.array([0.7, 0.2, -0.6]), np.array([0.45, 0.1, 0.35])
+
+
+def stewart(**driven):
+    """A platform on a hinge, with a leg of a Stewart platform: cross, slide and ball. The hinge or the slide is driven."""
+    s = mb.Scene("Stewart leg", gravity=(0.3, -0.2, -9.81), space="spatial")
+    along = (BALL - CROSS) / np.linalg.norm(BALL - CROSS)
+    platform = s.rigid_body("platform", 2.0, (0.05, 0.04, 0.08), at=(0.2, 0.0, 0.4))
+    lower = s.rigid_body("lower", 0.6, (0.01, 0.01, 0.001), at=CROSS + 0.2 * along)
+    upper = s.rigid_body("upper", 0.4, (0.008, 0.008, 0.0006), at=BALL - 0.2 * along)
+    s.revolute("H", s.ground, platform, at=(0, 0, 0.3), axis=AXIS, **({} if "position" in driven else driven))
+    s.universal("U", s.ground, lower, at=CROSS, axis=along)
+    s.prismatic("P", lower, upper, at=CROSS + 0.4 * along, axis=along, **(driven if "position" in driven else {}))
+    s.spherical("S", upper, platform, at=BALL)
+    return s
+
+
+def driven_hinge():
+    return stewart(angle=12.0 * mb.t)
+
+
+def driven_leg():
+    return stewart(position=0.25 * (1 - sympy.cos(12 * mb.t)))
+
+
+def spatial_four_bar(flipped):
+    """A coupler with a ball and a cross between a crank and a rocker; the crank holds the ball, or the cross."""
+    s, at = mb.Scene("spatial four-bar", gravity=(0.3, -0.2, -9.81), space="spatial"), ((0.1, 0, 0), (0.5, 0.4, 0.3))
+    crank, coupler, rocker = (s.rigid_body(name, 1.0, (0.01, 0.02, 0.015), at=place) for name, place in
+                              (("crank", (0.05, 0, 0)), ("coupler", (0.3, 0.2, 0.15)), ("rocker", (0.5, 0.4, 0.1))))
+    s.revolute("A", s.ground, crank, at=(0, 0, 0), axis=(0, 0.1, 1), angle=5 * mb.t)
+    if flipped:
+        s.universal("U", coupler, crank, at=at[0], axis=(0.4, 0.4, 0.3))
+        s.spherical("S", rocker, coupler, at=at[1])
+        s.revolute("R", rocker, s.ground, at=(0.5, 0.4, -0.2), axis=(0, 1, 0.2))
+    else:
+        s.universal("U", rocker, coupler, at=at[1], axis=(0.4, 0.4, 0.3))
+        s.spherical("S", coupler, crank, at=at[0])
+        s.revolute("R", s.ground, rocker, at=(0.5, 0.4, -0.2), axis=(0, 1, 0.2))
+    return s
+
+
+def spatial_slider_crank(flipped):
+    s, at = mb.Scene("spatial slider-crank", gravity=(0.3, -0.2, -9.81), space="spatial"), (0.1, 0.1, 0.6)
+    crank, rod, piston = (s.rigid_body(name, 1.0, (0.01, 0.02, 0.015), at=place) for name, place in
+                          (("crank", (0.05, 0, 0)), ("rod", (0.1, 0.05, 0.3)), ("piston", at)))
+    s.revolute("A", s.ground, crank, at=(0, 0, 0), axis=(0, 1, 0.1), angle=5 * mb.t)
+    s.spherical("S", crank, rod, at=(0.1, 0, 0))
+    s.universal("U", rod, piston, at=at, axis=(0, -0.1, -0.6))
+    s.prismatic("P", *((piston, s.ground) if flipped else (s.ground, piston)), at=at, axis=(0, 0.1, 1))
+    return s
+
+
+def geared_arm(flipped):
+    """A tree in space: a base that turns, an arm that a bevel gear lifts, a hand that a rack pushes out."""
+    s = mb.Scene("arm", gravity=(0.3, -0.2, -9.81), space="spatial")
+    base, arm, hand = (s.rigid_body(name, 1.0, (0.01, 0.02, 0.03), at=at) for name, at in
+                       (("base", (0.05, 0, 0.2)), ("arm", (0.3, 0, 0.4)), ("hand", (0.6, 0, 0.5))))
+    s.revolute("turn", s.ground, base, at=(0, 0, 0), axis=(0, 0, 1), angle=2 * mb.t + mb.t**2)
+    s.revolute("lift", *((arm, base) if flipped else (base, arm)), at=(0, 0, 0.4), axis=(0, 1, 0))
+    s.prismatic("out", *((hand, arm) if flipped else (arm, hand)), at=(0.4, 0, 0.4), axis=(1, 0, 0.1))
+    s.gear("bevel", "turn", "lift", ratio=-2.0)
+    s.couple("rack", {"lift": 0.1, "out": 1.0})
+    return s
+
+
 def pages(prepared):
-    page = OverInput(prepared)
+    page = mechanism(prepared)
     return page, numbered([page.motion(), *page.blocks()])
 
 
@@ -95,7 +161,7 @@ def turning_back(page):
     return {(float(x), what) for x, what in table.rows}
 
 
-@pytest.mark.parametrize("scene", [four_bar, slider_crank, six_bar, planetary])
+@pytest.mark.parametrize("scene", [four_bar, slider_crank, six_bar, planetary, driven_hinge, driven_leg])
 def test_one_turn_is_that_of_a_run(scene):
     """360 places over one turn and more: joint forces from the input alone, within the accuracy asked of the run."""
     r = scene().simulate(0.55, accuracy=ACCURACY, outputs=np.linspace(0, 0.55, 361)[1:])
@@ -137,11 +203,39 @@ def test_dead_centres_are_those_of_the_geometry():
     assert r"\Delta" in " ".join(e.latex for e in every(Equation, blocks) if r"\ne 0" in e.latex)
 
 
-def test_a_wrong_formula_is_seen():
-    """Every fourth formula of positions, rates and closures, one after the other off by 0.001, is told by a check."""
-    missed = []
-    for n in range(0, len(OverInput(prepare(slider_crank_off())).formulas), 4):
-        page = OverInput(prepare(slider_crank_off()))
+@pytest.mark.parametrize("flipped", [False, True])
+@pytest.mark.parametrize("scene", [spatial_four_bar, spatial_slider_crank, geared_arm])
+def test_mechanisms_in_space(scene, flipped):
+    """The rows of the scene vanish where the print puts the bodies, and its motion and forces are those of the scene."""
+    page, blocks = pages(prepare(scene(flipped)))
+    assert not failed(page.printed(blocks))
+
+
+def test_dead_centres_of_a_leg_are_those_of_the_geometry():
+    """The stroke turns back where the line of the leg meets the axis of the hinge; a driven leg goes no further there."""
+    h, at = AXIS / np.linalg.norm(AXIS), np.array([0, 0, 0.3])
+
+    def ball(x):
+        r = BALL - at
+        return at + r * np.cos(x) + np.cross(h, r) * np.sin(x) + h * (h @ r) * (1 - np.cos(x))
+
+    x = np.linspace(0, 2 * np.pi, 3601)
+    arm = np.array([h @ np.cross(ball(v) - at, ball(v) - CROSS) for v in x])
+    places = [x[i] - arm[i] * (x[i + 1] - x[i]) / (arm[i + 1] - arm[i]) for i in np.flatnonzero(arm[1:] * arm[:-1] < 0)]
+    found = sorted(v for v, what in turning_back(pages(prepare(driven_hinge()))[0]) if "of P turns back" in what)
+    np.testing.assert_allclose(found, places, atol=2e-6)
+    strokes = sorted(np.linalg.norm(ball(v) - CROSS) - np.linalg.norm(BALL - CROSS) for v in places)
+    ends = sorted((v, what) for v, what in turning_back(pages(prepare(driven_leg()))[0]) if "dead centre" in what)
+    np.testing.assert_allclose([v for v, _ in ends], strokes, atol=2e-6)
+    assert all("from U to S meets the axis of H" in what for _, what in ends)
+
+
+@pytest.mark.parametrize(("scene", "step"), [("slider_crank_off", 4), pytest.param("driven_leg", 23, marks=pytest.mark.slow)])
+def test_a_wrong_formula_is_seen(scene, step):
+    """Every fourth formula of positions, rates and closures, or fewer, one after the other off by 0.001, is told by a check."""
+    missed, scene = [], globals()[scene]
+    for n in range(0, len(mechanism(prepare(scene())).formulas), step):
+        page = mechanism(prepare(scene()))
         page.limits.clear()
         name, e = page.formulas[n]
         if e == 0 or name[0] == "c" or name not in {kept for _, kept, _ in page.kept()}:  # c: axes, some of them times 0
@@ -165,7 +259,7 @@ def test_what_has_no_such_form_says_why():
     tree.revolute("A", tree.ground, rods[0], at=(0, 0))
     tree.revolute("B", rods[0], rods[1], at=(1, 0))
     with pytest.raises(ValueError, match="its input, rod 1"):
-        OverInput(prepare(tree))
+        mechanism(prepare(tree))
     assert "There is no closed form of it: with A as its input" in mb.report(tree).to_markdown()
 
 

@@ -10,9 +10,9 @@ import symengine as se
 
 from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, Table, escaped
 from mbdae.inputs import timed
+from mbdae.reports.mechanisms.dyads import Dyads
 from mbdae.reports.page import Check, Printed, Wanted
 from mbdae.reports.reading import key_of
-from mbdae.reports.scene_dyads import Dyads
 from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import RUN
 from mbdae.reports.states import POINTS, residual
@@ -45,27 +45,29 @@ class OverInput(Dyads):
     def _arms(self) -> None:
         """Define the arms, axes and entries of G that the balances of the bodies contain."""
         self.say("Arms and axes of the joints:")
-        groups = self.prepared.model.groups
+        groups, letters = self.prepared.model.groups, dict[str, dict[Expr, Expr]]()
+        for name, (row, e) in self.raw.items():
+            d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
+            moving = {f.side for f, node in zip(d.frames, instance.nodes, strict=True) if node is not None and f.kind.turns}
+            fixed = {s for s in e.free_symbols if str(s)[1:-1] in ("_s", "_x", "_y", "_z") and str(s)[0] in moving}
+            letters[name] = {s: self._renamed(row, d, s) for s in sorted(fixed, key=str)}
+        known = dict(self.formulas)
         for (g, i, symbol), name in self.places.items():
             d, instance = groups[g].derived, groups[g].instances[i]
-            if symbol not in instance.numbers:
+            if symbol not in instance.numbers and name not in known:
                 self.follow(name, self._in_scene(d, instance, se.Symbol(symbol)))
         for name, (row, e) in self.raw.items():
             d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
-            self.follow(name, self._in_scene(d, instance, e))
+            self.follow(name, self._in_scene(d, instance, e, letters[name]))
 
-    def _in_scene(self, d: Derived, instance: Instance, e: Expr) -> Expr:
-        """A formula of a law in letters of the scene."""
-        frames: list[tuple[Frame, Node | None]] = list(zip(d.frames, instance.nodes, strict=True))
-        meaning: dict[Expr, Expr] = {}
-        for f, _ in frames:
+    def _in_scene(self, d: Derived, instance: Instance, e: Expr, letters: dict[Expr, Expr] | None = None) -> Expr:
+        """A formula of a law in letters of the scene, some of which are given."""
+        table, meaning = dict(letters or {}), dict[Expr, Expr]()
+        for f, node in zip(d.frames, instance.nodes, strict=True):
             meaning |= f.meaning | f.structure
-        while (found := {s: meaning[s] for s in e.free_symbols if s in meaning}):
+            table |= self._unknowns_of(f, node) if node is not None else {}
+        while (found := {s: meaning[s] for s in e.free_symbols - table.keys() if s in meaning}):
             e = se.sympify(e.subs(found))
-        table: dict[Expr, Expr] = {}
-        for f, node in frames:
-            if node is not None:
-                table |= dict(zip(f.q, self.placed[node], strict=False))
         for s in e.free_symbols - table.keys():
             side, _, what = str(s).partition("_")
             if instance.item == self.input.item and str(s) in instance.timed and hasattr(instance.law, "drives"):
@@ -79,6 +81,10 @@ class OverInput(Dyads):
             raise ValueError(f"the rows of {escaped(instance.item)} change with time by themselves")
         return se.sympify(e.subs(table))
 
+    def _unknowns_of(self, f: Frame, node: Node) -> dict[Expr, Expr]:
+        """What the unknowns of a frame are in letters of the scene."""
+        return dict(zip(f.q, self.placed[node], strict=False))
+
     # -- values
 
     def over(self, t: Any, q: Any, u: Any, s: Any = None) -> tuple[dict[str, Any], Any]:
@@ -86,9 +92,8 @@ class OverInput(Dyads):
         known, multipliers = self.values(t, q, u, s)
         change = self.m.accelerations(t, q, u, s)[0]
         amount = self._drawn_amount(self.input)
-        table: dict[str, Any] = dict(self.constants)
-        for n in range(q.shape[1]):
-            table |= {f"x{n}": q[:, n], f"x{n}d": u[:, n], f"x{n}dd": change[:, n]}
+        table = dict(self.constants) | self.states_as_letters(q, u, change)
+        for n in range(u.shape[1]):
             for a, b in (("", "d"), ("d", "dd")):
                 self.rates.setdefault(se.Symbol(f"x{n}{a}"), se.Symbol(f"x{n}{b}"))
         for letter in self.inputs:
@@ -100,12 +105,9 @@ class OverInput(Dyads):
 
     def moved(self, q: Any, u: Any, change: Any) -> dict[str, Wanted]:
         """Values that centres, their rates, and the second rates of all coordinates must have, by LaTeX."""
-        found = {}
-        for at, v in self.velocities.items():
-            for name, values in ((f"x{at}", q if v.letter != r"\theta" else None), (f"x{at}d", u), (f"x{at}dd", change)):
-                if values is not None and name in self.latex:
-                    found[self.latex[name]] = Wanted(values[:, at], MOTION)
-        return found
+        angles = {f"x{at}" for at, v in self.velocities.items() if v.letter == r"\theta"}
+        return {self.latex[name]: Wanted(values, MOTION) for name, values in self.states_as_letters(q, u, change).items()
+                if name in self.latex and name not in angles}
 
     def read_at(self, blocks: list[Block], t: Any, q: Any, u: Any, s: Any) -> tuple[list[Check], Printed]:
         """Checks of the printed equations at states of a motion, and their values by the input alone."""
@@ -200,8 +202,8 @@ class OverInput(Dyads):
             rows += [(x, f"dead centre: {dead}; the input goes no further")
                      for x in self._crossings(lambda table, e=inside: self._of(table, e), at)]
         for link in self.links:
-            if None in (link.k, link.l) and link.item != self.input.item:
-                rate = self.rate(self._amount(link))
+            if link.item != self.input.item and self._shown(link):
+                rate = self._rate_of(link)
                 if rate.free_symbols:
                     what = f"the {escaped(link.coordinate)} of {escaped(link.item)} turns back"
                     rows += [(x, what) for x in self._crossings(lambda table, e=rate: self._of(table, e), at)]
@@ -211,6 +213,14 @@ class OverInput(Dyads):
         unit, x = ("rad" if self.input.turn else "m"), self.latex[str(self.inputs[0])]
         table = [Table([f"${x}$ [{unit}]", "what is there"], [[f"{v:.6f}", what] for v, what in sorted(rows)])] if rows else []
         return [Paragraph(told if closed else "The loops do not close at every value of the input:"), *table]
+
+    def _shown(self, link: Any) -> bool:
+        """Whether it is said where the coordinate of a joint turns back."""
+        return None in (link.k, link.l)
+
+    def _rate_of(self, link: Any) -> Expr:
+        """The rate of the coordinate of a joint."""
+        return self.rate(self._amount(link))
 
     # -- the checks
 
@@ -225,8 +235,12 @@ class OverInput(Dyads):
             t = start.t + self.prepared.time * np.linspace(0, 1, POINTS)
             amounts, rates = (np.array([f(driven[0], x) for x in t]) for f in (timed.value_at, timed.rate_at))
         table = self.along(amounts, rates)
-        q, u = (np.stack([table[f"x{i}{d}"] for i in range(len(start.q))], 1) for d in ("", "d"))
-        return t, q, u, np.tile(start.s, (POINTS, 1))
+        return t, *self.states_of(table), np.tile(start.s, (POINTS, 1))
+
+    def states_of(self, table: dict[str, Any]) -> tuple[Any, Any]:
+        """Positions and velocities (nt, n) of the scene by the symbols of its coordinates."""
+        q, u = (np.stack([table[f"x{i}{d}"] for i in range(len(self.prepared.start.u))], 1) for d in ("", "d"))
+        return q, u
 
     def printed(self, blocks: list[Block]) -> list[Check]:
         """Checks of the formulas of the motion and of the forces over the input, and of the forces at random states."""

@@ -15,9 +15,10 @@ import symengine as se
 
 from mbdae.documents.blocks import escaped
 from mbdae.notation import counted
+from mbdae.reports.mechanisms.solution import determinant
 from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import ClosedForms
-from mbdae.reports.vectors import ZERO, determinant
+from mbdae.reports.vectors import ZERO
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.motion import symbolic_motion
 from mbdae.symbolic.outputs import lowest
@@ -64,6 +65,9 @@ class Links(ClosedForms):
     """Links of a mechanism of the plane with one input, and the bodies that follow from it by joints and couplings. Raises
     ValueError, with the reason, where there is no such input."""
 
+    KINDS: tuple[NodeKind, ...] = (NodeKind.PLANAR,)  #: of the bodies
+    GROUND: Any = Place(ZERO, ZERO, ZERO)
+
     def __init__(self, prepared: Prepared) -> None:
         self.formulas: list[tuple[str, Expr]] = []  #: symbols with their formulas, in the order in which they follow
         self.sayings: dict[int, str] = {}  #: sentences before a formula, by its number
@@ -75,12 +79,10 @@ class Links(ClosedForms):
         super().__init__(prepared)
         if prepared.model.lines:
             raise ValueError("its beams are flexible, so that more than one coordinate moves it")
-        if not prepared.model.planar:
-            raise ValueError("it moves in space")
-        odd = [n.name for n in prepared.model.nodes if n.kind not in (NodeKind.PLANAR, NodeKind.COORDINATE)]
+        odd = [n.name for n in prepared.model.nodes if n.kind not in (*self.KINDS, NodeKind.COORDINATE)]
         if odd:
-            raise ValueError(f"{escaped(odd[0])} is no rigid body of the plane")
-        self.placed: dict[Node | None, Place] = {None: Place(ZERO, ZERO, ZERO)}
+            raise ValueError(f"{escaped(odd[0])} is no rigid body")
+        self.placed: dict[Node | None, Any] = {None: self.GROUND}
         self.amounts: dict[str, Expr] = {}  #: coordinates of joints that are known, by item
         self.links = [*self._links()]
         self._input()
@@ -126,7 +128,7 @@ class Links(ClosedForms):
 
     # -- the joints
 
-    def _links(self) -> Iterator[Link]:
+    def _links(self) -> Iterator[Any]:
         model = self.prepared.model
         joints = {c.name: c for c in model.scene.joints}
         seen = set[str]()
@@ -135,14 +137,14 @@ class Links(ClosedForms):
             if instance.item in seen or instance.item not in joints or "l_p1" not in instance.numbers:
                 continue
             seen.add(instance.item)
-            joint = joints[instance.item].joint
-            motion = symbolic_motion(joint) if hasattr(joint, "states_motion") else None
-            coordinates = [s for s in (motion.steps if motion else ()) if s.amount.free_symbols]
-            if len(coordinates) != 1 or not coordinates[0].amount.is_Symbol or len(motion.steps) != 1:  # type: ignore[union-attr]
-                raise ValueError(f"{escaped(instance.item)} has not one coordinate, the amount of one turn or one displacement")
-            yield self._link(instance, coordinates[0])
+            yield self._link(instance, joints[instance.item].joint, row)
 
-    def _link(self, instance: Instance, step: Any) -> Link:
+    def _link(self, instance: Instance, joint: Any, row: Any) -> Any:
+        motion = symbolic_motion(joint) if hasattr(joint, "states_motion") else None
+        coordinates = [s for s in (motion.steps if motion else ()) if s.amount.free_symbols]
+        if len(coordinates) != 1 or not coordinates[0].amount.is_Symbol or len(motion.steps) != 1:  # type: ignore[union-attr]
+            raise ValueError(f"{escaped(instance.item)} has not one coordinate, the amount of one turn or one displacement")
+        step = coordinates[0]
         item, n = instance.item, instance.numbers
         Q = np.array([[n[f"k_Q{a}{i}"] for a in "xyz"] for i in (1, 2, 3)])
         axis = Q @ [float(c) for c in step.axis]
@@ -186,15 +188,22 @@ class Links(ClosedForms):
         driven = {c.name for c in scene.joints if c.prescribed}
         if len(driven) > 1:
             raise ValueError(f"it has {counted(len(driven), 'prescribed joint')}, where one input is needed")
-        grounded = [link for link in self.links if (link.item in driven if driven else None in (link.k, link.l))]
-        if not grounded or None not in (grounded[0].k, grounded[0].l):
+        found = [link for link in self.links if (link.item in driven if driven else None in (link.k, link.l))]
+        if not found or not self._may_drive(found[0]):
             raise ValueError("no joint on the ground has the input")
-        self.input = link = grounded[0]
+        self.input = link = found[0]
         at = self.names.said("item", link.item)
         letter = r"\varphi" if link.turn else "u"
         self.inputs = self.moving("in", (letter, f"_{{{at}}}"), "rad" if link.turn else "m",
                                   f"the input, {link.coordinate} of {link.item}")
         self.amounts[link.item] = self.inputs[0]
+
+    def _may_drive(self, link: Any) -> bool:
+        return None in (link.k, link.l)
+
+    def _known(self, link: Any) -> bool:
+        """Whether the coordinates of a joint are known."""
+        return link.item in self.amounts
 
     def _hung(self) -> bool:
         """A body on a joint whose coordinate is known, and coordinates of joints between known bodies."""
@@ -207,16 +216,16 @@ class Links(ClosedForms):
                 self.with_rates(own, e)
                 self.placed[node], self.amounts[link.item] = Place(own[0], ZERO, ZERO), own[0]
                 return True
-            if sum(ends) == 1 and link.item in self.amounts:
+            if sum(ends) == 1 and self._known(link):
                 outwards = ends[0]
                 known, node = (link.k, link.l) if outwards else (link.l, link.k)
                 assert node is not None
                 self.say(f"{escaped(node.name)} follows by {escaped(link.item)}:")
-                self._place(node, link, known, self.amounts[link.item])
+                self._place(node, link, known, self.amounts.get(link.item, ZERO))
                 return True
         return False
 
-    def _amount(self, link: Link) -> Expr:
+    def _amount(self, link: Any) -> Expr:
         """The coordinate of a joint between two known bodies."""
         k, l = self.placed[link.k], self.placed[link.l]
         if link.turn:
@@ -230,7 +239,7 @@ class Links(ClosedForms):
         there = link.rest + (link.turn * amount if link.turn else ZERO)
         return self.placed[known].angle + (there if known is link.k else -there)
 
-    def _place(self, node: Node, link: Link, known: Node | None, amount: Expr, angle: Expr | None = None) -> None:
+    def _place(self, node: Node, link: Any, known: Node | None, amount: Expr, angle: Expr | None = None) -> None:
         """Define a body on a known one: its angle, unless it is known already, and its centre."""
         x, y, theta = self.coordinates_of(node) if node not in self.letters_of else self.letters_of[node]
         if angle is None:

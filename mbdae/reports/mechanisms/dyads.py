@@ -15,10 +15,11 @@ import numpy as np
 import symengine as se
 
 from mbdae.documents.blocks import escaped
+from mbdae.reports.mechanisms.links import Link, Links, Pair, Place
+from mbdae.reports.mechanisms.solution import determinant
 from mbdae.reports.page import NEXT_TO_ZERO
-from mbdae.reports.scene_links import Link, Links, Pair, Place
 from mbdae.reports.states import value
-from mbdae.reports.vectors import ZERO, determinant
+from mbdae.reports.vectors import ZERO
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.model.nodes import Node
 from mbdae.system.prepare import Prepared
@@ -209,11 +210,9 @@ class Dyads(Links):
 
     def start_of(self, e: Expr) -> float:
         """Value of a formula at the start."""
-        at, table = self.prepared.start.q, dict[str, Any](self.constants)
-        table |= {f"x{n}": at[n] for n in range(len(at))}
-        for link in self.links:
-            if not link.turn and f"sl{link.item}" in self.latex:
-                table[f"sl{link.item}"] = self._of(table, self._drawn_amount(link))
+        table = dict(self.constants) | self.start_letters()
+        table |= {f"sl{link.item}": self._of(table, self._drawn_amount(link)) for link in self.links
+                  if f"sl{link.item}" in self.latex}
         table[str(self.inputs[0])] = self._of(table, self._drawn_amount(self.input))
         known = dict(self.formulas)
 
@@ -222,12 +221,25 @@ class Dyads(Links):
                 table[str(s)] = value(known[str(s)], get)
             return table[str(s)]
 
-        return float(value(se.sympify(e), get))
+        return float(np.reshape(value(se.sympify(e), get), ()))
 
-    def _drawn_amount(self, link: Link) -> Expr:
+    def start_letters(self) -> dict[str, Any]:
+        """Values of the coordinates of bodies and joints at the start, by their symbols."""
+        start = self.prepared.start
+        return self.states_as_letters(start.q[None], start.u[None], np.zeros((1, len(start.u))))
+
+    def states_as_letters(self, q: Any, u: Any, change: Any) -> dict[str, Any]:
+        """Values of the coordinates of bodies and joints and of their rates, by their symbols, at states (nt, n)."""
+        return {f"x{n}{d}": v[:, n] for n in range(u.shape[1]) for d, v in (("", q), ("d", u), ("dd", change))}
+
+    def _unplaced(self, node: Node) -> Any:
+        """A body where its unknowns say that it is."""
+        return Place(*(se.Symbol(f"x{node.u + i}") for i in range(3)))
+
+    def _drawn_amount(self, link: Any) -> Expr:
         """The coordinate of a joint by the unknowns of its bodies, whole turns included."""
         held, self.placed = self.placed, {None: self.placed[None]} | {
-            end: Place(*(se.Symbol(f"x{end.u + i}") for i in range(3))) for end in (link.k, link.l) if end is not None}
+            end: self._unplaced(end) for end in (link.k, link.l) if end is not None}
         try:
             return self._amount(link)
         finally:
