@@ -139,6 +139,10 @@ function scale(c, width, height, eyeing) {
   const step = nice(50 / eyeing.k), w = step * eyeing.k;
   stroke(c, [[width - 20 - w, height - 18], [width - 20, height - 18]]); c.lineWidth = 3; c.stroke();
   c.fillText(short(step) + " m", width - 20 - w / 2, height - 26);
+  if (!film.newtons) return;
+  const force = nice(40 * film.newtons / eyeing.k), reach = 20 + force / film.newtons * eyeing.k;
+  stroke(c, [[20, 22], [reach, 22], [reach - 8, 18], [reach, 22], [reach - 8, 26]]); c.lineWidth = 2; c.stroke();
+  c.textAlign = "left"; c.fillText(short(force) + " N", reach + 8, 26);
 }
 function gravity(c, width, eyeing) {
   if (!g) return;

@@ -302,7 +302,7 @@ def film_data(film: Film) -> dict[str, Any]:
     return {
         "name": seen.name, "planar": seen.planar, "unit": unit, "grain": GRAIN, "mark": MARK * seen.size, "speed": film.speed,
         "t": _short(seen.t), "times": _short(film.times), "fine": film.fine, "digits": digits(seen.t),
-        "gravity": seen.gravity.tolist(),
+        "gravity": seen.gravity.tolist(), "newtons": seen.newtons,
         "low": _short(low_high[0]), "high": _short(low_high[1]), "looks": {k: asdict(v) for k, v in LOOKS.items()},
         "colours": COLOURS, "bodies": {name: _pose(seen, name, unit) for name in seen.poses},
         "shapes": [_shape(shape, unit) for shape in seen.shapes],

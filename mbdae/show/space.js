@@ -122,8 +122,14 @@ function spaceOn(canvas) {
     const make = f => shaped(rodsOf(local(shape, f), radius, sides), false);
     const meshes = [put(shape, make(first), lit(shape.colour))];
     if (loud) {  // drives and forces are seen through what is in front of them
-      meshes.push(put(shape, meshes[0].geometry, lit(shape.colour, {depthTest: false, transparent: true, opacity: 0.45}), false));
+      meshes.push(put(shape, meshes[0].geometry, lit(shape.colour, {depthTest: false, transparent: true, opacity: shape.kind === "push" ? 0.85 : 0.45}), false));
       meshes[1].renderOrder = 2;
+    }
+    if (shape.kind === "push") {  // the point of contact, where a force acts
+      const ball = put(shape, new THREE.SphereGeometry(2 * radius, 16, 12), meshes[1].material, false);
+      const go = f => { const q = local(shape, f); ball.position.set(...q[0]); ball.visible = q[0].some((v, i) => v !== q[1][i]); };
+      ball.renderOrder = 2; go(first);
+      if (shape.points.length > 1) moving.push(go);
     }
     if (shape.points.length > 1) moving.push(f => {
       const fresh = make(f); meshes[0].geometry.dispose(); for (const mesh of meshes) mesh.geometry = fresh;
