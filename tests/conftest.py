@@ -29,7 +29,8 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: workers wit
 
 DERIVE = ("mbdae.symbolic", "mbdae.laws", "mbdae.kernels", "mbdae.disk")  #: what derives and compiles
 
-FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+FLAGS = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+         "--disable-quic", "--no-first-run", "--disable-sync",
          "--disable-background-networking", "--disable-component-update"]
 
 

@@ -44,7 +44,7 @@ class RopeSensor(ConnectionSensor):
     @cached_property
     def _columns(self) -> dict[str, Array]:
         """(nt, n) of every observed quantity."""
-        ((_, targets, values),) = self._evaluated(observed_outputs)
+        ((_, targets, values),) = self._result.over_laws(observed_outputs, self._item)
         names = [name for name, _ in targets]
         return {name: values[:, [n == name for n in names]] for name in names}
 

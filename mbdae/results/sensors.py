@@ -3,7 +3,6 @@ times."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -261,21 +260,14 @@ class ConnectionSensor(ListsAttributes):
 
     @cached_property
     def _length(self) -> Array:
-        found = [values for g, p, values in self._evaluated(length_outputs)]
+        found = [values for g, p, values in self._result.over_laws(length_outputs, self._item)]
         return np.asarray(found[0]) if found else np.full((len(self._result.t), 2), np.nan)
-
-    def _evaluated(self, outputs: Any) -> Iterator[tuple[Any, Any, Array]]:
-        """(law, targets, values (nt, outputs)) of the outputs of every law of the item that has some."""
-        prepared, q, u, s = self._result.prepared, *self._result.states(self._result.t)
-        for g, p, values in prepared.with_all_rows.evaluate(outputs, self._result.t, q, u, s, self._result._dynamics[1]):
-            for i, instance in enumerate(prepared.model.groups[g].instances):
-                if instance.item == self._item.name and len(p.targets):
-                    yield instance.law, p.targets, values[:, i]
 
     def _drive(self, row: str, coordinate: str) -> Array:
         """Torque or force (nt,), N m or N, on l that acts on a coordinate: the multiplier of `row`, which prescribes it, plus its
         loads; positive in the direction in which the coordinate grows."""
-        loads = [values[:, 0] for law, _, values in self._evaluated(drive_outputs) if law.name_of_coordinate == coordinate]
+        loads = [values[:, 0] for law, _, values in self._result.over_laws(drive_outputs, self._item)
+                 if law.name_of_coordinate == coordinate]
         name = f"{self._item.name}.{row}"
         if name in self._result.multiplier_names:
             loads.append(self._result._dynamics[1][:, self._result.multiplier_names.index(name)])

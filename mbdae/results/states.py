@@ -151,15 +151,17 @@ class RunStates(NamesArguments):
         moved = self.prepared.all_bodies.moved
         return Observer(self.prepared.model, moved, expressions)(self.t, self.solution(self.t))
 
-    def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
-        """Outputs (nt, width) of the laws of one item, summed; they may depend on multipliers."""
-        total = np.zeros((len(self.t), width))
+    def over_laws(self, outputs: Outputs, item: Connection) -> Iterator[tuple[Any, Any, Array]]:
+        """(law, targets, values (nt, outputs)) of every law of one item that has such outputs; they may depend on multipliers."""
         q, u, s = self._states
-        for g, _, values in self.prepared.with_all_rows.evaluate(outputs, self.t, q, u, s, self._dynamics[1]):
+        for g, p, values in self.prepared.with_all_rows.evaluate(outputs, self.t, q, u, s, self._dynamics[1]):
             for i, instance in enumerate(self.prepared.model.groups[g].instances):
-                if instance.item == item.name:
-                    total += values[:, i]
-        return total
+                if instance.item == item.name and len(p.targets):
+                    yield instance.law, p.targets, values[:, i]
+
+    def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
+        """Outputs (nt, width) of the laws of one item, summed."""
+        return sum((values for *_, values in self.over_laws(outputs, item)), np.zeros((len(self.t), width)))
 
     def coordinate(self, item: Connection, name: str) -> tuple[Array, Array] | None:
         """A coordinate of a joint and its rate (nt,), whole turns counted along the run's steps; None where it cannot be read."""

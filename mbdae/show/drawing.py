@@ -52,6 +52,7 @@ LOOKS: dict[str, Look] = {
     "dashed": Look(1.6, 4, dash=(5, 3)),
     "box": Look(1.6, 4, fill=0.15),
     "arrow": Look(1.7, 6),
+    "push": Look(1.7, 6),
     "pin": Look(1.6, 7, marker="o", size=7, face="white"),
     "ball": Look(1.6, 7, marker="o", size=8, face="ink"),
     "dot": Look(1.0, 7, marker="o", size=4, face="ink"),

@@ -64,6 +64,7 @@ class Geometry:
     poses: dict[str, Pose]
     shapes: tuple[Outline, ...]
     labels: tuple[Label, ...]
+    newtons: float  #: force of an arrow of 1 m, N: one scale for all forces; 0 where none is drawn
 
     def polyline(self, shape: Outline) -> Array:
         """Points (nt, n, 3) of a shape over time, m, inertial frame."""
@@ -117,6 +118,7 @@ class Collected:
         g = self.scene.gravity
         self.down = symbols.unit(g) if np.any(g) else np.array([0.0, -1.0, 0.0]) if self.planar else -symbols.Z
         self.shapes: list[Outline] = []
+        self.forces: list[tuple[str, str, Array, Array]] = []  #: item, kind, points (nt, 3), m, and forces there (nt, 3), N
         self.labels: list[Label] = []
         self._grounded: list[Array] = []
         self.fixed: list[Any] = []  #: shapes on the ground that are already drawn

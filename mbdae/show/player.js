@@ -1,4 +1,3 @@
-"use strict";
 const film = JSON.parse(document.getElementById("film").textContent);
 const el = id => document.getElementById(id);
 const view = el("view"), play = el("play"), slide = el("slide");
@@ -54,6 +53,9 @@ function eye() {
 }
 const middle = film.low.map((v, i) => (v + film.high[i]) / 2), extent = film.high.map((v, i) => v - film.low[i]);
 const radius = Math.hypot(...extent) / 2 || 1;
+// width and height of the view at home, however it is turned about the vertical: those of the upright cylinder around everything
+const tall = dot(extent, up.map(Math.abs)), wide = Math.sqrt(Math.max(dot(extent, extent) - tall ** 2, 0.01 * radius ** 2));
+const room = [wide, tall * Math.cos(HOME.tip) + wide * Math.sin(HOME.tip)];
 
 function fitted(canvas, height) {
   const width = canvas.clientWidth, ratio = window.devicePixelRatio || 1;
@@ -69,7 +71,7 @@ function fitted(canvas, height) {
 
 function lens(width, height, center) {
   const e = eye(), pad = film.planar ? 34 : 20;
-  const w = film.planar ? extent[0] : 1.75 * radius, h = film.planar ? extent[1] : 1.75 * radius;
+  const [w, h] = film.planar ? extent : room;
   const k = camera.zoom * Math.min((width - 2 * pad) / (w || 1e-9), (height - 2 * pad) / (h || 1e-9));
   const o = [width / 2 + camera.x, height / 2 + camera.y];
   const see = p => {
@@ -93,21 +95,6 @@ function paint(c, kind, colour, pts) {
   stroke(c, pts, false);
   if (look.casing) { c.strokeStyle = INK; c.lineWidth += 2; c.stroke(); c.strokeStyle = colour; c.lineWidth -= 2; }
   c.stroke(); c.setLineDash([]);
-}
-// visible faces of a solid with their shading
-const LIGHT = unit([-0.35, 0.55, 0.76]);
-function facesOf(shape, pts, k) {
-  const tone = parseInt(shape.colour.slice(1), 16), rgb = [tone >> 16 & 255, tone >> 8 & 255, tone & 255];
-  return shape.faces.map((face, i) => ({face, shade: shape.shades[i]})).flatMap(({face, shade}) => {
-    const q = face.map(n => pts[n]), last = q[q.length - 1];
-    const a = [q[2][0] - q[0][0], q[0][1] - q[2][1], k * (q[2][2] - q[0][2])];
-    const b = [last[0] - q[1][0], q[1][1] - last[1], k * (last[2] - q[1][2])], n = unit(cross(a, b));
-    if (n[2] <= 0) return [];
-    const lit = (0.6 + 0.4 * Math.max(0, dot(n, LIGHT))) * (shade ? 0.7 : 1);
-    const colour = "rgb(" + rgb.map(v => Math.round(v * lit)).join(",") + ")";
-    return [{layer: film.looks.solid.layer, depth: q.reduce((s, p) => s + p[2], 0) / q.length, draw: c => {
-      stroke(c, q, true); c.setLineDash([]); c.fillStyle = c.strokeStyle = colour; c.lineWidth = 0.7; c.fill(); c.stroke(); }}];
-  });
 }
 function mark(c, look, colour, p, r) {
   c.setLineDash([]); c.beginPath();
@@ -140,11 +127,7 @@ function grid(c, width, height, eyeing) {
   }
   c.fillText("y [m]", 4, 14);
 }
-function box(c, width, height, eyeing) {
-  const half = extent.map(v => Math.max(v / 2, 0.15 * radius));
-  const corner = n => eyeing.see(middle.map((v, i) => v + (n >> i & 1 ? 1 : -1) * half[i]));
-  c.strokeStyle = "#dcdcdc"; c.lineWidth = 1; c.setLineDash([]);
-  for (let n = 0; n < 8; n++) for (const b of [1, 2, 4]) if (!(n & b)) { stroke(c, [corner(n), corner(n | b)]); c.stroke(); }
+function scale(c, width, height, eyeing) {
   c.font = "13px system-ui, sans-serif"; c.fillStyle = "#333"; c.strokeStyle = "#333"; c.lineWidth = 1.5; c.textAlign = "center";
   const o = [44, height - 52];
   c.lineCap = "round";
@@ -156,6 +139,10 @@ function box(c, width, height, eyeing) {
   const step = nice(50 / eyeing.k), w = step * eyeing.k;
   stroke(c, [[width - 20 - w, height - 18], [width - 20, height - 18]]); c.lineWidth = 3; c.stroke();
   c.fillText(short(step) + " m", width - 20 - w / 2, height - 26);
+  if (!film.newtons) return;
+  const force = nice(40 * film.newtons / eyeing.k), reach = 20 + force / film.newtons * eyeing.k;
+  stroke(c, [[20, 22], [reach, 22], [reach - 8, 18], [reach, 22], [reach - 8, 26]]); c.lineWidth = 2; c.stroke();
+  c.textAlign = "left"; c.fillText(short(force) + " N", reach + 8, 26);
 }
 function gravity(c, width, eyeing) {
   if (!g) return;
@@ -191,27 +178,28 @@ function names(c, f, poses, eyeing, taken, width, height) {
   }
 }
 
+// three.js draws what is in space (space.js); without it, as in the plane, lines are drawn here, all edges of solids among them
+const space = film.planar ? null : spaceOn(el("lit"));
+el("lit").hidden = !space; el("flat").hidden = film.planar || space;
+function drawLines(c, f, poses, see) {
+  if (el("trails").checked) for (const trail of film.trails)
+    paint(c, "trail", trail.colour, trail.points.slice(0, (f.s < 0.5 ? f.i : f.j) * film.fine + 1).map(p => see(scaled(p, film.unit))));
+  for (const s of [...film.shapes].sort((a, b) => film.looks[a.kind].layer - film.looks[b.kind].layer)) {
+    const pts = pointsOf(s, poses, f).map(see);
+    if (s.faces) for (const face of s.faces) paint(c, "line", s.colour, [...face, face[0]].map(n => pts[n]));
+    else if (pts.length > 1 || film.looks[s.kind].marker) paint(c, s.kind, s.colour, pts);
+  }
+}
 function drawView(f) {
-  const wide = view.clientWidth;
-  const wanted = film.planar ? 68 + (wide - 68) * extent[1] / (extent[0] || 1) : wide < 500 ? 0.95 * wide : 0.72 * wide;
+  const across = view.clientWidth, tall = film.planar ? 68 + (across - 68) * extent[1] / (extent[0] || 1) : 0;
+  const wanted = tall || (across < 500 ? 0.95 : 0.72) * across;
   const {c, width, height} = fitted(view, Math.round(Math.max(240, Math.min(wanted, 0.62 * window.innerHeight, 720))));
   const poses = {};
   for (const name in film.bodies) poses[name] = pose(name, f);
   const followed = poses[el("follow").value], eyeing = lens(width, height, followed ? followed.r : middle);
-  film.planar ? grid(c, width, height, eyeing) : box(c, width, height, eyeing);
-  const last = (f.s < 0.5 ? f.i : f.j) * film.fine;
-  if (el("trails").checked) for (const trail of film.trails)
-    paint(c, "trail", trail.colour, trail.points.slice(0, last + 1).map(p => eyeing.see(scaled(p, film.unit))));
-  const parts = film.shapes.flatMap(s => {
-    const pts = pointsOf(s, poses, f).map(eyeing.see), look = film.looks[s.kind];
-    if (s.faces) return facesOf(s, pts, eyeing.k);
-    if (pts.length < 2 && !look.marker) return [];
-    const depth = pts.reduce((a, p) => a + p[2], 0) / pts.length;
-    return [{layer: look.layer, depth, draw: c => paint(c, s.kind, s.colour, pts)}];
-  });
-  parts.sort((a, b) => a.layer - b.layer || (film.planar ? 0 : a.depth - b.depth));
-  for (const part of parts) part.draw(c);
+  (film.planar ? grid : scale)(c, width, height, eyeing);
+  if (space) space.draw(poses, f, eyeing, width, height);
+  else drawLines(c, f, poses, eyeing.see);
   gravity(c, width, eyeing);
   if (el("names").checked) names(c, f, poses, eyeing, [[width - 130, 0, 130, 50]], width, height);
 }
-

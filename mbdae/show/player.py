@@ -12,13 +12,14 @@ import numpy as np
 
 from mbdae.show import WIDE, fitting
 from mbdae.show.drawing import LOOKS
-from mbdae.show.geometry import Geometry, Outline
+from mbdae.show.geometry import MARK, Geometry, Outline
 from mbdae.show.plots import COLOURS
 from mbdae.show.shapes import Film, digits
 from mbdae.values import Array
 
-#: JavaScript of the player that draws the motion
-VIEW = Path(__file__).with_name("player.js").read_text(encoding="utf-8")
+#: JavaScript of the player that draws the motion; what it draws in space; the library three.js for this (see CONTRIBUTING.md)
+VIEW, SPACE, THREE = (Path(__file__).with_name(name).read_text(encoding="utf-8")
+                      for name in ("player.js", "space.js", "three.min.js"))
 # -- HTML of the player; `player.page` replaces the fields between @ signs
 
 
@@ -26,13 +27,17 @@ PAGE = r"""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>@NAME@</title>
 <link rel="icon" href="data:,">
 <style>
-:root { color-scheme: light dark; --ground: #fff; --ink: #222; --faint: #555; --edge: #777; --button: #f4f4f4; }
+:root { color-scheme: light dark; --ground: #fff; --ink: #222; --faint: #555; --edge: #777; --button: #f4f4f4;
+        --rim: #ccc; --sky: linear-gradient(#fdfdfe, #e6eaef); }
 @media (prefers-color-scheme: dark) {  /* drawings keep their hues; their brightness is turned round */
-  :root { --ground: #131416; --ink: #ddd; --faint: #aaa; --edge: #888; --button: #2a2c30; }
+  :root { --ground: #131416; --ink: #ddd; --faint: #aaa; --edge: #888; --button: #2a2c30;
+          --rim: #444; --sky: linear-gradient(#24282d, #16181b); }
   canvas { filter: invert(.92) hue-rotate(180deg); }
 }
 * { box-sizing: border-box; }
@@ -40,8 +45,10 @@ body { margin: 0 auto; padding: 12px 16px; max-width: 1500px; font: 15px/1.4 sys
        background: var(--ground); }
 h1 { font-size: 1.15rem; margin: 0 0 8px; overflow-wrap: anywhere; }
 canvas { display: block; width: 100%; }
-#view { border: 1px solid #ccc; border-radius: 6px; }
-#view { cursor: grab; touch-action: none; }
+#stage { position: relative; border: 1px solid var(--rim); border-radius: 6px; overflow: hidden; }
+#lit { position: absolute; inset: 0; filter: none; background: var(--sky); }
+#view { position: relative; cursor: grab; touch-action: none; }
+.unseen { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
 #view:active { cursor: grabbing; }
 #page { display: grid; grid-template-columns: minmax(0, 1fr); gap: 4px 20px; }
 @media (min-width: 900px) {
@@ -61,7 +68,7 @@ button, select { font: inherit; padding: 6px 12px; min-height: 40px; touch-actio
 #play { min-width: 6em; font-weight: 600; }
 :is(button, select, input, canvas):focus-visible { outline: 3px solid #0072B2; outline-offset: 1px; }
 label { display: inline-flex; flex-wrap: wrap; gap: 6px; align-items: center; }
-label[hidden] { display: none; }
+[hidden] { display: none !important; }
 output { font-variant-numeric: tabular-nums; min-width: 7em; }
 select { max-width: 11em; }
 input[type=checkbox] { width: 20px; height: 20px; margin: 8px 0; }
@@ -73,7 +80,12 @@ input[type=checkbox] { width: 20px; height: 20px; margin: 8px 0; }
 <h1>@NAME@</h1>
 <div id="page">
 <div>
-<canvas id="view" tabindex="0" role="img" aria-label="Moving drawing of @NAME@"></canvas>
+<div id="stage">
+<canvas id="lit" aria-hidden="true" hidden></canvas>
+<canvas id="view" tabindex="0" role="img" aria-label="Moving drawing of @NAME@" aria-describedby="told"></canvas>
+</div>
+<p id="told" class="unseen">@TOLD@</p>
+<p id="flat" hidden>This browser has no WebGL: the scene is drawn by its lines, without light and shadow.</p>
 <div id="bar">
 <button id="play" type="button" aria-label="Play">&#9654; Play</button>
 <input id="slide" type="range" min="0" max="1000" value="0" step="1" aria-label="Time">
@@ -94,7 +106,8 @@ input[type=checkbox] { width: 20px; height: 20px; margin: 8px 0; }
 </div>
 <p id="hint"></p>
 <script id="film" type="application/json">@DATA@</script>
-<script>
+@THREE@<script>
+"use strict";
 @SCRIPT@</script>
 </body>
 </html>
@@ -262,12 +275,21 @@ def page(film: Film) -> str:
     name = html.escape(film.seen.name)
     options = "".join(f'<option value="{s:g}"{" selected" if s == film.speed else ""}>&times; {s:g}</option>'
                       for s in sorted({*SPEEDS, film.speed}))
-    fields = {"@SCRIPT@": VIEW + CONTROLS, "@NAME@": name, "@SPEEDS@": options, "@DATA@": data}
+    space = "" if film.seen.planar else SPACE
+    fields = {"@SCRIPT@": space + VIEW + CONTROLS, "@THREE@": "" if film.seen.planar else f"<script>\n{THREE}</script>\n",
+              "@TOLD@": html.escape(told(film)), "@NAME@": name, "@SPEEDS@": options, "@DATA@": data}
     text = PAGE
     for field, value in fields.items():
         text = text.replace(field, value)
     return text
 
+
+def told(film: Film) -> str:
+    """What the moving drawing shows, for those who do not see it."""
+    seen, span = film.seen, film.seen.t
+    names = {strong: ", ".join(label.text for label in seen.labels if label.of_body is strong) for strong in (True, False)}
+    parts = [f"bodies: {names[True]}"] * bool(names[True]) + [f"joints and forces: {names[False]}"] * bool(names[False])
+    return f"A mechanism in {'the plane' if seen.planar else 'space'} from {span[0]:g} s to {span[-1]:g} s; {'; '.join(parts)}."
 
 
 def film_data(film: Film) -> dict[str, Any]:
@@ -278,9 +300,9 @@ def film_data(film: Film) -> dict[str, Any]:
         reached = np.vstack([trail.points for trail in film.trails])
         low_high = np.array([np.minimum(low_high[0], reached.min(axis=0)), np.maximum(low_high[1], reached.max(axis=0))])
     return {
-        "name": seen.name, "planar": seen.planar, "unit": unit, "grain": GRAIN, "size": seen.size, "speed": film.speed,
+        "name": seen.name, "planar": seen.planar, "unit": unit, "grain": GRAIN, "mark": MARK * seen.size, "speed": film.speed,
         "t": _short(seen.t), "times": _short(film.times), "fine": film.fine, "digits": digits(seen.t),
-        "gravity": seen.gravity.tolist(),
+        "gravity": seen.gravity.tolist(), "newtons": seen.newtons,
         "low": _short(low_high[0]), "high": _short(low_high[1]), "looks": {k: asdict(v) for k, v in LOOKS.items()},
         "colours": COLOURS, "bodies": {name: _pose(seen, name, unit) for name in seen.poses},
         "shapes": [_shape(shape, unit) for shape in seen.shapes],

@@ -16,14 +16,18 @@ from mbdae.errors import OptionError
 from mbdae.inputs import timed
 from mbdae.laws.forces import tangents, wraps_of
 from mbdae.results.result import Result
+from mbdae.results.sensors import reaction_outputs
 from mbdae.scene.components import BeamLoad, Connection, Place
+from mbdae.scene.shapes import Plane
 from mbdae.show import symbols
-from mbdae.show.geometry import Geometry, ends
+from mbdae.show.geometry import INK, Geometry, ends
 from mbdae.show.joint_shapes import BodyShapes, JointShapes
 from mbdae.show.plots import COLOURS, strips, track
 from mbdae.symbolic.joint import Coupling
 from mbdae.values import Array, shown
 
+PUSH = "#e6007e"  #: colour of forces of contacts
+SLIGHT = 1e-3  #: sine of the angle between a force and a plane below which they do not meet
 ARC = 13  #: number of points of a rope on a pulley
 ARROWS = 9  #: number of arrows of a distributed load
 UNMARKED = ("force", "torque", "spring", "pointspring", "rope")  #: kinds of forces drawn without a marker at their point
@@ -43,18 +47,21 @@ class _Builder(JointShapes, BodyShapes):
                 self._body(body, body.color or COLOURS[i % (len(COLOURS) - 1)])
         for item in self.shown(self.scene.connections):
             if item.shapes:
-                self._contact(self._on_sections(item))
+                self._contact(touching := self._on_sections(item))
+                if not self.planar:
+                    self._pushes(touching)
             else:
                 self._connection(self._on_sections(item))
         for load in self.shown(self.scene.line_loads):
             self._distributed(load)
         self._planes()
+        newtons = self._arrows()
         self._gather()
         if not self.shapes:
             raise OptionError(f"hide = {shown(sorted(self.hidden))} leaves nothing of scene '{self.scene.name}': name fewer "
                               f"items")
         found = (tuple(self.shapes), tuple(self.labels))
-        return Geometry(self.scene.name, self.result.t, self.planar, self.size, self.scene.gravity, self.poses, *found)
+        return Geometry(self.scene.name, self.result.t, self.planar, self.size, self.scene.gravity, self.poses, *found, newtons)
 
     # -- forces and couplings
 
@@ -133,16 +140,46 @@ class _Builder(JointShapes, BodyShapes):
                 self._ground(item.name, anchor, axis)
 
     def _load(self, item: Connection, law: Any) -> None:
-        values = self.result.read(f"{item.name}.{item.kind}")
+        values, at = self.result.read(f"{item.name}.{item.kind}"), self._over_time(item.l, law.at)
+        if item.kind == "force":
+            self.forces.append((item.name, "arrow", at, values))
+            return
         share = np.linalg.norm(values, axis=1) / (np.max(np.linalg.norm(values, axis=1)) or 1.0)
-        at, lines = self._over_time(item.l, law.at), []
-        for p, value, s in zip(at, values, share, strict=True):
-            reach = symbols.unit(value) * s
-            if item.kind == "force":
-                lines.append(symbols.arrow(p, p + 6 * self.mark * reach, 1.5 * self.mark))
+        ways = [symbols.unit(value) if s else symbols.Z for value, s in zip(values, share, strict=True)]
+        self._add(item.name, "arrow", np.array([symbols.turning_arrow(p, way, 2.6 * self.mark * s**0.5)
+                                                for p, way, s in zip(at, ways, share, strict=True)]))
+
+    def _pushes(self, item: Connection) -> None:
+        """The force of every law of a contact on body l, at the point where its line of action meets the plane of k, or the
+        surface of the ball of l."""
+        one = item.shapes[0]
+        for law, _, wrench in self.result.over_laws(reaction_outputs, item):
+            force, torque = wrench[:, :3], wrench[:, 3:]
+            size = np.linalg.norm(force, axis=1)[:, None]
+            acts = size > 1e-9 * np.max(size, initial=0.0)
+            way = np.divide(force, size, out=np.zeros_like(force), where=acts)
+            arm = np.divide(np.cross(way, torque), size, out=np.zeros_like(force), where=acts)
+            middle = self._over_time(item.l, law.point_on("l"))
+            if isinstance(one, Plane):
+                at = self._over_time(item.k, one.at)
+                normal = self._over_time(item.k, one.at + one.normal) - at
+                height, slope = (np.sum(x * normal, axis=1)[:, None] for x in (at - middle - arm, way))
+                far = np.divide(height, slope, out=np.zeros_like(size), where=acts & (slope > SLIGHT))
             else:
-                lines.append(symbols.turning_arrow(p, reach if np.any(reach) else symbols.Z, 2.6 * self.mark * s**0.5))
-        self._add(item.name, "arrow", np.array(lines))
+                radius = getattr(law, "radius_l", None) or 0.0
+                far = -np.sqrt(np.maximum(radius**2 - np.sum(arm**2, axis=1), 0.0))[:, None]
+            self.forces.append((item.name, "push", middle + arm + far * way, np.where(acts, force, 0.0)))
+
+    def _arrows(self) -> float:
+        """Draw all forces by one scale, N per m, which is returned: the largest as an arrow of six marks."""
+        largest = max((float(np.max(np.linalg.norm(force, axis=1))) for *_, force in self.forces), default=0.0)
+        if not largest:
+            return 0.0
+        newtons = largest / (6 * self.mark)
+        for item, kind, at, force in self.forces:
+            self._add(item, kind, np.array([symbols.arrow(p, p + f / newtons, 1.5 * self.mark)
+                                            for p, f in zip(at, force, strict=True)]), colour=PUSH if kind == "push" else INK)
+        return newtons
 
     def _distributed(self, load: BeamLoad) -> None:
         """Draw a row of arrows along the beam, with lengths proportional to the load, joined at their tails."""

@@ -158,6 +158,36 @@ def test_mistakes_in_shapes_are_named() -> None:
         assert words in str(error.value)
 
 
+def test_forces_of_contacts_act_where_bodies_touch() -> None:
+    """A ball that slides on a slope of 0.3, and one that lies on a fixed ball and is pressed down: point and force over time, by
+    one scale, which the player tells."""
+    s = mb.Scene("touching", gravity=(0, 0, -9.81))
+    tilt, steel = 0.3, mb.Hertz(1e6, 1.0)
+    normal = np.array([-np.sin(tilt), 0, np.cos(tilt)])
+    ball = s.rigid_body("ball", 2.0, (0.008, 0.008, 0.008), at=(0.1 - 1e-5) * normal, shape=mb.Sphere(radius=0.1))
+    other = s.rigid_body("other", 1.0, (0.004, 0.004, 0.004), at=(0, 3, 0.4), shape=mb.Sphere(radius=0.1))
+    s.contact("slope", s.ground, ball, mb.Plane(at=(0, 0, 0), normal=normal), mb.Sphere(radius=0.1), normal=steel,
+              friction=mb.Coulomb(0.1, 1e-2))
+    s.contact("top", s.ground, other, mb.Sphere(at=(0, 3, 0), radius=0.3), mb.Sphere(radius=0.1), normal=steel)
+    s.prismatic("guide", s.ground, other, at=(0, 3, 0.4), axis=(0, 0, 1))
+    s.force("press", other, (0, 0, -30.0))
+    r = s.simulate(0.4, accuracy=1e-4)
+    seen = geometry(r)
+    found = {shape.item: shape.points for shape in seen.shapes if shape.kind in ("push", "arrow")}
+    for item, at in (("slope", r["ball"].position - 0.1 * normal), ("top", np.array([0, 3, 0.3]))):
+        force = (found[item][:, 1] - found[item][:, 0]) * seen.newtons
+        np.testing.assert_allclose(force, r[item].force, atol=1e-9 * np.max(r[item].force))
+        acts = np.linalg.norm(force, axis=1) > 1.0
+        assert np.count_nonzero(acts) > 100
+        np.testing.assert_allclose(found[item][acts, 0], np.broadcast_to(at, force.shape)[acts], atol=2e-3)  # m, as deep
+    along = r["slope"].force @ normal
+    assert np.median(np.linalg.norm(np.cross(r["slope"].force, normal), axis=1) / along) == pytest.approx(0.1, rel=0.1)
+    press = np.tile([0, 0, -30 / seen.newtons], (len(r.t), 1))
+    np.testing.assert_allclose(found["press"][:, 1] - found["press"][:, 0], press, atol=1e-12)
+    longest = max(np.max(np.linalg.norm(x[:, 1] - x[:, 0], axis=1)) for x in found.values())
+    assert longest == pytest.approx(6 * 0.03 * seen.size)
+
+
 # ---- in a browser --------------------------------------------------------------------------------------------------------
 
 
