@@ -77,7 +77,7 @@ class Errors:
     wanted: tuple[Quantity, ...] = ()  #: those that the run was asked for, which are relative to their own size
     _known: dict[Any, Estimate | None] = field(default_factory=dict, repr=False)
     endless: dict[str, float] = field(default_factory=dict, repr=False)  #: quantity that is not finite at a time, s: no error
-    remedy: str = ""  #: against the error of the mesh, where that is what misses the accuracy
+    remedy: str = ""  #: where a smaller accuracy is none: against the error of the mesh, or of round-off
 
     def __post_init__(self) -> None:
         self.others = at_the_same_times(self.others)

@@ -137,7 +137,8 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
         except SolverError as error:
             if not grown or isinstance(error, FINAL):
                 raise
-            run = run.after(1 + len(search.made), cpu_of(error) + sum(other.stats.cpu_s for _, other in search.made))
+            made = [other for _, other in search.made[known is not None :]]
+            run = run.after(1 + len(made), cpu_of(error) + sum(other.stats.cpu_s for other in made))
             return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
@@ -151,8 +152,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
             bounds = () if run.estimate <= accuracy and not solver.starts_low else unseen(growth)
         if not hidden and not of_companions and not bounds:
             return replace(run, growth=tuple(growth))
-        runs, cpu, known = run.runs, run.cpu_s, None
-        asked = replace(asked, bounds=(*asked.bounds, *bounds))
+        runs, cpu, known, asked = run.runs, run.cpu_s, None, replace(asked, bounds=(*asked.bounds, *bounds))
         if ends := [one.ends() for one in hidden + of_companions]:
             asked = replace(asked, edges=distinct(np.concatenate(ends if asked.edges is None else [asked.edges, *ends])))
         elif search.made and system.guards is None and not solver.starts_low and kept_by(run.solution.t, bounds):

@@ -285,8 +285,9 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
     slow = Slow(system, np.vstack([rows, kept]), np.vstack([forces, kept]).T, lengths, lengths(system.y0)[1].T, near)
     y, error = slow.start(rate)
     if error > UNFOUND:
-        raise StartError([f'start="relaxed": no motion without ringing was found near the start of the scene (its velocities are '
-                          f"known to {error:.1g} of the largest one): elastic bodies vibrate as slowly as the scene moves"])
+        why = (f" (its velocities are known to {error:.1g} of the largest one): elastic bodies vibrate as slowly as the scene "
+               "moves" if error < np.inf else "; corrections towards one did not converge: begin from the end of a run")
+        raise StartError([f'start="relaxed": no motion without ringing was found near the start of the scene{why}'])
     (q,), (u,), (s,) = prepared.states(time, y[None])
     told = [ChangedVelocity(f'start="relaxed": velocities are known to {error:.1g} of the largest alone')] if error > TOLD else []
     return replace(start, q=q, u=u, s=s, relaxed=error, changes=[*start.changes, *told])

@@ -132,3 +132,16 @@ def test_a_run_and_its_companion_take_different_steps() -> None:
     assert not in_the_same_steps(r.solution, companion)
     off = float(np.ptp(r.value("norm(R.force)")) / 39.0)
     assert off <= max(6 * r.accuracy.of["norm(R.force)"], 1e-12)
+
+
+def test_where_round_off_ends_what_is_told_asks_for_no_smaller_accuracy() -> None:
+    """At the smallest tolerance a smaller accuracy ends with the same run; at larger ones it comes nearer."""
+    s = mb.Scene("rod on a spring", gravity=(0, -9.81))
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    s.revolute("A", s.ground, rod, at=(0, 0))
+    s.spring("S", s.ground, rod, (3, 0), (1, 0), stiffness=1e4)
+    for accuracy, said in ((5e-11, "round-off"), (1e-8, "ask for accuracy=1e-09")):
+        r = s.simulate(1.0, accuracy=accuracy, form=mb.GGL(), solver=mb.RadauIIA(3))
+        with pytest.warns(mb.AccuracyWarning, match=said) as told:
+            _ = r["A"].force
+        assert ("ask for" in str(told[0].message)) == (accuracy == 1e-8)
