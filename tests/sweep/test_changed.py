@@ -52,7 +52,8 @@ def rubbing() -> mb.Scene:
     return s
 
 
-CHAIN = ("one.mass", "one.inertia.1", "two.velocity.1", "A.damper", "A.rate0", "B.spring", "B.at.0", "tip.at.0", "S.damping")
+CHAIN = ("one.mass", "one.inertia.1", "two.velocity.1", "A.damper", "A.rate0", "B.spring", "B.at.0", "B.axis.2", "tip.at.0",
+         "S.damping")
 RUBBING = ("door.mass", "hinge.damper", "hinge.friction.mu")
 LOOP = ("crank.mass", "C.at.1", "A.at.0", "A.damper", "A.rate0", "B.spring", "B.at.1", "S.stiffness", "S.at_l.0",
         "rocker.mass", "D.at.0")
@@ -60,11 +61,14 @@ BODY = ("b.mass", "b.inertia.1", "b.at.2", "b.velocity.0", "b.angular_velocity.2
 
 
 def made(scene: mb.Scene, choice: object) -> list[np.ndarray]:
-    """Unknowns, rates, scales, and what the tables give at the start: F and its Jacobian, as a run makes them."""
-    system = system_for(prepared_from(scene, None, 1.0, True), choice.form, choice.solver.highest_index)  # type: ignore[attr-defined]
+    """Unknowns, rates, scales, what the tables give at the start, F and its Jacobian, and the motion of all bodies beside it, as
+    a run makes them."""
+    prepared = prepared_from(scene, None, 1.0, True)
+    system = system_for(prepared, choice.form, choice.solver.highest_index)  # type: ignore[attr-defined]
     F = np.empty(system.n)
     system.residual(system.t0, system.y0, system.yp0, F)
-    return [system.y0, system.yp0, system.scale, F, *map(np.asarray, system.jacobian_parts(system.t0, system.y0, system.yp0))]
+    moved = prepared.states(np.array([system.t0]), system.y0[None] + 0.1)[:2]
+    return [system.y0, system.yp0, system.scale, F, *moved, *map(np.asarray, system.jacobian_parts(system.t0, system.y0, system.yp0))]
 
 
 def from_nothing(monkeypatch: pytest.MonkeyPatch, scene: mb.Scene, choice: object) -> list[np.ndarray]:
