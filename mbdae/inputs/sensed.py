@@ -156,7 +156,7 @@ def _path(text: str) -> str:
 
 def paths(value: Any) -> list[str]:
     """The sensors on which a number or expression depends, in the order of their paths."""
-    return sorted({path for s in getattr(value, "free_symbols", ()) if (path := path_of(s))})
+    return [] if type(value) is float else sorted({path for s in getattr(value, "free_symbols", ()) if (path := path_of(s))})
 
 
 def number(name: str, value: float) -> Any:

@@ -86,11 +86,15 @@ def signature_of(method: str) -> Signature:
     return signature(STATEMENTS[method])
 
 
+@cache
+def _arguments_of(method: str) -> tuple[str, ...]:
+    return tuple(signature_of(method).parameters)[1:]
+
+
 def item_name(statement_: Statement) -> Any:
     """The name of the item of a recorded statement; None where it has none."""
     method, args, kwargs = statement_
-    names = list(signature_of(method).parameters)[1:] if method in STATEMENTS else []
-    given = {**dict(zip(names, args, strict=False)), **kwargs}
+    given = {**dict(zip(_arguments_of(method) if method in STATEMENTS else (), args, strict=False)), **kwargs}
     law = given.get("law")
     return law.get("name") if isinstance(law, dict) else given.get("name")
 
@@ -332,8 +336,9 @@ class SceneItems(NamesAttributes):
 def models_of(scene: SceneItems) -> WeakValueDictionary[Any, Any]:
     """The model that was made last, of a scene or of one that shares its items, by what else it depends on, as long as somebody
     uses it."""
-    found: WeakValueDictionary[Any, Any] = vars(scene).setdefault("_models", WeakValueDictionary())
-    return found
+    if "_models" not in vars(scene):
+        vars(scene)["_models"] = WeakValueDictionary[Any, Any]()
+    return vars(scene)["_models"]  # type: ignore[no-any-return]
 
 
 def apart(scene: SceneItems, other: SceneItems) -> set[str] | None:

@@ -215,7 +215,8 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
     with suppress(StartError):  # which is told by the whole preparation
         t, q, u = starter.t, last.start.q, last.start.u
         if again:
-            bare = starter if alone else Starter(Mechanics(model, last.rank.kept), last.start.t, changes=starter.changes)
+            bare = starter if alone or type(mechanics) is Mechanics else Starter(
+                Mechanics(model, r.kept), last.start.t, changes=starter.changes)
             if not (alone and _closed(mechanics, t, q := starter.placed())):
                 q = start_positions(bare)
             m = bare.mechanics

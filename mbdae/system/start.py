@@ -88,6 +88,10 @@ class Starter(ConsistentPositions):
         scenes with loops the sum of squares of the relative velocities of all joints is the least, so that it does not matter
         which joints the spanning tree leaves out."""
         along = self.velocities_of_tree(q)
+        if not (along.any() or any(b.drawn.velocity.any() or b.drawn.angular_velocity.any() for b in self.scene.bodies)
+                or any(rate for c in self.scene.joints for rate in self.held_rates(c).values())
+                or self.mechanics.velocity_residual(self.t, q[None], along[None]).any()):
+            return along  # nothing moves
         if not any(not c.loose and not c.others for c in self.tree.closing):
             return self.project_velocities(q, along)
         self.joints = JointMotions(self.model)

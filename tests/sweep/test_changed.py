@@ -7,6 +7,7 @@ import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.run.choice import choose, prepared_from
 from mbdae.study.statements import changed
+from mbdae.system import prepare
 from mbdae.system.model import nodes
 
 SAME = 1e-12  #: difference of two starts, over the largest unknown: velocities are projected with other round-off
@@ -32,17 +33,42 @@ def body() -> mb.Scene:
     return s
 
 
+def chain() -> mb.Scene:
+    """Two links on hinges whose model is left open, so that a run takes them as recursive; a frame, shapes, friction."""
+    s = mb.Scene("chain", gravity=(0, 0, -9.81))
+    one = s.rigid_body("one", 1.2, (0.1, 0.2, 0.15), at=(0.3, 0, 0), shape=mb.Box((0.6, 0.1, 0.1)))
+    two = s.rigid_body("two", 0.7, (0.05, 0.04, 0.06), at=(0.8, 0.1, 0), velocity=(0, 0.2, 0))
+    s.revolute("A", s.ground, one, at=(0, 0, 0), axis=(0, 1, 0), damper=0.3, rate0=2.0)
+    s.revolute("B", one, two, at=(0.6, 0, 0), axis=(0, 0.6, 0.8), spring=4.0)
+    s.frame("tip", two, at=(1.1, 0.1, 0))
+    s.spring("S", s.ground, two, (0.2, 0.8, 0), (1.1, 0.1, 0), stiffness=50.0, damping=1.5)
+    return s
+
+
+def rubbing() -> mb.Scene:
+    s = mb.Scene("rubbing", gravity=(0, -9.81, 0))
+    door = s.rigid_body("door", 3.0, 0.4, at=(0.5, 0), shape=mb.Box((1, 0.1, 0.1)))
+    s.revolute("hinge", s.ground, door, at=(0, 0), friction=mb.Coulomb(mu=0.2, v_c=0.05), radius=0.02, damper=0.3)
+    return s
+
+
+CHAIN = ("one.mass", "one.inertia.1", "two.velocity.1", "A.damper", "A.rate0", "B.spring", "B.at.0", "B.axis.2", "tip.at.0",
+         "S.damping")
+RUBBING = ("door.mass", "hinge.damper", "hinge.friction.mu")
 LOOP = ("crank.mass", "C.at.1", "A.at.0", "A.damper", "A.rate0", "B.spring", "B.at.1", "S.stiffness", "S.at_l.0",
         "rocker.mass", "D.at.0")
 BODY = ("b.mass", "b.inertia.1", "b.at.2", "b.velocity.0", "b.angular_velocity.2", "S.length", "S.at_k.1")
 
 
 def made(scene: mb.Scene, choice: object) -> list[np.ndarray]:
-    """Unknowns, rates, scales, and what the tables give at the start: F and its Jacobian."""
-    system = system_for(prepared_from(scene, None, 1.0), choice.form, choice.solver.highest_index)  # type: ignore[attr-defined]
+    """Unknowns, rates, scales, what the tables give at the start, F and its Jacobian, and the motion of all bodies beside it, as
+    a run makes them."""
+    prepared = prepared_from(scene, None, 1.0, True)
+    system = system_for(prepared, choice.form, choice.solver.highest_index)  # type: ignore[attr-defined]
     F = np.empty(system.n)
     system.residual(system.t0, system.y0, system.yp0, F)
-    return [system.y0, system.yp0, system.scale, F, *map(np.asarray, system.jacobian_parts(system.t0, system.y0, system.yp0))]
+    moved = prepared.states(np.array([system.t0]), system.y0[None] + 0.1)[:2]
+    return [system.y0, system.yp0, system.scale, F, *moved, *map(np.asarray, system.jacobian_parts(system.t0, system.y0, system.yp0))]
 
 
 def from_nothing(monkeypatch: pytest.MonkeyPatch, scene: mb.Scene, choice: object) -> list[np.ndarray]:
@@ -55,16 +81,18 @@ def from_nothing(monkeypatch: pytest.MonkeyPatch, scene: mb.Scene, choice: objec
 
 
 def compared(monkeypatch: pytest.MonkeyPatch, base: mb.Scene, names: tuple[str, ...]) -> None:
-    choice = choose(prepared_from(base, None, 1.0), base, 1e-6)
+    choice, again, whole = choose(prepared_from(base, None, 1.0, True), base, 1e-6), [], prepare._renewed
     made(base, choice)
+    monkeypatch.setattr(prepare, "_renewed", lambda *stated: again.append(whole(*stated)) or again[-1])
     for name in names:
         one = changed(base, name, lambda x: x * 1.01 + 1e-3)[0]
         for a, b in zip(made(one, choice), from_nothing(monkeypatch, one, choice), strict=True):
             assert a.shape == b.shape, name
             assert np.max(np.abs(a - b), initial=0.0) <= SAME * max(1.0, np.max(np.abs(b), initial=0.0)), name
+    assert sum(one is not None for one in again) == len(names)
 
 
-@pytest.mark.parametrize(("scene", "names"), [(loop, LOOP), (body, BODY)])
+@pytest.mark.parametrize(("scene", "names"), [(loop, LOOP), (body, BODY), (chain, CHAIN), (rubbing, RUBBING)])
 def test_a_changed_number_changes_what_it_touches(monkeypatch, scene, names):
     compared(monkeypatch, scene(), names)
 
@@ -72,7 +100,7 @@ def test_a_changed_number_changes_what_it_touches(monkeypatch, scene, names):
 def test_numbers_change_back_and_forth(monkeypatch):
     """Each time from the scene that was made last, and from one that others were made of."""
     s = loop()
-    choice = choose(prepared_from(s, None, 1.0), s, 1e-6)
+    choice = choose(prepared_from(s, None, 1.0, True), s, 1e-6)
     first = made(s, choice)
     there = changed(s, "crank.mass", 1.7)[0]
     made(changed(there, "A.at.0", 0.01)[0], choice)
