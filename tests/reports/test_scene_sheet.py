@@ -191,7 +191,7 @@ def test_letters_of_scenes_have_units_and_meanings(scene):
     assert [row for row in rows.values() if not row[2] or not row[3] or row[1].startswith("-0 ")] == []
     units = {row[2] for name, row in rows.items() if re.match(r"\$(c|\{s\}|d)[_^]", name)}
     assert units == {"m"}
-    assert scene is not crank or {r"$d^{\text{crank}}_{\text{A},x}$", r"$d^{\text{rod}}_{\text{B},x}$"} <= {*rows}
+    assert scene is not crank or {r"$d^{\text{crank}}_{\text{A},y}$", r"$d^{\text{rod}}_{\text{B},x}$"} <= {*rows}
     text = "".join(e.latex for e in every(Equation, document.blocks))
     assert {f"${letter}$" for letter in re.findall(LETTER, text)} - {*rows} == set()
 
