@@ -261,7 +261,8 @@ class JointReport(LawPage):
         text = ("Change of the forces in a virtual displacement at constant multipliers,"
                 " $\\delta(\\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda})$:")
         lines = [self.line(rf"\delta{letter}", change) for letter, change in changes.items()]
-        lines += [self.line(rf"\delta {effort(name)}", rule.scalar(self._by_rows(symbol))) for name, symbol in self.s.coordinates.items()]
+        lines += [self.line(rf"\delta {effort(name)}", rule.scalar(self._by_rows(symbol)))
+                  for name, symbol in self.s.coordinates.items()]
         return self.section("Geometric stiffness", text, *lines)
 
 

@@ -209,30 +209,38 @@ class SceneEquations:
     def _renamed(self, row: Any, d: Derived, e: Expr) -> Expr:
         """An entry of G with the law's symbols replaced by letters of the scene."""
         instance = self.prepared.model.groups[row.group].instances[row.instance]
-        table = {}
-        for s in se.sympify(e).free_symbols:
+        nodes, table = dict(zip([f.side for f in d.frames], instance.nodes, strict=True)), {}
+        for s in sorted(se.sympify(e).free_symbols, key=str):
             key = (row.group, row.instance, str(s))
             if key not in self.places:
-                self.places[key] = f"c{len(self.places)}"
                 side, _, what = str(s).partition("_")
-                node = dict(zip([f.side for f in d.frames], instance.nodes, strict=True)).get(side)
-                body = node.body.name if node is not None and node.body is not None else "ground" if side in "kl" else ""
-                axis = "xyz"[int(what[-1]) - 1] if body and what[-1:].isdigit() else ""
-                own = node is not None and node.kind is NodeKind.COORDINATE
-                letter = what[:-1] if axis else "q" if own else of_name(str(s), "rad")
-                on = f"{{{letter}}}^{{{self.names.said('node', body)}}}" if body else f"{{{letter}}}"
-                below = self.names.said("node", node.name) if own and node is not None else self.names.said("item", instance.item)
-                if body:
-                    what = "arm from the centre" if letter == "s" else f"axis {letter} of the joint on the body"
-                    said = Said("m" if letter == "s" else "1", f"{what} of {body} at {instance.item}, component {axis}")
-                elif own and node is not None:
-                    said = Said(node.unit, f"coordinate {node.name}")
-                else:
-                    stated = parameter_unit(instance, str(s)) if str(s) in instance.law.params else ""
-                    said = Said(stated, f"{s} of {instance.item}")
-                self.letter(self.places[key], f"{on}_{{{below}{',' if axis else ''}{axis}}}", *said)
+                node = nodes.get(side)
+                self.places[key] = self._named(instance, str(s), what, node, side in nodes)
             table[s] = se.Symbol(self.places[key])
         return se.sympify(e).subs(table)
+
+    def _named(self, instance: Instance, symbol: str, what: str, node: Any, of_frame: bool) -> str:
+        """The symbol of the letter for a symbol of a law: of a frame's axis, arm or place, a coordinate or a parameter."""
+        name, item = f"c{len(self.places)}", instance.item
+        if node is not None and node.kind is NodeKind.COORDINATE:
+            self.letter(name, f"{{q}}_{{{self.names.said('node', node.name)}}}", node.unit, f"coordinate {node.name}")
+        elif not of_frame:
+            stated = parameter_unit(instance, symbol) if symbol in instance.law.params else ""
+            self.letter(name, f"{{{of_name(symbol, 'rad')}}}_{{{self.names.said('item', item)}}}", stated, f"{symbol} of {item}")
+        elif node is not None and (what[0] == "r" or what == "theta"):
+            at = node.u + (2 if what == "theta" else int(what[-1]) - 1)
+            v = self.velocities[at]
+            self.letter(name := f"x{at}", f"{v.letter}_{v.below}", v.unit, v.of)
+        else:
+            body, kind = node.body.name if node is not None and node.body is not None else "ground", what[:-1]
+            axis = "xyz"[int(what[-1]) - 1]
+            meaning, unit_ = {
+                "s": (f"arm from the centre of {body} to {item}", "m"), "p": (f"place of {item} on {body}", "m"),
+                **{f"b{a}": (f"axis {a} of {body}", "1") for a in "xyz"}}.get(kind, (f"axis {kind[-1]} of {item} on {body}", "1"))
+            below = "" if kind[0] == "b" else f"{self.names.said('item', item)},"
+            self.letter(name, f"{{{kind.removeprefix('b')}}}^{{{self.names.said('node', body)}}}_{{{below}{axis}}}", unit_,
+                        f"{meaning}, component {axis}")
+        return name
 
     # -- forces by the multipliers
 

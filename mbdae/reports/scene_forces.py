@@ -301,7 +301,7 @@ class ClosedForms(SceneEquations, Page):
         start = self.prepared.start
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
         values = {latex: float(v[0]) + 0.0 for latex, v in known.items()}
-        values |= {self.latex[str(s)]: float(multipliers[0, i]) for i, s in enumerate(self.unknowns)}
+        values |= {self.latex[str(s)]: float(multipliers[0, i]) + 0.0 for i, s in enumerate(self.unknowns)}
         values |= {self.latex[name]: x for name, x in self.constants.items()}
         rows = []
         for latex, said in self.said.items():

@@ -1,5 +1,4 @@
 """Values of recorded formulas at random states of motion, where they are compared with the integrated equations."""
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from mbdae.reports.reading import Summed
 from mbdae.reports.vectors import Atom, Base, NamedQuantities, NamedVector, Vector
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.frames import Frame, NodeKind
+from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
 from mbdae.symbolic.rebuild import complex_atan2
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.model.nodes import quaternion, rotation_matrices, turned
@@ -207,8 +206,10 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
         if f.kind.by_quaternion:
             P = quaternion(J @ np.swapaxes(Q, 1, 2)) * rng.uniform(0.5, 2, (points, 1))
             given |= {str(s): c for s, c in zip(f.q[f.kind.translations :], P.T, strict=True)}
-        else:
-            Q = J
+        else:  # a flat frame has one of its axes along the normal of the plane
+            flat = f.kind.flat and f.axes is not Axes.GENERAL
+            columns = axes_pattern(f.axes, [[J[:, 0, 0], J[:, 1, 0], 0]] * 3)[0] if flat else J.T
+            Q = np.array([[np.broadcast_to(x, (points,)) for x in column] for column in columns]).T
         if not f.kind.of_joint:
             given |= {f"{f.side}_Q{a}{i + 1}": Q[:, i, j] for j, a in enumerate("xyz") for i in range(3)}
             given |= {f"{f.side}_p{i + 1}": rng.normal(size=points) for i in range(3)}

@@ -13,7 +13,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.cli import main
-from mbdae.documents.blocks import Section, Table
+from mbdae.documents.blocks import Equation, Section, Table, every
 from mbdae.kernels.plan import linearised_plan
 from mbdae.reports.scene_sheet import KINDS, Sheet
 from mbdae.run.choice import size_of
@@ -156,6 +156,44 @@ def test_every_letter_of_the_equations_is_defined_once_with_its_unit():
         used = set(re.findall(r"[fpFT](?:\^[\\a-z]+)?_\{\\text\{[^{}]*\}(?:,[xyz])?\}", text))
         assert len(used) > 6
         assert {f"${symbol}$" for symbol in used} <= {*letters}
+
+
+def slid(space):
+    """A slide and a rod between masses, a distance of 1 m, which no number 1 stands for."""
+    s = mb.Scene("slid", gravity=(0, -9.81, 0), space=space)
+    a, b, c = (s.rigid_body(n, 1.0, (0.1, 0.1, 0.1), at=at) for n, at in (("a", (1, 0, 0)), ("b", (1, 1, 0)), ("c", (2, 0, 0))))
+    s.prismatic("P", s.ground, a, at=(0, 0, 0), axis=(1, 0.2, 0), damper=3.0)
+    s.distance("D", a, b, at_k=(1, 0, 0), at_l=(1, 1, 0))
+    s.revolute("R", s.ground, c, at=(1, 0, 0))
+    return s
+
+
+def crank():
+    """Lengths of exactly 1 m."""
+    s = mb.Scene("crank", gravity=(0, -9.81, 0))
+    crank, rod = s.link("crank", (0, 0), (0, 2), mass=1.0), s.link("rod", (0, 2), (2, 3), mass=1.0)
+    slider = s.rigid_body("slider", 1.0, (1, 1, 1), at=(2, 3))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=3 * mb.t)
+    s.revolute("B", crank, rod, at=(0, 2))
+    s.revolute("C", rod, slider, at=(2, 3))
+    s.prismatic("S", s.ground, slider, at=(2, 2), axis=(1, 0, 0))
+    return s
+
+
+LETTER = (r"(?:\\d?dot\{\{?\\?\w+\}?\}|\\bar\{\w\}|\\[a-zA-Z]+|\{\w+\}|[a-zA-Z])(?:\^(?:\{(?:[^{}]|\{[^{}]*\})*\}|\\[a-z]+|\w))?"
+          r"_\{(?:[^{}]|\{[^{}]*\})*\}")
+
+
+@pytest.mark.parametrize("scene", [lambda: slid("planar"), lambda: slid("spatial"), crank], ids=["plane", "space", "crank"])
+def test_letters_of_scenes_have_units_and_meanings(scene):
+    document = mb.report(scene())
+    rows = {row[0]: row for row in table(document, "Symbols and their values at the start").rows}
+    assert [row for row in rows.values() if not row[2] or not row[3] or row[1].startswith("-0 ")] == []
+    units = {row[2] for name, row in rows.items() if re.match(r"\$(c|\{s\}|d)[_^]", name)}
+    assert units == {"m"}
+    assert scene is not crank or {r"$d^{\text{crank}}_{\text{A},y}$", r"$d^{\text{rod}}_{\text{B},x}$"} <= {*rows}
+    text = "".join(e.latex for e in every(Equation, document.blocks))
+    assert {f"${letter}$" for letter in re.findall(LETTER, text)} - {*rows} == set()
 
 
 def test_moments_of_joints_are_shown_and_read_back():

@@ -210,8 +210,12 @@ class InSpace(Spatial):
         side = [on_axes(axes, a) for a in (j, k)]
         dead = f"the line between the ends lies along the first pin of {escaped(item)}"
         self._angle_by(q[1], arm @ i, arm @ k, D @ e1, "m", dead)
-        of_j, of_k = arm @ j, (arm @ k) * se.cos(q[1][0]) - (arm @ i) * se.sin(q[1][0])
-        at_j, at_k = D @ side[0], D @ side[1]
+        where = f"part of leg {n} along the second pin", f"part of leg {n} normal to both pins"
+        of_j, of_k, at_j, at_k = (self._defined(f"{letter}{n}{end}", f"{letter}^{{({n})}}{end}", "m", f"{meaning}{of}", e)
+                                  for letter, end, meaning, of, e in (
+            ("X", "", where[0], "", arm @ j), ("Y", "", where[1], "", (arm @ k) * se.cos(q[1][0]) - (arm @ i) * se.sin(q[1][0])),
+            ("X", "_0", where[0], " as it is at the angle 0 of the first", D @ side[0]),
+            ("Y", "_0", where[1], " as they are at the angle 0 of the first", D @ side[1])))
         self.follow(str(q[0][0]), se.atan2(of_j * at_k - of_k * at_j, of_j * at_j + of_k * at_k))
         e2 = self._vector(f"pb{n}", f"b^{{({n})}}_{{%}}", "1", f"second pin of {item}",
                           side[0] * se.cos(q[0][0]) + side[1] * se.sin(q[0][0]), spin + e1 * q[0][1])

@@ -90,9 +90,9 @@ class Links(ClosedForms):
     # -- letters
 
     def constant(self, name: str, latex: str, value_: float, unit: str, meaning: str) -> Expr:
-        """A number of the scene with its letter; 0, 1 and -1 are written as such."""
+        """A number of the scene with its letter; 0, and 1 and -1 without a unit, are written as such."""
         plain = round(value_, 14)
-        if plain in (0.0, 1.0, -1.0):
+        if plain == 0 or (unit == "1" and plain in (1.0, -1.0)):
             return se.Integer(int(plain))
         if name not in self.latex:
             self.letter(name, latex, unit, meaning)
