@@ -169,9 +169,10 @@ class _Workers:
         try:
             worker.wait_until_ready()
         except WorkerDiedError as error:
-            if error.own_fault:
-                raise OptionError("the worker processes do not start: they import the script again, so keep what it runs under "
-                                  "`if __name__ == '__main__':`; their messages are printed above") from None
+            if error.code >= 0:
+                told = "and end; their messages are printed above"
+                told = "so keep what it runs under `if __name__ == '__main__':`" if error.code == UNGUARDED else told
+                raise OptionError(f"the worker processes do not start: they import the script again, {told}") from None
             raise OptionError(f"the worker processes do not start: {error}; to work in threads instead, pass {THREADS}") from None
         except BaseException:
             worker.kill()
@@ -230,6 +231,8 @@ def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]
             future.cancel()
     for i in waiting:
         yield i, Outcome(None, f"{DIED}: the executor given takes no more points; give a new one, or None for processes", True)
+
+
 def _found(future: Future[Outcome]) -> Outcome:
     """The outcome of a future, also where it was cancelled or its executor broke."""
     try:
@@ -240,27 +243,33 @@ def _found(future: Future[Outcome]) -> Outcome:
         return Outcome(None, f"{DIED}: {_text(error)}" if died else _text(error), died)
 
 
-
 READY = b""
+NAME = "mbdae-worker"  #: of worker processes
+UNGUARDED = 75  #: exit code of a worker that would start workers while it imports the script, before it has begun to serve
 PR_SET_PDEATHSIG = 1  #: of prctl(2): the signal a process gets when the thread that started it ends
 LOOK = 1.0  #: time (s) between two checks whether the parent process still runs, in case its end does not signal its handle
 
 
-class WorkerDiedError(Exception):
-    """A worker process ended before it answered; own_fault: whether by an error or exit of its own, not by a signal."""
+_SERVING: list[bool] = []  #: not empty in a worker that has begun
 
-    def __init__(self, text: str, own_fault: bool) -> None:
-        super().__init__(text)
-        self.own_fault = own_fault
+class WorkerDiedError(Exception):
+    """A worker process ended before it answered; code: with which it ended itself, negative where a signal killed it."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(_ended(code))
+        self.code = code
 
 
 class Worker:
     """One process that answers messages (bytes) by `answer`, a function at the top level of a module."""
 
     def __init__(self, answer: Callable[[bytes], bytes]) -> None:
+        if multiprocessing.current_process().name == NAME and not _SERVING:
+            raise SystemExit(UNGUARDED)
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, answer, os.getpid(), os.environ.get(SAFE_PATH)))
+        safe = os.environ.get(SAFE_PATH)
+        self._process = context.Process(target=_serve, name=NAME, args=(theirs, answer, os.getpid(), safe))
         with safe_path(), not_interrupted():
             self._process.start()
         theirs.close()
@@ -286,7 +295,7 @@ class Worker:
             self._process.join()
             code = self._process.exitcode or 0
             self.connection.close()
-            raise WorkerDiedError(_ended(code), code >= 0) from None
+            raise WorkerDiedError(code) from None
 
     def kill(self) -> None:
         """End the process, whatever it does."""
@@ -309,6 +318,7 @@ def _ended(code: int) -> str:
 
 def _serve(connection: Connection, answer: Callable[[bytes], bytes], parent: int, safe_path: str | None) -> None:
     """The main loop of a worker."""
+    _SERVING.append(True)
     _die_with(parent)
     set_variable(SAFE_PATH, safe_path)
     signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches all processes; it is the parent that ends workers

@@ -170,6 +170,18 @@ def test_a_script_without_guard_is_told(tmp_path: Path) -> None:
     run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False)
     assert run.returncode == 1
     assert "OptionError: the worker processes do not start" in run.stderr
+    assert run.stderr.rstrip().endswith("so keep what it runs under `if __name__ == '__main__':`")
+    assert run.stderr.count("Traceback") == 1, "that of the script; workers end without a word"
+
+
+def test_a_script_that_workers_cannot_import_is_told_with_their_message(tmp_path: Path) -> None:
+    script = tmp_path / "once.py"
+    script.write_text("import multiprocessing\n\nimport mbdae as mb\n\n"
+                      "assert multiprocessing.current_process().name == 'MainProcess', 'once'\n\n"
+                      "def job(x):\n    return {'x': x}\n\nif __name__ == '__main__':\n    mb.sweep(job, {'x': [1, 2]})\n")
+    run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False)
+    assert "AssertionError: once" in run.stderr
+    assert run.stderr.rstrip().endswith("they import the script again, and end; their messages are printed above")
 
 
 # ---- a cluster -------------------------------------------------------------------------------------------------------
