@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, Chart, Equations, Varied, reached, refused, size_of
-from mbdae.derivatives.landings import MEETS, closer_impacts, tell_another_sequence, tell_grazing, towards_partings
+from mbdae.derivatives.landings import MEETS, tell_another_sequence, tell_grazing, towards_touches
 from mbdae.derivatives.reading import Along
 from mbdae.derivatives.reading import Bound as Bound
 from mbdae.derivatives.reading import Objective as Objective
@@ -137,12 +137,12 @@ class Refined:
                 solver = replace(solver, step=solver.step / finer**0.5)
             else:
                 solver = replace(solver, rtol=self._tolerance(finer))
-            edges = None
-            if before is not None:
-                edges = np.union1d(shortened(before.run.t, (before.finer / finer) ** (1 / ORDER)),
-                                   towards_partings(before.run, before.derived.landings, finer / before.finer))
-            impacts = self.solver.impacts * closer_impacts(finer)
-            run = solver.run(self.system, Asked(float(self.result.solution.t[-1]), edges=edges, impacts=impacts, meets=MEETS))
+            edges = None if before is None else shortened(before.run.t, (before.finer / finer) ** (1 / ORDER))
+            if self.prepared.contacts:
+                last = self.result.solution if before is None else before.run
+                edges = towards_touches(last, self.prepared, last.t[[0, -1]] if edges is None else edges, finer)
+            run = solver.run(self.system, Asked(float(self.result.solution.t[-1]), edges=edges, impacts=solver.impacts,
+                                                meets=MEETS))
         return Along(self.result, run, self.charts, self.system.scale, finer)
 
     @property
