@@ -140,7 +140,8 @@ class Refined:
             edges = None if before is None else shortened(before.run.t, (before.finer / finer) ** (1 / ORDER))
             if self.prepared.contacts:
                 last = self.result.solution if before is None else before.run
-                edges = towards_touches(last, self.prepared, last.t[[0, -1]] if edges is None else edges, finer)
+                error = (self.result.accuracy.asked or 1e-6) / finer
+                edges = towards_touches(last, self.prepared, last.t[[0, -1]] if edges is None else edges, error)
             run = solver.run(self.system, Asked(float(self.result.solution.t[-1]), edges=edges, impacts=solver.impacts,
                                                 meets=MEETS))
         return Along(self.result, run, self.charts, self.system.scale, finer)

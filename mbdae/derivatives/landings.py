@@ -47,10 +47,9 @@ BISECTIONS, TINY = 60, 1e-300
 #: steps become shorter towards touches, from one to the next at most by this on the side on which the contact is closed, and on
 #: the other one, which is there for a touch that is a little earlier or later than in the run before
 TOWARDS = 2.0, 8.0
-#: the last of them is at most this share of the time to the next touch, where a contact closes and where it opens, and what a
-#: step there lacks falls with these powers of it: it is shorter in runs of smaller tolerances, so that all errors fall with these;
-#: but not below this share of the run, where rates would be rounded
-CLOSING, OPENING, SHORTEST = (1e-3, 2.5), (1e-4, 1.5), 1e-9
+#: what a step at a touch lacks falls with this power of its length over the time to the next touch, and is about this share of
+#: the error asked for; but no step is bounded below this share of the run, where rates would be rounded
+BESIDE_TOUCHES, LACKING, SHORTEST = 1.5, 0.1, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +116,9 @@ def landings(run: Solution, charts: Sequence[Chart], scale: Array) -> dict[int, 
             for k, (m, (contact, closes)) in enumerate(touches.items())}
 
 
-def towards_touches(run: Solution, prepared: Prepared, edges: Array, finer: float) -> Array:
+def towards_touches(run: Solution, prepared: Prepared, edges: Array, error: float) -> Array:
     """Times (s) between which steps become shorter towards the instants at which contacts of a run close and open, and the times
-    `edges` that are not beside these, for a run whose tolerance is that of the result divided by `finer`.
+    `edges` that are not beside these, for a run with a relative error.
 
     The force begins with the power 1.5 of the time from the one; steps before the other move with the touch before it, so that
     the derivative of the force ends there with the power 0.5 of the time that is left. Polynomials over long steps describe
@@ -133,9 +132,9 @@ def towards_touches(run: Solution, prepared: Prepared, edges: Array, finer: floa
     touches.sort()
     found, instants = list[Array](), [t[0], *(instant for instant, _ in touches), t[-1]]
     for (instant, closes), spans in zip(touches, np.diff(instants)[np.arange(len(touches))[:, None] + [0, 1]], strict=True):
-        before, after, (share, power) = -spans[0], spans[1], CLOSING if closes else OPENING
+        before, after = -spans[0], spans[1]
         for span, ratio in zip((after, before) if closes else (before, after), TOWARDS, strict=True):
-            least = max(SHORTEST * np.ptp(t), share * finer ** (-1 / power) * abs(span))
+            least = max(SHORTEST * np.ptp(t), (LACKING * error) ** (1 / BESIDE_TOUCHES) * abs(span))
             count = int(np.ceil(np.log(abs(span) / least) / np.log(ratio))) if abs(span) > least else 0
             found.append(instant + span / ratio ** np.arange(1.0, count + 1))
             # a step that ended there would leave next to nothing of the time to the touch of the next run
