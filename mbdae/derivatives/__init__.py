@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, Chart, Equations, Varied, reached, refused, size_of
-from mbdae.derivatives.landings import MEETS, tell_another_sequence, tell_grazing, towards_touches
+from mbdae.derivatives.landings import MEETS, shorter, tell_another_sequence, tell_grazing, towards_touches
 from mbdae.derivatives.reading import Along
 from mbdae.derivatives.reading import Bound as Bound
 from mbdae.derivatives.reading import Objective as Objective
@@ -137,11 +137,12 @@ class Refined:
                 solver = replace(solver, step=solver.step / finer**0.5)
             else:
                 solver = replace(solver, rtol=self._tolerance(finer))
-            edges = None if before is None else shortened(before.run.t, (before.finer / finer) ** (1 / ORDER))
-            if self.prepared.contacts:
-                last = self.result.solution if before is None else before.run
-                error = (self.result.accuracy.asked or 1e-6) / finer
-                edges = towards_touches(last, self.prepared, last.t[[0, -1]] if edges is None else edges, error)
+            error, last = (self.result.accuracy.asked or 1e-6) / finer, self.result.solution if before is None else before.run
+            parts = towards_touches(last, self.prepared, error) if self.prepared.contacts else []
+            shares = [1.0] * len(parts)
+            if before is not None:
+                parts, shares = [last.t, *parts], [(before.finer / finer) ** (1 / ORDER), *shares]
+            edges = shorter([last.t[[0, -1]], *parts], [1.0, *shares]) if parts else None
             run = solver.run(self.system, Asked(float(self.result.solution.t[-1]), edges=edges, impacts=solver.impacts,
                                                 meets=MEETS))
         return Along(self.result, run, self.charts, self.system.scale, finer)
@@ -239,12 +240,6 @@ def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
         varied, worst = varied.finer, np.inf if varied.nodes == LINE else excess / CLOSER
     refused(name, f"what the scene makes of it is not smooth at its value {varied.value or 0.0:g}; vary it from another value")
     raise AssertionError
-
-
-def shortened(t: Array, ratio: float) -> Array:
-    """Times between which there are shorter steps than between the times t (k,), at most by this ratio."""
-    steps = np.arange(len(t))
-    return np.asarray(np.interp(np.linspace(0, steps[-1], int(np.ceil(steps[-1] / ratio)) + 1), steps, t))
 
 
 def gradient(result: Result, of: Any, to: Any) -> Derivatives:

@@ -44,12 +44,13 @@ GRAZING = 1e-2
 #: largest y' of the run counts as a jump
 BESIDE, JUMP = 1e-9, 1e-5
 BISECTIONS, TINY = 60, 1e-300
-#: steps become shorter towards touches, from one to the next at most by this on the side on which the contact is closed, and on
-#: the other one, which is there for a touch that is a little earlier or later than in the run before
-TOWARDS = 2.0, 8.0
+#: steps become shorter towards touches: on the side on which the contact is closed they halve for this error, and by less for a
+#: smaller one, with the power 1/6 of it, between the orders 5 and 8 of the methods; on the other side, which is there for a touch
+#: that is a little earlier or later than in the run before, each is an eighth of the one before
+HALVING, BETWEEN, OUTSIDE = 1e-6, 6, 8.0
 #: what a step at a touch lacks falls with this power of its length over the time to the next touch, and is about this share of
-#: the error asked for; but no step is bounded below this share of the run, where rates would be rounded
-BESIDE_TOUCHES, LACKING, SHORTEST = 1.5, 0.1, 1e-9
+#: the error; but the step is not bounded below the length at which the rounding of rates is as much
+BESIDE_TOUCHES, LACKING = 1.5, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +117,9 @@ def landings(run: Solution, charts: Sequence[Chart], scale: Array) -> dict[int, 
             for k, (m, (contact, closes)) in enumerate(touches.items())}
 
 
-def towards_touches(run: Solution, prepared: Prepared, edges: Array, error: float) -> Array:
-    """Times (s) between which steps become shorter towards the instants at which contacts of a run close and open, and the times
-    `edges` that are not beside these, for a run with a relative error.
+def towards_touches(run: Solution, prepared: Prepared, error: float) -> list[Array]:
+    """For every instant at which a contact of a run closes or opens, times (s) between which steps become shorter towards it, for
+    a run with a relative error.
 
     The force begins with the power 1.5 of the time from the one; steps before the other move with the touch before it, so that
     the derivative of the force ends there with the power 0.5 of the time that is left. Polynomials over long steps describe
@@ -131,15 +132,28 @@ def towards_touches(run: Solution, prepared: Prepared, edges: Array, error: floa
         touches.append((float(t[m] + part * (t[m + 1] - t[m])), sign > 0))
     touches.sort()
     found, instants = list[Array](), [t[0], *(instant for instant, _ in touches), t[-1]]
+    inside = min(1 + (error / HALVING) ** (1 / BETWEEN), OUTSIDE)
     for (instant, closes), spans in zip(touches, np.diff(instants)[np.arange(len(touches))[:, None] + [0, 1]], strict=True):
-        before, after = -spans[0], spans[1]
-        for span, ratio in zip((after, before) if closes else (before, after), TOWARDS, strict=True):
-            least = max(SHORTEST * np.ptp(t), (LACKING * error) ** (1 / BESIDE_TOUCHES) * abs(span))
-            count = int(np.ceil(np.log(abs(span) / least) / np.log(ratio))) if abs(span) > least else 0
-            found.append(instant + span / ratio ** np.arange(1.0, count + 1))
-            # a step that ended there would leave next to nothing of the time to the touch of the next run
-            edges = edges[(edges == t[0]) | (edges == t[-1]) | (np.abs(edges - instant) > least)]
-    return np.unique(np.concatenate([edges, *found]))
+        sides = []
+        for way, span, ratio in zip((-1, 1), spans, (OUTSIDE, inside) if closes else (inside, OUTSIDE), strict=True):
+            rounded = (np.finfo(float).eps * np.ptp(t) * span**BESIDE_TOUCHES) ** (1 / (1 + BESIDE_TOUCHES))
+            least = max(rounded, (LACKING * error) ** (1 / BESIDE_TOUCHES) * span)
+            count = int(np.ceil(np.log(span / least) / np.log(ratio))) if span > least else 0
+            sides.append(instant + way * span / ratio ** np.arange(count + 1))
+        found.append(np.unique(np.concatenate(sides)))
+    return found
+
+
+def shorter(parts: Sequence[Array], shares: Sequence[float]) -> Array:
+    """Times between which there are shorter steps than between the times of every part (k,), by its share, where it has any."""
+    times = np.unique(np.concatenate(parts))
+    density = np.zeros(len(times) - 1)
+    for part, share in zip(parts, shares, strict=True):
+        first, last = np.searchsorted(times, part[[0, -1]])
+        within = np.searchsorted(part, times[first:last], side="right") - 1
+        density[first:last] = np.maximum(density[first:last], 1 / (share * np.diff(part)[within]))
+    count = np.concatenate([[0.0], np.cumsum(density * np.diff(times))])
+    return np.asarray(np.interp(np.linspace(0, count[-1], int(np.ceil(count[-1])) + 1), count, times))
 
 
 def rates_at_nodes(run: Solution, stages: int, some: slice) -> Array:
