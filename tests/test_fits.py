@@ -274,6 +274,17 @@ def test_pullback_is_the_jacobian_transposed_and_that_is_a_difference():
             f.pullback(wrong)
 
 
+def test_a_scene_without_derivatives_has_values():
+    """Of a sampled controller in Python it is not known what it does: refused is what needs that, with the reason."""
+    s = arm(*TRUE)
+    s.controller("c", lambda t, x: -x, 0.05, reads=["J0.angle"], sets=["u"])
+    f = mb.function(s, 0.1, "J0.angle", "J0.spring")
+    assert f([2.0]).shape == (1,)
+    for read in (f.jacobian, lambda: f.pullback(np.ones(1))):
+        with pytest.raises(mb.DerivativeError, match="sampled controller 'c'"):
+            read()
+
+
 def test_derivatives_are_never_those_of_another_call():
     """After a call that fails there are none, but for numbers that are given, which calls in between do not change."""
     f, w = mb.function(arm(*TRUE), 0.3, "J0.angle", ["l0.mass", "J0.spring"]), np.ones(1)

@@ -114,7 +114,7 @@ class Derived:
                     begins[-1] = begins[-1] - moved[:, 0]
                     ends[-1] = ends[-1] - moved[:, -1]
                     inner[-1] = inner[-1] - moved[:, 1:-1] + moved[:, :1]
-        flat = [np.concatenate(part).reshape(sum(map(len, part)), -1) for part in ([*begins, S[None]], ends)]
+        flat = [np.concatenate(part).reshape(sum(map(len, part)), -1) for part in ([*begins, ends[-1][-1:]], ends)]
         pieces = np.concatenate(inner).reshape(m, self.steps.stages - 1, -1)
         return Collocation(radau_table(self.steps.stages), self.run.t, flat[0], pieces, flat[1])
 

@@ -67,7 +67,7 @@ class SceneFunction(ListsAttributes):
         if p.shape != (len(self.names),):
             raise OptionError(f"p has the shape {p.shape}: give {len(self.names)} numbers, in the order {', '.join(self.names)}")
         made: Any = varied(self.scene, self.names, p.tolist(), self.t_end)
-        result = made.simulate(self.t_end, self.accuracy, outputs=self.at, derivatives=True)
+        result = made.simulate(self.t_end, self.accuracy, outputs=self.at)
         values = self._shaped(_columns(result, self.of))
         self.result, self._p = result, p.copy()
         return values

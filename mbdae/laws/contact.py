@@ -5,7 +5,7 @@ force between two bodies that overlap; and Hertz contact with Hunt-Crossley damp
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -43,6 +43,12 @@ class Station:
     sliding: Vec  #: velocity of l relative to k at the contact, without its normal part
     slip: Expr  #: component of `sliding` along the tangent
     arm: Vec  #: from l.r to the point where the force on l acts
+
+
+def begins_with_force(force: Callable[[Expr], Expr]) -> bool:
+    """Whether a force, as a function of the penetration, is another one than 0 at the penetration 0."""
+    p = se.Symbol("penetration")
+    return bool(se.sympify(force(p)).subs({p: 0}) != 0)
 
 
 def station(penetration: Expr, inward: Vec, tangent: Vec, velocity: Vec, arm: Vec) -> Station:
@@ -99,14 +105,21 @@ class Contact(Force):
     # -- forces
 
     def _normal_force(self, at: Station) -> tuple[Expr, Expr]:
-        """Normal force f_n, N, and the part of it that is not elastic."""
-        elastic = self.normal.elastic_force(at.overlap)
-        damped = self.normal.damping_force(at.overlap, at.rate)
+        """Normal force f_n, N, and the part of it that is not elastic; both 0 where the surfaces are apart."""
+        elastic = self._while_touching(at, self.normal.elastic_force)
+        damped = self._while_touching(at, lambda p: self.normal.damping_force(p, at.rate))
         if damped == 0:
             return let(elastic, "f_n"), se.Integer(0)
         total = let(elastic + damped)
         force = let(se.Piecewise((total, total > 0), (0, True)), "f_n")
         return force, force - elastic
+
+    @staticmethod
+    def _while_touching(at: Station, force: Callable[[Expr], Expr]) -> Expr:
+        """A force (N) of the overlap, which is 0 where the surfaces are apart: a law that begins with a force, such as a damper
+        beside a spring, would act there at a distance."""
+        e = force(at.overlap)
+        return se.Piecewise((e, at.penetration > 0), (0, True)) if begins_with_force(force) else e
 
     def _friction_of(self, end: str) -> Any:
         return self.friction.with_states(**{name: getattr(self, name + end) for name in self.friction.states})
@@ -152,6 +165,11 @@ class Contact(Force):
 
     def gaps(self, k: Frame, l: Frame) -> list[tuple[Expr, Expr]]:
         return [(-at.penetration, -at.rate) for at, _ in self.stations(k, l)]
+
+    @property
+    def jumps(self) -> bool:
+        rate = se.Symbol("rate")
+        return begins_with_force(lambda p: self.normal.elastic_force(p) + self.normal.damping_force(p, rate))
 
     def contact_duration(self, mass: float, speed: Any) -> Any:
         return self.normal.impact(mass, speed)[1]

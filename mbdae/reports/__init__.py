@@ -121,9 +121,8 @@ class ForceReport(LawPage):
                               partial(self.effort_at, name=name)) for name, symbol in self.s.coordinates.items()]
 
     def _by_parameters(self) -> list[Section]:
-        """Derivatives by the parameters; those of the first of several bodies follow by the balance, those of contacts stand in
-        the reports of their normal and friction laws."""
-        return [] if self.gaps else self.by_parameters(self._shown(self.s.record.sides[len(self.s.sides) > 1 :]))
+        """Derivatives by the parameters; those of the first of several bodies follow by the balance."""
+        return self.by_parameters(self._shown(self.s.record.sides[len(self.s.sides) > 1 :]))
 
     def _drag(self) -> dict[Any, Any]:
         """Derivatives of the dissipation function by the rates of the coordinates."""

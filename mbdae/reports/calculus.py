@@ -57,11 +57,12 @@ def body_of(record: NamedQuantities, atom: Atom) -> str | None:
 
 class ForwardDerivative:
     """Forward derivative. base: function that gives the change of a frame vector; clock: changes of the symbols; turn: kind of
-    the rotation vectors in a change ("w": angular velocity, "dpsi": virtual); sign: LaTeX before the letter of a change."""
+    the rotation vectors in a change ("w": angular velocity, "dpsi": virtual); sign: LaTeX before the letter of a change;
+    lettered: whether changes of scalars to which the law gives letters have letters too."""
 
     def __init__(self, record: NamedQuantities, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str,
-                 turn: str = "") -> None:
-        self.record, self.base, self.clock, self.sign, self.turn = record, base, clock, sign, turn
+                 turn: str = "", lettered: bool = False) -> None:
+        self.record, self.base, self.clock, self.sign, self.turn, self.lettered = record, base, clock, sign, turn, lettered
         self._known: dict[Any, Any] = {}
 
     def scalar(self, e: Expr) -> Expr:
@@ -85,7 +86,9 @@ class ForwardDerivative:
     def _name(self, symbol: Expr) -> Expr:
         if symbol not in self._known:
             value = self.record.scalars[symbol]
-            self._known[symbol] = _ZERO if isinstance(value, se.floor) else self.scalar(value)
+            found = _ZERO if isinstance(value, se.floor) else self.scalar(value)
+            lettered = self.lettered and symbol in self.record.labels
+            self._known[symbol] = self.record.name_scalar(found, change=(self.sign, symbol)) if lettered else found
         return self._known[symbol]
 
     def atom(self, atom: Atom) -> Vector:

@@ -277,7 +277,8 @@ class LawPage(Page):
 
     def changing(self, name: str, latex: str) -> ForwardDerivative:
         """The derivative by a parameter, at fixed frames."""
-        return ForwardDerivative(self.s.record, lambda _: None, {se.Symbol(name): se.Integer(1)}, rf"\partial_{{{latex}}}")
+        return ForwardDerivative(self.s.record, lambda _: None, {se.Symbol(name): se.Integer(1)}, rf"\partial_{{{latex}}}",
+                                 lettered=True)
 
     def effort_at(self, state: SymbolValues, name: str) -> Any:
         """What the derived law adds to the left-hand side of the equation of a coordinate, at states."""

@@ -229,7 +229,11 @@ def name_scalars(record: NamedQuantities, others: frozenset[str] = frozenset()) 
     start = max((int(letter[6:-1]) for letter in others if letter.startswith(r"\eta_")), default=0)
     for symbol in record.scalars:
         label = record.labels.get(symbol)
-        found[str(symbol)] = _own(label, {*found.values(), *others}) if label else f"\\eta_{{{start + len(found) + 1}}}"
+        if symbol in record.changes:
+            sign, of = record.changes[symbol]
+            found[str(symbol)] = f"{sign}{{{found[str(of)]}}}"
+        else:
+            found[str(symbol)] = _own(label, {*found.values(), *others}) if label else f"\\eta_{{{start + len(found) + 1}}}"
     return found
 
 

@@ -69,8 +69,8 @@ class NamedQuantities:
         self.gradients: dict[int, tuple[str, Expr, str]] = {}
         self.resolve: Callable[[Expr], Expr] = lambda e: e  #: replaces intermediate results inside a scalar by their names
         self.cache: dict[Any, Any] = {}  #: gradients of named scalars, computed once
-        #: vectors that are derivatives of another: (sign in LaTeX, number of the other)
-        self.changes: dict[int, tuple[str, int]] = {}
+        #: vectors and scalars that are derivatives of another: (sign in LaTeX, number or symbol of the other)
+        self.changes: dict[Any, tuple[str, Any]] = {}
         self.flat = False  #: whether all frame vectors lie in the plane normal to the third inertial axis
 
     def atom(self, kind: str, side: str) -> Vector:
@@ -137,8 +137,9 @@ class NamedQuantities:
         self.vectors[number] = a
         return Vector(self, {NamedVector(number): _ONE})
 
-    def name_scalar(self, e: Expr, label: str = "") -> Expr:
-        """A scalar under a name; numbers and symbols are kept, inner products too unless the law gives them a letter."""
+    def name_scalar(self, e: Expr, label: str = "", change: tuple[str, Expr] | None = None) -> Expr:
+        """A scalar under a name; numbers and symbols are kept, inner products too unless the law gives them a letter; change:
+        (sign, symbol) of the scalar whose derivative it is."""
         if e.is_Number or (isinstance(e, se.Symbol) and not (label and e in self.dots)):
             return e
         for name, value in self.scalars.items():
@@ -146,6 +147,8 @@ class NamedQuantities:
                 return name
         name = se.Symbol(f"scalar{len(self.scalars) + 1}")
         self.scalars[name] = e
+        if change is not None:
+            self.changes[name] = change
         if label:
             self.labels[name] = label
         return name

@@ -11,8 +11,7 @@ from derivatives_contact.scenes import MECHANISMS
 from runner import Case, Claim, Found
 
 import mbdae as mb
-from mbdae.derivatives import MEETS, Refined
-from mbdae.integrators.base import Asked
+from mbdae.derivatives import Refined
 
 claim = Claim("derivatives_contact", "derivatives through contacts are right within 1e-4 (balls) and 1e-2 (five impacts of a "
               "slider-crank with clearance) at accuracy 1e-8, `.error` covers them, and an adjoint costs at most 3.5 runs", 0.0,
@@ -30,11 +29,11 @@ def cost(which: str) -> list[Found]:
     for solver in (mb.RadauIIA(3), mb.DOP853()):
         r = one.build(p).simulate(end, ACCURACIES[-1], solver=solver)
         refined = Refined(r, list(one.names.values()))
-        asked, level = Asked(end, impacts=refined.solver.impacts, meets=MEETS), refined.level()
+        (method, asked), level = refined.asked(), refined.level()
         derived, (m, n) = level.derived, (len(level.run.t) - 1, level.run.y.shape[1])
         ends, inner = np.zeros((m + 1, n)), np.zeros((m, derived.steps.stages - 1, n))
         ends[-1, UNKNOWN] = 1.0
-        run, adjoint = (least(work) for work in (lambda refined=refined, asked=asked: refined.solver.run(refined.system, asked),
+        run, adjoint = (least(work) for work in (lambda of=refined, method=method, asked=asked: method.run(of.system, asked),
                                                  lambda of=derived, ends=ends, inner=inner: of.adjoint(ends, inner)))
         worst = max(worst, adjoint / run)
         notes.append(f"{solver.label}: {m} steps, {len(derived.landings)} touches, run {1e3 * run:.1f} ms, adjoint "

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import mbdae as mb
 from mbdae.laws.surfaces import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
@@ -210,3 +211,40 @@ def test_an_elastic_law_of_ones_own_returns_the_speed_after_half_a_period() -> N
     assert r.energy.impact[-1] == pytest.approx(0.0, abs=1e-9)
     begin, end = r["floor"].contacts.begin, r["floor"].contacts.end
     assert end - begin == pytest.approx(math.pi * math.sqrt(m / k), rel=1e-4)
+
+
+class Begins(Spring):
+    """A spring that is strained at the first touch, with a damper beside it: forces that do not begin at 0."""
+
+    params = mb.params(stiffness="N/m", preload="N", damper="N s/m")
+
+    def energy(self, p: Any) -> Any:
+        return self.preload * p + self.stiffness * p**2 / 2
+
+    def damping_force(self, p: Any, rate: Any) -> Any:
+        return self.damper * rate
+
+
+@pytest.mark.parametrize(("preload", "damper"), [(0.0, 100.0), (5.0, 0.0), (5.0, 100.0)])
+def test_a_law_that_begins_with_a_force_does_not_act_at_a_distance(preload: float, damper: float) -> None:
+    """In flight neither the normal force nor friction acts; the rebound is that of the mass on the spring and the damper, until
+    they would pull."""
+    k, m, h, c = 1e5, 1.0, 0.4, damper
+    s = mb.Scene("fall", gravity=(0, 0, -9.81))
+    s.rigid_body("b", m, (1, 1, 1), at=(0, 0, 0.1 + h), velocity=(1, 0, 0))
+    law = Begins(stiffness=k, preload=preload, damper=damper)
+    s.contact("floor", s.ground, "b", mb.Plane(), mb.Sphere(radius=0.1), normal=law, friction=mb.Coulomb(0.3, 1e-2))
+    touch, v = math.sqrt(2 * h / 9.81), math.sqrt(2 * h * 9.81)
+    r = s.simulate(touch + 0.05, accuracy=1e-7)
+    flight = r.t < touch
+    assert not r["floor"].normal_force[flight].any()
+    np.testing.assert_allclose(r["b"].position[flight, 0], r.t[flight], rtol=1e-12)
+    # p'' = g - (preload + k p + c p') / m, from p = 0 at the speed v until the force or p is 0
+    root = np.roots([m, c, k]).astype(complex)
+    rest = (m * 9.81 - preload) / k
+    a = np.linalg.solve(np.array([[1, 1], root]), np.array([-rest, v]))
+    p = lambda t, of=1.0: float(np.real(a @ (of * np.exp(root * t)))) + rest  # noqa: E731
+    speed = lambda t: p(t, of=root) - rest  # noqa: E731
+    end = brentq(lambda t: min(p(t), preload + k * p(t) + c * speed(t)), math.pi / 2 / math.sqrt(k / m), 0.015)
+    left = 0.05 - end
+    assert r["b"].position[-1, 2] == pytest.approx(0.1 - p(end) - speed(end) * left - 9.81 * left**2 / 2, abs=2e-7)
