@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -81,7 +82,7 @@ CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: th
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
 #: that round-off or penetrations bound is not subject to them. The smallest without contacts is that at which `share_of` comes to
 #: its least value with most solvers: a tighter run would not be estimated better by the run before
-FINER, FINER_WITH_IMPACTS = (6e-3, 0.3), (0.1, 0.3)
+FINER, FINER_LEFT_OUT, FINER_WITH_IMPACTS = (6e-3, 0.3), (6e-3, 0.2), (0.1, 0.3)
 #: a run is repeated if its tolerance is above this many times the largest one that resolves the penetrations and the sticking
 #: found in it
 COARSE = 3.0
@@ -92,18 +93,28 @@ FOLLOWING = 3  #: largest number of times that a run is repeated because its ste
 #: a run whose motion has the accuracy is not repeated any more where the last one brought what else was asked for no nearer than
 #: this: tolerances fall to 0.3 or less, and errors with the power SLOW of them at least
 STUCK = 0.65
+#: where vibrations that the steps leave out bring a run above the accuracy by this factor or less, shorter steps are tried, which
+#: leave out less, before a run that resolves them all
+NEARLY = 10.0
 #: smallest ratio of the error to the difference from a companion at the smallest tolerance, where errors need not fall any more
 AT_ROUND_OFF = 1.0
 
+Besides = Callable[[Controlled], Controlled]
+
+
+def same(run: Controlled) -> Controlled:
+    return run
+
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                   outputs: Array) -> Controlled:
+                   outputs: Array, besides: Besides = same) -> Controlled:
     """Make runs with smaller and smaller tolerances until the estimated error, also at the outputs, is below `accuracy` or cannot
-    be made smaller by this solver. The wall time in `asked` is the limit of all runs together."""
+    be made smaller by this solver. The wall time in `asked` is the limit of all runs together. besides: gives a run the estimate
+    that contains what no companion shows; a run that misses the accuracy by it, at most NEARLY times, is repeated too."""
     asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        run = _passing_nothing_over(system, prepared, solver, accuracy, asked, outputs)
+        run = _passing_nothing_over(system, prepared, solver, accuracy, asked, outputs, besides)
         second = None if solver.by_steps else second_method(
                 solver, system, asked, accuracy, measure_of(system, prepared, asked.wanted))
         if second is not None:
@@ -124,7 +135,7 @@ def following(run: Controlled, system: System, prepared: Prepared, accuracy: flo
 
 
 def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                          outputs: Array) -> Controlled:
+                          outputs: Array, besides: Besides) -> Controlled:
     """A run in which no contact closes and opens inside a step, and whose steps follow every disturbance that grows unseen: where
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
@@ -132,7 +143,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     runs, cpu = 0, 0.0
     for repeats in range(REPEATS + 1):
         grown = len(asked.bounds) > given
-        search = _Search(system, prepared, solver, accuracy, asked, outputs, grown)
+        search = _Search(system, prepared, solver, accuracy, asked, outputs, grown, besides)
         try:
             run = (search.by_steps() if solver.by_steps else search.run()).after(runs, cpu)
         except SolverError as error:
@@ -164,9 +175,9 @@ class _Search:
     growth; made: the last runs with their tolerances, each compared with the companions before it."""
 
     def __init__(self, system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked, outputs: Array,
-                 grown: bool) -> None:
+                 grown: bool, besides: Besides = same) -> None:
         self.system, self.prepared, self.solver, self.accuracy = system, prepared, solver, accuracy
-        self.asked, self.outputs, self.grown = asked, outputs, grown
+        self.asked, self.outputs, self.grown, self.besides = asked, outputs, grown, besides
         self.measure = measure_of(system, prepared, asked.wanted)
         self.made: list[RunAt] = []
 
@@ -199,23 +210,26 @@ class _Search:
                 continue
             best = self._compared_again(self._with_estimate(best, fine, told), told)
             self.ceiling = max(resolving(self.prepared, self.solver, fine, self.ceiling), self.limit)
-            too_coarse, goal = rtol > COARSE * self.ceiling, self._goal(fine)
-            if (best.estimate <= goal and not too_coarse) or rtol <= self.limit * (1 + 1e-9):
-                return self._judged_again(best)
-            if not too_coarse and self._in_vain(told, rtol / loose):
-                return best
-            if too_coarse:
+            last, goal = rtol <= self.limit * (1 + 1e-9), self._goal(fine)
+            if rtol > COARSE * self.ceiling and not last:
                 self.tight = with_rtol(self.tight, self.ceiling)
                 continue
-            if not self.grown and goal == self.accuracy:
-                best = self._compared_again(self._beside_usual(best, told), told)
-                if best.estimate <= self.accuracy:
+            if best.estimate > goal and not last:
+                if self._in_vain(told, rtol / loose):
                     return best
+                if not self.grown and goal == self.accuracy:
+                    best = self._compared_again(self._beside_usual(best, told), told)
+            if best.estimate <= goal or last:
+                best = self.besides(self._judged_again(best))
+                if last or not self.accuracy < best.estimate < NEARLY * self.accuracy:
+                    return best
+                told[-1] = rtol, best.estimate
             earlier = max((estimate for _, estimate in told[:-1]), default=0.0)
             if contacts and len(told) > 2 and best.estimate > max(LARGE, earlier / CHAOTIC):
                 return replace(best, notes=(*best.notes, CHAOS.format(earlier, best.estimate)))
-            falls = (0.5 * goal / best.estimate) ** (1 / fall_shown(told))
-            falls = float(np.clip(falls, *(FINER_WITH_IMPACTS if contacts else FINER)))
+            fall = min(fall_shown(told), self.solver.error_fall) if best.lost else fall_shown(told)
+            falls = float(np.clip((0.5 * goal / best.estimate) ** (1 / fall),
+                                  *(FINER_WITH_IMPACTS if contacts else FINER_LEFT_OUT if best.lost else FINER)))
             self.tight = with_rtol(self.tight, max(rtol * falls, self.limit))
         return best
 

@@ -196,7 +196,8 @@ class Controlled:
     waves: whether it resolves all elastic vibrations although its form does not demand it; told: for every run with an estimate,
     in order, its tolerance (or constant step, s) and the estimate from runs of its method alone; limit: the smallest tolerance
     that round-off allows; hidden: contacts that close and open inside its steps; growth: of small disturbances along it;
-    vibrations: bounds of steps that follow those which its own leave out."""
+    vibrations: bounds of steps that follow those which its own leave out; lost: whether the estimate contains those of elastic
+    bodies that its steps leave out."""
 
     solution: Solution
     solver: Solver
@@ -211,6 +212,7 @@ class Controlled:
     hidden: tuple[Hidden, ...] = ()
     growth: tuple[Growth, ...] = ()
     vibrations: tuple[Bound, ...] = ()
+    lost: bool = False
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
         """The same run, with a number of other runs and their CPU time (s) added to `runs` and `cpu_s`."""

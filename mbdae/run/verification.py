@@ -181,9 +181,11 @@ POINTS = 400  #: number of times at which both runs are compared
 MARGIN = 2.1
 
 
-def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Controlled, measure: Measure) -> Controlled:
+def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, measure: Measure, run: Controlled) -> Controlled:
     """The run whose estimate includes the lost vibrations: its largest distance, in a measure such as that of positions (over the
     scene's length, rad), from short runs of the system `resolving`, which resolves them, from start and excitations on."""
+    if run.lost:
+        return run
     solution = run.solution
     t0, t1 = float(solution.t[0]), float(solution.t[-1])
     span = WINDOW * (t1 - t0) / max(solution.stats.steps, 1)
@@ -191,13 +193,15 @@ def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Contro
     if not close.by_steps:
         close = replace(close, rtol=close.companion * close.tolerance)  # type: ignore[type-var]
     probe = Probe(close, resolving, prepared, span, POINTS, MARGIN)
-    return with_left_out(run, probe, measure)
+    return replace(with_left_out(run, probe, measure), lost=True)
 
 
 #: FORCES: accuracies up to which a run whose vibrations carry force is repeated with all of them resolved, DEEPER times as
 #: accurate in positions, SMALLEST at the least. Measured at 1e-6 on drawn mechanisms: forces were off by 4e-4 to 7e-2, and by
 #: 1e-8 to 4e-7 after, of 8 of 9; the whole call takes 0.8 to 2.5 times the CPU time
 FORCES, DEEPER, SMALLEST = 1e-5, 1e-3, 1e-10
+#: such a run is given up where it has come to less than PACE times the time that the evaluations spent stand for, LOOK of all or more
+LOOK, PACE = 0.15, 0.5
 
 
 def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, accuracy: float, asked: Asked,
@@ -206,10 +210,17 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
     run for it takes at most the evaluations of this one and about half a second."""
     if accuracy > FORCES or not run.others or (off := Errors(prepared, run.solution, run.others)()) <= accuracy:
         return run
-    most = run.solution.stats.residuals + SPARE / resolving.n
+    most, deeper = run.solution.stats.residuals + SPARE / resolving.n, max(DEEPER * accuracy, SMALLEST)
+
+    def hopeless(so_far: Solution) -> bool:
+        done, spent = (so_far.t[-1] - so_far.t[0]) / (asked.t_end - so_far.t[0]), so_far.stats.residuals / most
+        if spent > LOOK and done < PACE * spent:
+            raise SolverError("the steps are too short to come to the end", time=float(so_far.t[-1]), solution=so_far)
+        return False
+
     try:
-        deeper = max(DEEPER * accuracy, SMALLEST)
-        again = run_controlled(resolving, prepared, RadauIIA(5), deeper, replace(asked, max_residuals=most), times)
+        asked = replace(asked, max_residuals=most, stop=hopeless)
+        again = run_controlled(resolving, prepared, RadauIIA(5), deeper, asked, times)
     except SolverError as error:
         return run.after(1, cpu_of(error))
     better = again.others and again.estimate <= accuracy and Errors(prepared, again.solution, again.others)() < off
