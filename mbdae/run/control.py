@@ -30,6 +30,7 @@ from mbdae.results.stored_parts import AskedToo
 from mbdae.run.contacts import hidden_contacts, resolving
 from mbdae.run.estimate import (
     LOOSEST,
+    SLOW,
     Controlled,
     RunAt,
     companions,
@@ -301,8 +302,11 @@ class _Search:
 
     def _compared_again(self, best: Controlled, told: list[tuple[float, float]]) -> Controlled:
         """The last run, compared with one more companion where only the assumed fall of errors brings its estimate below the
-        accuracy."""
+        accuracy; not where the estimate of the run before does, fallen as slowly as errors may."""
         if best.estimate > self.accuracy:
+            return best
+        if len(told) > 1 and self.system.guards is None and (
+                told[-2][1] * (told[-1][0] / told[-2][0]) ** SLOW <= self.accuracy):
             return best
         with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
             runs = nearer_companion(self.system, best.solver, closer(self.asked, best.solver, 1, self._kept), self.made,
