@@ -21,8 +21,9 @@ from mbdae.process import unchanging
 from mbdae.results.errors import Errors
 from mbdae.results.quantities import named
 from mbdae.system.base import Array
-from mbdae.values import option, shown, text
+from mbdae.values import number, option, shown, text
 
+LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
 WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
 #: why an error is not known where the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
@@ -298,3 +299,9 @@ class UnknownsDistance:
 
 
 LEAST = 1e-3  #: errors are relative to the largest value of an unknown in the run, but at least to this fraction of its scale
+
+
+def plausible(accuracy: Any, name: str = "accuracy") -> float:
+    """An accuracy as a float; OptionError outside LEAST_ACCURACY to 0.1."""
+    return float(option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=LEAST_ACCURACY,
+                        most=1e-1))

@@ -13,7 +13,6 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -51,24 +50,18 @@ from mbdae.run.growing import at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.without_multipliers import BranchingError
-from mbdae.values import number, option
 
-LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
-#: largest number of runs from the last of the first companions on, failed ones included, further companions not; for batches
-#: largest number of estimates
-ATTEMPTS = 5
+ATTEMPTS = 5  #: largest number of runs from the last companion on, failed ones included; for batches of estimates
 FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
-#: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
-#: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
-#: It is below 1/2 because the time scales are known up to a factor of 2
+#: factor from one run to the next on the longest step as a fraction of the time scale of an input of time: where only inputs
+#: bound the steps of two runs, these must differ. It is below 1/2 because the time scales are known up to a factor of 2
 CLOSER = 0.4
-#: from one run to the next the longest step during an impact is reduced by this factor. The first run after the companions has
-#: `Solver.impacts` times the bound of a run without error estimate; the companions take longer steps
+#: the same for the longest step during an impact; in the first run after the companions it is `Solver.impacts` times that of a
+#: run without error estimate
 CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
 USED_UP = "max_wall = {:g} s of wall time is used up while the error was measured: {}; raise max_wall or loosen the accuracy"
-#: a run is stopped, as too expensive, after this many times the residual evaluations of its companion, plus 10000, plus those
-#: that CUT allows
+#: a run is stopped after this many times the residual evaluations of its companion, plus 10000, plus those that CUT allows
 CRAWL = 10
 #: factor on that number where a run leaves an unstable rest: its companion, in which less growth may have come out, moves less
 LEAVING = 10
@@ -80,38 +73,29 @@ CUT = 100
 CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")
-#: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
-#: that round-off or penetrations bound is not subject to them. The smallest without contacts is that at which `share_of` comes to
-#: its least value with most solvers: a tighter run would not be estimated better by the run before
+#: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without contacts, where vibrations are
+#: left out, and with contacts; round-off and penetrations bound it besides. At the smallest `share_of` comes to its least value
 FINER, FINER_LEFT_OUT, FINER_WITH_IMPACTS = (6e-3, 0.3), (6e-3, 0.2), (0.1, 0.3)
-#: a run is repeated if its tolerance is above this many times the largest one that resolves the penetrations and the sticking
-#: found in it
-COARSE = 3.0
+COARSE = 3.0  #: a run is repeated if its tolerance is this many times the largest that resolves its penetrations and sticking
 #: SHALLOW: a contact inside a step counts if its penetration is above this fraction of the accuracy times the scene's length (m;
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
-#: a run whose motion has the accuracy is not repeated any more where the last one brought what else was asked for no nearer than
-#: this: tolerances fall to 0.3 or less, and errors with the power SLOW of them at least
+#: a run whose motion has the accuracy is repeated only while the last one brought what else was asked for nearer than this:
+#: tolerances fall to 0.3 or less, and errors with the power SLOW of them at least
 STUCK = 0.65
-#: where vibrations that the steps leave out bring a run above the accuracy by this factor or less, shorter steps are tried, which
-#: leave out less, before a run that resolves them all
-NEARLY = 10.0
+NEARLY = 10.0  #: factor up to which a run that vibrations left out bring above the accuracy is repeated with shorter steps
 #: smallest ratio of the error to the difference from a companion at the smallest tolerance, where errors need not fall any more
 AT_ROUND_OFF = 1.0
 
-Besides = Callable[[Controlled], Controlled]
-
-
-def same(run: Controlled) -> Controlled:
-    return run
+Besides = Callable[[Controlled], Controlled] | None
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                   outputs: Array, besides: Besides = same) -> Controlled:
+                   outputs: Array, besides: Besides = None) -> Controlled:
     """Make runs with smaller and smaller tolerances until the estimated error, also at the outputs, is below `accuracy` or cannot
     be made smaller by this solver. The wall time in `asked` is the limit of all runs together. besides: gives a run the estimate
-    that contains what no companion shows; a run that misses the accuracy by it, at most NEARLY times, is repeated too."""
+    that contains what no companion shows."""
     asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
@@ -176,7 +160,7 @@ class _Search:
     growth; made: the last runs with their tolerances, each compared with the companions before it."""
 
     def __init__(self, system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked, outputs: Array,
-                 grown: bool, besides: Besides = same) -> None:
+                 grown: bool, besides: Besides = None) -> None:
         self.system, self.prepared, self.solver, self.accuracy = system, prepared, solver, accuracy
         self.asked, self.outputs, self.grown, self.besides = asked, outputs, grown, besides
         self.measure = measure_of(system, prepared, asked.wanted)
@@ -221,7 +205,8 @@ class _Search:
                 if not self.grown and goal == self.accuracy:
                     best = self._compared_again(self._beside_usual(best, told), told)
             if best.estimate <= goal or last:
-                best = self.besides(self._judged_again(best))
+                best = self._judged_again(best)
+                best = best if self.besides is None else self.besides(best)
                 if last or not self.accuracy < best.estimate < NEARLY * self.accuracy:
                     return best
                 told[-1] = rtol, best.estimate
@@ -305,9 +290,10 @@ class _Search:
         accuracy; not where the estimate of the run before does, fallen as slowly as errors may."""
         if best.estimate > self.accuracy:
             return best
-        if len(told) > 1 and self.system.guards is None and (
-                told[-2][1] * (told[-1][0] / told[-2][0]) ** SLOW <= self.accuracy):
-            return best
+        if len(told) > 1 and self.system.guards is None:
+            (loose, before), (tight, _) = told[-2:]
+            if before * (tight / loose) ** SLOW <= self.accuracy:
+                return best
         with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
             runs = nearer_companion(self.system, best.solver, closer(self.asked, best.solver, 1, self._kept), self.made,
                                     self.estimate(1.0), self.accuracy)
@@ -360,9 +346,3 @@ def companions_of(system: System, tight: Solver, asked: Asked, first: bool = Fal
             continue
         made.append((rtol, run))
     return Controlled(run, solver, float("inf"), len(made), sum(one.stats.cpu_s for _, one in made)), made
-
-
-def plausible(accuracy: Any, name: str = "accuracy") -> float:
-    """An accuracy as a float; OptionError outside LEAST_ACCURACY to 0.1."""
-    return float(option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=LEAST_ACCURACY,
-                        most=1e-1))

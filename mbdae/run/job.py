@@ -46,7 +46,7 @@ from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
 from mbdae.run.conditions import Rechecked, rechecked
 from mbdae.run.contacts import hidden_contacts, refuse_unresolved
-from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, Besides, following, run_controlled, same
+from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, Besides, following, run_controlled
 from mbdae.run.drift import Assessment, joint_drift
 from mbdae.run.estimate import UNTESTED, Controlled, cpu_of, measure_of, with_vibrations
 from mbdae.run.growing import growing, unfollowed
@@ -100,7 +100,7 @@ class Job:
                 return self._with_vibrations(self._controlled(system, solver), system)
             if self.asked.wanted and not self.prepared.contacts:
                 return self._for_forces(solver, system)
-            run = self._controlled(system, solver, same if self.prepared.contacts else self._lost(solver, system))
+            run = self._controlled(system, solver, None if self.prepared.contacts else self._lost(solver, system))
             with keeping(run.solution, UNTESTED):
                 return self._with_waves(run, solver, system)
 
@@ -137,18 +137,17 @@ class Job:
         """The equations that resolve all elastic vibrations."""
         return shared_system(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
 
-    def _lost(self, solver: Solver, system: SceneSystem) -> Besides:
+    def _lost(self, solver: Solver, system: SceneSystem) -> Callable[[Controlled], Controlled]:
         """What gives a run the estimate with the elastic vibrations that its steps damp away."""
         measure = measure_of(system, self.prepared, self.asked.wanted)
         return partial(with_lost_vibrations, self.prepared, self._resolving(solver), measure)
 
-    def _controlled(self, system: SceneSystem, solver: Solver, besides: Besides = same) -> Controlled:
+    def _controlled(self, system: SceneSystem, solver: Solver, besides: Besides = None) -> Controlled:
         asked = replace(self.asked, begin=self.begin)
         return run_controlled(system, self.prepared, solver, self.accuracy, asked, self.times, besides)
 
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
-        """The run itself where the elastic vibrations that its long steps damp away are below the accuracy, else one that resolves
-        all vibrations."""
+        """The run itself where the elastic vibrations that it damps away are below the accuracy, else one of all vibrations."""
         resolving, run = self._resolving(solver), self._lost(solver, system)(run)
         if run.estimate <= self.accuracy:
             if not self.choice or self.prepared.contacts or self.asked.wanted:

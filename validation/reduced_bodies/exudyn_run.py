@@ -33,7 +33,7 @@ def run(p, fem, steps):
         made = ObjectFFRFreducedOrderInterface(fem).AddObjectFFRFreducedOrder(
             mbs, positionRef=at, initialVelocity=[0, 0, 0], initialAngularVelocity=[0, 0, 0])
         bodies.append(made["oFFRFreducedOrder"])
-        # a LoadMassProportional acts at the centre of mass of the undeformed body, and on no mode: the weight of every node instead
+        # weight of every node: a LoadMassProportional acts at the centre of mass of the undeformed body, and on no mode
         mean = mbs.AddMarker(items.MarkerSuperElementPosition(
             bodyNumber=bodies[-1], meshNodeNumbers=np.arange(len(nodes)), weightingFactors=masses / masses.sum()))
         mbs.AddLoad(items.Force(markerNumber=mean, loadVector=masses.sum() * np.array(p["gravity"])))
