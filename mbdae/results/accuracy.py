@@ -88,6 +88,12 @@ class Accuracy:
         return self.found_reactions if isinstance(self.found_reactions, Errors) else None
 
     @property
+    def lacks(self) -> str:
+        """What the errors of motion, reactions, peaks and all that is read do not contain: "mesh" (the elements of beams, the
+        modes that reduced bodies leave out) where it was not measured, by verify=True; else ""."""
+        return "mesh" if self.has_mesh and self.mesh is None else ""
+
+    @property
     def met(self) -> bool | None:
         """Whether the errors of the motion, of the quantities asked for and, where measured, of the mesh are within the accuracy
         asked; None where none was asked or an error is not known. Other reactions do not count: see `covers`."""
