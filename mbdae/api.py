@@ -19,6 +19,7 @@ from mbdae.formulations import Form, default_form, form_of, system_for
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
 from mbdae.notation import picture, rows, titled
+from mbdae.results.accuracy import plausible
 from mbdae.results.result import ATTACHED, Result
 from mbdae.results.storage import load as load
 from mbdae.results.stored_parts import wanted_of
@@ -26,7 +27,6 @@ from mbdae.run.checkpoint import give_back, keeper_of, kept, progress_of, statem
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from
 from mbdae.run.conditions import conditions, ends_of_curves
-from mbdae.run.control import plausible
 from mbdae.run.estimate import Controlled
 from mbdae.run.events import Watched
 from mbdae.run.job import Job

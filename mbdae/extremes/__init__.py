@@ -18,8 +18,8 @@ from mbdae.extremes.cell import FAILED, VERDICTS, Cell, cell, reference_at
 from mbdae.extremes.page import Block, Extremes
 from mbdae.extremes.ways import Varied, Way, asked_values, default_vary, stated, stepped_ways, varied, ways
 from mbdae.integrators.base import end_after
+from mbdae.results.accuracy import plausible
 from mbdae.results.reads import reads
-from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.study.kept import ResumeFile, record, resume_path, told_when_interrupted
 from mbdae.values import BadValueError, number, optional, shown, word

@@ -18,9 +18,9 @@ from mbdae.fits.beside import ENOUGH, OutOfRunsError, lower_fit, told
 from mbdae.fits.functions import SceneFunction, identity_of, labelled, scene_given, varied
 from mbdae.integrators.base import end_after
 from mbdae.notation import counted
+from mbdae.results.accuracy import LEAST_ACCURACY, plausible
 from mbdae.results.quantities import named, unit_of
 from mbdae.results.result import Result
-from mbdae.run.control import LEAST_ACCURACY, plausible
 from mbdae.show.plots import new_figure, style, written
 from mbdae.study import deviations, limits, measurements
 from mbdae.study.kept import Readings, resume_path, told_when_interrupted

@@ -17,8 +17,8 @@ from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, naming_argume
 from mbdae.fits.beside import ASIDE, ENOUGH, UNSURE, OutOfRunsError, lower_beside, lower_elsewhere
 from mbdae.fits.functions import HELD, Design, Held, Mass, identity_of, peak_slopes, scene_given, stated_values, varied
 from mbdae.integrators.base import end_after
+from mbdae.results.accuracy import plausible
 from mbdae.results.result import Result
-from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.study import ranges
 from mbdae.study.kept import Readings, packed, resume_path, told_when_interrupted

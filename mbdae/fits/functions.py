@@ -14,11 +14,11 @@ from mbdae.derivatives import Bound, Objective, names_of
 from mbdae.errors import ListsAttributes, OptionError, naming_arguments
 from mbdae.integrators.base import end_after, output_times
 from mbdae.notation import counted
+from mbdae.results.accuracy import plausible
 from mbdae.results.quantities import Quantity, named, unit_of
 from mbdae.results.reads import own_of
 from mbdae.results.result import Result
 from mbdae.run.checkpoint import versions
-from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.show.plots import new_figure, style, written
 from mbdae.study.statements import changed, stated_value

@@ -102,6 +102,8 @@ def assembled(read: Any, E: float, nu: float, density: float, unit: float, order
     """M, K, nodes, sets and the `Solid` of a mesh that meshio has read."""
     fem = package("skfem")
     kind, corners = _solid_cells(read, called)
+    if twice := len(corners) - len(np.unique(np.sort(corners, axis=1), axis=0)):
+        raise OptionError(f"{called}: {twice} of its elements are in it twice, and would count twice in M and K: leave them out")
     used, inverse = np.unique(corners, return_inverse=True)
     mesh_class, elements = SOLIDS[kind]
     points = np.asarray(read.points, dtype=float)[used] * unit

@@ -26,8 +26,8 @@ second_displacements, free_basis = later("mbdae.inputs.stiffening", "second_disp
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")  #: freedoms of a node, in their order
 #: m/s; waves in solids travel at up to 1.8e4 m/s (diamond), so that no body has a lowest frequency times its size above that
 FASTEST = 1e5
-#: m/s, of waves of stretching, below which units are asked for, and below a 20th of which they are refused: foams have 20
-SLOWEST = 200.0
+#: m/s, of waves of stretching, outside which units are asked for, and below a 20th of which they are refused: foams have 20
+SLOWEST, DIAMOND = 200.0, 2e4
 #: stiffness against rigid motions, over the softest one with an interface held, above which K is not that of a free body
 SPRINGS = 1e-4
 THIN = 1e-13  #: smallest principal moment of inertia over the largest one
@@ -137,7 +137,7 @@ class FiniteElements:
 
     def judge(self, lowest: float) -> None:
         """Refuse springs to ground in K, which a free body has not and a reduction leaves out, and units by which it is softer
-        than any solid; lowest: of its frequencies with an interface held, Hz."""
+        or lighter than any solid; lowest: of its frequencies with an interface held, Hz."""
         K, M = (self.rigid.T @ (A @ self.rigid) for A in (self.K, self.M))
         held = float(np.max(np.abs(np.linalg.eigvalsh(K / np.sqrt(np.outer(M.diagonal(), M.diagonal()))))))
         if held > (share := SPRINGS * (2 * np.pi * lowest) ** 2):
@@ -148,9 +148,9 @@ class FiniteElements:
                               f"scene states (s.spring), or with more digits")
         stretched = np.einsum("ka,ab->kab", self.nodes - self.center, np.eye(3, self.freedoms)).transpose(0, 2, 1).reshape(-1, 3)
         speed = float(np.sqrt(np.max(np.sum(stretched * (self.K @ stretched), axis=0)) / self.mass))
-        if speed < SLOWEST:
-            words = (f"waves of stretching travel through the body at about {speed:.2g} m/s, which is 5000 in metals and 50 in "
-                     f"rubber: are M in kg, K in N/m, nodes in m?")
+        if not SLOWEST <= speed <= DIAMOND:
+            words = (f"waves of stretching travel through the body at about {speed:.2g} m/s, which is 5000 in metals, 50 in "
+                     f"rubber and 18000 in diamond: are M in kg (not in t or g), K in N/m, nodes in m?")
             if speed < SLOWEST / 20:
                 raise OptionError(words)
             warn(words)

@@ -21,8 +21,9 @@ from mbdae.process import unchanging
 from mbdae.results.errors import Errors
 from mbdae.results.quantities import named
 from mbdae.system.base import Array
-from mbdae.values import option, shown, text
+from mbdae.values import number, option, shown, text
 
+LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
 WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
 #: why an error is not known where the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
@@ -85,6 +86,12 @@ class Accuracy:
     def errors(self) -> Errors | None:
         """The errors of everything that the result shows; None where no other run was made, or none was kept."""
         return self.found_reactions if isinstance(self.found_reactions, Errors) else None
+
+    @property
+    def lacks(self) -> str:
+        """What the errors of motion, reactions, peaks and all that is read do not contain: "mesh" (the elements of beams, the
+        modes that reduced bodies leave out) where it was not measured, by verify=True; else ""."""
+        return "mesh" if self.has_mesh and self.mesh is None else ""
 
     @property
     def met(self) -> bool | None:
@@ -298,3 +305,9 @@ class UnknownsDistance:
 
 
 LEAST = 1e-3  #: errors are relative to the largest value of an unknown in the run, but at least to this fraction of its scale
+
+
+def plausible(accuracy: Any, name: str = "accuracy") -> float:
+    """An accuracy as a float; OptionError outside LEAST_ACCURACY to 0.1."""
+    return float(option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=LEAST_ACCURACY,
+                        most=1e-1))

@@ -25,23 +25,19 @@ if TYPE_CHECKING:
 else:
     Cubic = Later("mbdae.integrators.contact_steps", "Cubic")
 
-#: number of equal parts of every step; the quantity is evaluated at the begin of each and just before the end of the step
-INSIDE = 6
-#: largest number of maxima among the values so far around which the largest one is sought more closely
-BEST = 5
+INSIDE = 6  #: equal parts of every step; the quantity is evaluated at the begin of each and just before the end of the step
+BEST = 5  #: largest number of maxima among the values so far around which the largest one is sought more closely
 #: a closer search: WHOLE times over what is left and NARROW times around the top of the parabola through the three highest, over
 #: the part CLOSE of what is left; at most so many ROUNDS, until values differ by the fraction FLAT, which is near their round-off
 WHOLE, NARROW, CLOSE, ROUNDS, FLAT = 9, 8, 1 / 64, 12, 1e-12
-#: distance from the end of a step, over its length, of the last time read inside it: accelerations may jump at its end
-JUST = 1e-9
+JUST = 1e-9  #: distance from the end of a step, over its length, of the last time read inside it: accelerations may jump there
 #: with more than MANY steps those alone are looked into in which a larger value can be. A parabola rises above the ends of a step
 #: by an eighth of its second difference; CURVED is four times that
 MANY, CURVED = 1000, 0.5
 GAUSS = 5  #: number of points in a step at which a mean reads its quantity
 MOST = 4096  #: largest number of times that are read at once
-#: of the tolerance, with which errors of runs with contact are taken to fall: at most the root, as everywhere with impacts.
-#: Measured: two companions of a pin with play that showed a power of 1 or more, where the run was 4.6 times as far off as that
-#: power says
+#: of the tolerance, with which errors of runs with contact are taken to fall: at most the root. Two companions of a pin with play
+#: showed a power of 1 or more, where the run was 4.6 times as far off as that power says
 POWERS = np.linspace(0.15, 0.5, 40)
 DIGITS, FEWEST = 6, 3  #: largest and smallest number of digits of a value printed with its error
 
@@ -54,22 +50,26 @@ class _Peak(NamedTuple):
 
 
 class Peak(_Peak):
-    """value: the largest magnitude (of a vector its length); t: its time, s; unit; sensor: what was asked for.
-
-    error: estimated error of the value, in its unit, from the runs made beside this one; None where there were none. It is no
-    part of the tuple."""
+    """value: the largest magnitude (of a vector its length); t: its time, s; unit; sensor: what was asked for;
+    error: estimated error of the value, in its unit, from the runs made beside this one; None where there were none; lacks: what
+    that does not contain, "mesh" or "". They are no part of the tuple."""
 
     error: float | None
+    lacks: str
 
-    def __new__(cls, value: float, t: float, unit: str = "", sensor: str = "", error: float | None = None) -> Self:
+    def __new__(cls, value: float, t: float, unit: str = "", sensor: str = "", error: Any = None, lacks: str = "") -> Self:
         made = super().__new__(cls, value, t, unit, sensor)
-        made.error = error
+        made.error, made.lacks = error, lacks
         return made
 
     def __repr__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
-        known = "" if self.error is not None else ", its error is not known"
-        return f"<Peak of {self.sensor}: {with_error(self.value, self.error)}{unit} at t = {self.t:.6g} s{known}>"
+        found = f"{with_error(self.value, self.error)}{unit} at t = {self.t:.6g} s"
+        return f"<Peak of {self.sensor}: {found}{_known(self.error, self.lacks)}>"
+
+
+def _known(error: float | None, lacks: str) -> str:
+    return ", its error is not known" if error is None else f" without the error of the {lacks}" if lacks else ""
 
 
 def with_error(value: float, error: float | None) -> str:
@@ -96,17 +96,18 @@ def _padded(value: float, digits: int) -> str:
 @dataclass(frozen=True, repr=False)
 class Mean:
     """value: mean of a quantity over an interval (of a vector its components), or root of the mean of its squares (a number);
-    error: its estimated error, of a vector that of its length, None where no runs were made beside this one; unit; sensor."""
+    error: its estimated error, of a vector that of its length, None where no runs were made beside this one; unit; sensor; lacks: as
+    of `Peak`."""
 
     value: Any
     error: float | None
     unit: str
     sensor: str
+    lacks: str = ""
 
     def __repr__(self) -> str:
-        known = "" if self.error is not None else ", its error is not known"
         value = with_error(self.value, self.error) if np.ndim(self.value) == 0 else f"{self.value} +- {self.error or 0.0:.2g}"
-        return f"<{self.sensor}: {value}{f' {self.unit}' if self.unit else ''}{known}>"
+        return f"<{self.sensor}: {value}{f' {self.unit}' if self.unit else ''}{_known(self.error, self.lacks)}>"
 
 
 def peak(result: Any, quantity: Quantity) -> Peak:
@@ -120,7 +121,7 @@ def peak(result: Any, quantity: Quantity) -> Peak:
         if isinstance(quantity, str):  # what a function reads may change
             result._peaks[quantity] = found
     error = result._judge_part(quantity, _called("largest value", result), "of_peak", *found) if math.isfinite(found[0]) else None
-    return Peak(*found, unit, name, error)
+    return Peak(*found, unit, name, error, result.info.accuracy.lacks)
 
 
 def mean(result: Any, quantity: Quantity, power: int) -> Mean:
@@ -133,11 +134,10 @@ def mean(result: Any, quantity: Quantity, power: int) -> Mean:
         found = [_mean(result, quantity, power, steps, points) for points in (GAUSS, GAUSS - 1)]
         size = float(np.max(sizes(result, quantity, np.r_[steps, (steps[1:] + steps[:-1]) / 2])))
     name = "mean" if power == 1 else "root mean square"
-    read = _called(name, result)
-    error = result._judge_part(quantity, read, "of_mean", size, power) if math.isfinite(size) else None
+    error = result._judge_part(quantity, _called(name, result), "of_mean", size, power) if math.isfinite(size) else None
     error = None if error is None else error + float(np.linalg.norm(found[0] - found[1]))
     value = float(found[0]) if np.ndim(found[0]) == 0 else found[0]
-    return Mean(value, error, unit_of(result, quantity), f"{name} of {named(quantity)}")
+    return Mean(value, error, unit_of(result, quantity), f"{name} of {named(quantity)}", result.info.accuracy.lacks)
 
 
 def averaged(t: Array, values: Array, begin: float, length: float) -> float:

@@ -24,8 +24,9 @@ from mbdae.integrators.batch import Batch, Together, refuse_watched, solve_batch
 from mbdae.integrators.dop853 import DOP853
 from mbdae.integrators.loop import StepLoop
 from mbdae.results import archive
+from mbdae.results.accuracy import plausible
 from mbdae.run.choice import choose, prepared_from
-from mbdae.run.control import ATTEMPTS, FINER, plausible
+from mbdae.run.control import ATTEMPTS, FINER
 from mbdae.run.estimate import measure_of
 from mbdae.scene.control import problems
 from mbdae.scene.scene import SceneData

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from mbdae.results.stored_parts import AskedToo
 from mbdae.run.contacts import hidden_contacts, resolving
 from mbdae.run.estimate import (
     LOOSEST,
+    SLOW,
     Controlled,
     RunAt,
     companions,
@@ -49,24 +50,18 @@ from mbdae.run.growing import at_least, bounded, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.without_multipliers import BranchingError
-from mbdae.values import number, option
 
-LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
-#: largest number of runs from the last of the first companions on, failed ones included, further companions not; for batches
-#: largest number of estimates
-ATTEMPTS = 5
+ATTEMPTS = 5  #: largest number of runs from the last companion on, failed ones included; for batches of estimates
 FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
-#: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
-#: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
-#: It is below 1/2 because the time scales are known up to a factor of 2
+#: factor from one run to the next on the longest step as a fraction of the time scale of an input of time: where only inputs
+#: bound the steps of two runs, these must differ. It is below 1/2 because the time scales are known up to a factor of 2
 CLOSER = 0.4
-#: from one run to the next the longest step during an impact is reduced by this factor. The first run after the companions has
-#: `Solver.impacts` times the bound of a run without error estimate; the companions take longer steps
+#: the same for the longest step during an impact; in the first run after the companions it is `Solver.impacts` times that of a
+#: run without error estimate
 CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
 USED_UP = "max_wall = {:g} s of wall time is used up while the error was measured: {}; raise max_wall or loosen the accuracy"
-#: a run is stopped, as too expensive, after this many times the residual evaluations of its companion, plus 10000, plus those
-#: that CUT allows
+#: a run is stopped after this many times the residual evaluations of its companion, plus 10000, plus those that CUT allows
 CRAWL = 10
 #: factor on that number where a run leaves an unstable rest: its companion, in which less growth may have come out, moves less
 LEAVING = 10
@@ -78,31 +73,32 @@ CUT = 100
 CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")
-#: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
-#: that round-off or penetrations bound is not subject to them. The smallest without contacts is that at which `share_of` comes to
-#: its least value with most solvers: a tighter run would not be estimated better by the run before
-FINER, FINER_WITH_IMPACTS = (6e-3, 0.3), (0.1, 0.3)
-#: a run is repeated if its tolerance is above this many times the largest one that resolves the penetrations and the sticking
-#: found in it
-COARSE = 3.0
+#: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without contacts, where vibrations are
+#: left out, and with contacts; round-off and penetrations bound it besides. At the smallest `share_of` comes to its least value
+FINER, FINER_LEFT_OUT, FINER_WITH_IMPACTS = (6e-3, 0.3), (6e-3, 0.2), (0.1, 0.3)
+COARSE = 3.0  #: a run is repeated if its tolerance is this many times the largest that resolves its penetrations and sticking
 #: SHALLOW: a contact inside a step counts if its penetration is above this fraction of the accuracy times the scene's length (m;
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
-#: a run whose motion has the accuracy is not repeated any more where the last one brought what else was asked for no nearer than
-#: this: tolerances fall to 0.3 or less, and errors with the power SLOW of them at least
+#: a run whose motion has the accuracy is repeated only while the last one brought what else was asked for nearer than this:
+#: tolerances fall to 0.3 or less, and errors with the power SLOW of them at least
 STUCK = 0.65
+NEARLY = 10.0  #: factor up to which a run that vibrations left out bring above the accuracy is repeated with shorter steps
 AT_ROUND_OFF = 1.0  #: smallest ratio of error to difference from a companion at the smallest tolerance; errors need not fall
+
+Besides = Callable[[Controlled], Controlled] | None
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                   outputs: Array) -> Controlled:
+                   outputs: Array, besides: Besides = None) -> Controlled:
     """Make runs with smaller and smaller tolerances until the estimated error, also at the outputs, is below `accuracy` or cannot
-    be made smaller by this solver. The wall time in `asked` is the limit of all runs together."""
+    be made smaller by this solver. The wall time in `asked` is the limit of all runs together. besides: gives a run the estimate
+    that contains what no companion shows."""
     asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        run = _passing_nothing_over(system, prepared, solver, accuracy, asked, outputs)
+        run = _passing_nothing_over(system, prepared, solver, accuracy, asked, outputs, besides)
         second = None if solver.by_steps else second_method(
                 solver, system, asked, accuracy, measure_of(system, prepared, asked.wanted))
         if second is not None:
@@ -123,7 +119,7 @@ def following(run: Controlled, system: System, prepared: Prepared, accuracy: flo
 
 
 def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                          outputs: Array) -> Controlled:
+                          outputs: Array, besides: Besides) -> Controlled:
     """A run in which no contact closes and opens inside a step, and whose steps follow every disturbance that grows unseen: where
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
@@ -131,7 +127,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     runs, cpu, known = 0, 0.0, None
     for repeats in range(REPEATS + 1):
         grown = len(asked.bounds) > given
-        search = Search(system, prepared, solver, accuracy, asked, outputs, grown, known)
+        search = Search(system, prepared, solver, accuracy, asked, outputs, grown, besides, known)
         try:
             run = (search.by_steps() if solver.by_steps else search.run()).after(runs, cpu)
         except SolverError as error:
@@ -167,9 +163,9 @@ class Search:
     growth; known: the first companions, and the tolerance to go on with; made: the last runs, each beside those before it."""
 
     def __init__(self, system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked, outputs: Array,
-                 grown: bool, known: tuple[list[RunAt], float] | None = None) -> None:
+                 grown: bool, besides: Besides = None, known: tuple[list[RunAt], float] | None = None) -> None:
         self.system, self.prepared, self.solver, self.accuracy = system, prepared, solver, accuracy
-        self.asked, self.outputs, self.grown, self.known = asked, outputs, grown, known
+        self.asked, self.outputs, self.grown, self.besides, self.known = asked, outputs, grown, besides, known
         self.measure = measure_of(system, prepared, asked.wanted)
         self.made: list[RunAt] = []
 
@@ -206,23 +202,27 @@ class Search:
                 continue
             best = self._compared_again(self._with_estimate(best, fine, told), told)
             self.ceiling = max(resolving(self.prepared, self.solver, fine, self.ceiling), self.limit)
-            too_coarse, goal = rtol > COARSE * self.ceiling, self._goal(fine)
-            if (best.estimate <= goal and not too_coarse) or rtol <= self.limit * (1 + 1e-9):
-                return self._judged_again(best)
-            if not too_coarse and self._in_vain(told, rtol / loose):
-                return best
-            if too_coarse:
+            last, goal = rtol <= self.limit * (1 + 1e-9), self._goal(fine)
+            if rtol > COARSE * self.ceiling and not last:
                 self.tight = with_rtol(self.tight, self.ceiling)
                 continue
-            if not self.grown and goal == self.accuracy:
-                best = self._compared_again(self._beside_usual(best, told), told)
-                if best.estimate <= self.accuracy:
+            if best.estimate > goal and not last:
+                if self._in_vain(told, rtol / loose):
                     return best
+                if not self.grown and goal == self.accuracy:
+                    best = self._compared_again(self._beside_usual(best, told), told)
+            if best.estimate <= goal or last:
+                best = self._judged_again(best)
+                best = best if self.besides is None else self.besides(best)
+                if last or not self.accuracy < best.estimate < NEARLY * self.accuracy:
+                    return best
+                told[-1] = rtol, best.estimate
             earlier = max((estimate for _, estimate in told[:-1]), default=0.0)
             if contacts and len(told) > 2 and best.estimate > max(LARGE, earlier / CHAOTIC):
                 return replace(best, notes=(*best.notes, CHAOS.format(earlier, best.estimate)))
-            falls = (0.5 * goal / best.estimate) ** (1 / fall_shown(told))
-            falls = float(np.clip(falls, *(FINER_WITH_IMPACTS if contacts else FINER)))
+            fall = min(fall_shown(told), self.solver.error_fall) if best.lost else fall_shown(told)
+            falls = float(np.clip((0.5 * goal / best.estimate) ** (1 / fall),
+                                  *(FINER_WITH_IMPACTS if contacts else FINER_LEFT_OUT if best.lost else FINER)))
             self.tight = with_rtol(self.tight, max(rtol * falls, self.limit))
         return best
 
@@ -296,9 +296,13 @@ class Search:
 
     def _compared_again(self, best: Controlled, told: list[tuple[float, float]]) -> Controlled:
         """The last run, compared with one more companion where only the assumed fall of errors brings its estimate below the
-        accuracy."""
+        accuracy; not where the estimate of the run before does, fallen as slowly as errors may."""
         if best.estimate > self.accuracy:
             return best
+        if len(told) > 1 and self.system.guards is None:
+            (loose, before), (tight, _) = told[-2:]
+            if before * (tight / loose) ** SLOW <= self.accuracy:
+                return best
         with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
             runs = nearer_companion(self.system, best.solver, closer(self.asked, best.solver, 1, self._kept), self.made,
                                     self.estimate(1.0), self.accuracy)
@@ -342,9 +346,3 @@ def companions_of(system: System, tight: Solver, asked: Asked, first: bool = Fal
             continue
         made.append((rtol, run))
     return Controlled(run, solver, float("inf"), len(made), sum(one.stats.cpu_s for _, one in made)), made
-
-
-def plausible(accuracy: Any, name: str = "accuracy") -> float:
-    """An accuracy as a float; OptionError outside LEAST_ACCURACY to 0.1."""
-    return float(option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=LEAST_ACCURACY,
-                        most=1e-1))

@@ -333,7 +333,7 @@ def with_stiff_forces(run: Controlled, system: SceneSystem, prepared: Prepared, 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", AccuracyWarning)
-            made = Search(system, prepared, with_rtol(solver, None), accuracy, most, times, False, (known, rtol)).run()
+            made = Search(system, prepared, with_rtol(solver, None), accuracy, most, times, False, known=(known, rtol)).run()
     except SolverError as error:
         return run.after(1, cpu_of(error))
     better = made.estimate <= accuracy and made.others and Errors(prepared, made.solution, made.others)() < off

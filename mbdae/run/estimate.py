@@ -59,8 +59,7 @@ ERRATIC, COARSE_STEPS = 0.2, 1e-8
 #: of the run (79, 58 %). At 1e-3 they are 0.1 times the error at worst (0.2), and the companion is no cheaper
 FARTHEST, REGULAR = 30.0, 3e-4
 
-#: ratio to the usual tolerance of a companion from which on a companion is no usual one. Measured with a pendulum of index 2 and
-#: one at 1000 times the tolerance: the estimate is 80 times the error
+#: ratio to the usual tolerance from which on a companion is no usual one (at 1000 times it an estimate was 80 times the error)
 UNUSUAL = 3.0
 
 RunAt = tuple[float, Solution]  #: tolerance and solution of a run
@@ -190,7 +189,7 @@ class Controlled:
     waves: whether it resolves all elastic vibrations although its form does not demand it; told: for every run with an estimate,
     in order, its tolerance (or constant step, s) and the estimate from runs of its method alone; limit: the smallest tolerance
     that round-off allows; hidden: contacts that close and open inside its steps; growth: of small disturbances along it;
-    vibrations: bounds of steps that follow those which its own leave out."""
+    vibrations: bounds of steps that follow those which its own leave out; lost: whether the estimate contains elastic ones."""
 
     solution: Solution
     solver: Solver
@@ -205,6 +204,7 @@ class Controlled:
     hidden: tuple[Hidden, ...] = ()
     growth: tuple[Growth, ...] = ()
     vibrations: tuple[Bound, ...] = ()
+    lost: bool = False
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
         """The same run, with a number of other runs and their CPU time (s) added to `runs` and `cpu_s`."""

@@ -46,7 +46,7 @@ from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
 from mbdae.run.conditions import Rechecked, rechecked
 from mbdae.run.contacts import hidden_contacts, refuse_unresolved
-from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, following, run_controlled
+from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, Besides, following, run_controlled
 from mbdae.run.defect import with_stiff_forces
 from mbdae.run.drift import Assessment, joint_drift
 from mbdae.run.estimate import UNTESTED, Controlled, cpu_of, measure_of, with_vibrations
@@ -64,9 +64,6 @@ UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out
 #: the time of an event is found by a run LOOSER times less accurate than the run that will end there, but never less accurate
 #: than MOST
 LOOSER, MOST = 10.0, 1e-3
-#: without contacts, and where the ratio of estimate to accuracy is below this, a tighter run is tried before one that resolves
-#: all elastic vibrations
-NEARLY = 10.0
 #: ratio of the first to the last estimate of a search above which the runs count as convergent
 CONVERGED = 10.0
 
@@ -100,7 +97,7 @@ class Job:
                 return self._with_vibrations(self._controlled(system, solver), system)
             if self.asked.wanted and not self.prepared.contacts:
                 return self._for_forces(solver, system)
-            run = self._controlled(system, solver)
+            run = self._controlled(system, solver, None if self.prepared.contacts else self._lost(solver, system))
             with keeping(run.solution, UNTESTED):
                 return self._with_waves(run, solver, system)
 
@@ -121,7 +118,8 @@ class Job:
     def _for_forces(self, solver: Solver, system: SceneSystem) -> Controlled:
         """A run with what was asked for. Where that is missed although the motion is not, one that resolves all vibrations comes
         first, since these carry forces: tightening a run that leaves them out comes to their steps in the end."""
-        run = replace(self, asked=replace(self.asked, motion_alone=True))._controlled(system, solver)
+        lost = self._lost(solver, system)
+        run = replace(self, asked=replace(self.asked, motion_alone=True))._controlled(system, solver, lost)
         with keeping(run.solution, UNTESTED):
             if run.estimate <= self.accuracy:
                 return self._with_waves(run, solver, system)
@@ -129,8 +127,7 @@ class Job:
             run = _better(run, lambda: replace(self._controlled(resolving, solver), waves=True))
             if run.estimate <= self.accuracy:
                 return run
-            measure = measure_of(system, self.prepared, self.asked.wanted)
-            return _better(run, lambda: with_lost_vibrations(self.prepared, resolving, self._controlled(system, solver), measure))
+            return _better(run, lambda: lost(self._controlled(system, solver)))
 
     def _system(self, solver: Solver) -> SceneSystem:
         """The equations with the index that a solver takes, assembled once."""
@@ -140,20 +137,18 @@ class Job:
         """The equations that resolve all elastic vibrations."""
         return shared_system(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
 
-    def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
-        accuracy = accuracy if accuracy is not None else self.accuracy
-        return run_controlled(system, self.prepared, solver, accuracy, replace(self.asked, begin=self.begin), self.times)
+    def _lost(self, solver: Solver, system: SceneSystem) -> Callable[[Controlled], Controlled]:
+        """What gives a run the estimate with the elastic vibrations that its steps damp away."""
+        measure = measure_of(system, self.prepared, self.asked.wanted)
+        return partial(with_lost_vibrations, self.prepared, self._resolving(solver), measure)
+
+    def _controlled(self, system: SceneSystem, solver: Solver, besides: Besides = None) -> Controlled:
+        asked = replace(self.asked, begin=self.begin)
+        return run_controlled(system, self.prepared, solver, self.accuracy, asked, self.times, besides)
 
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
-        """The run itself where the elastic vibrations that its long steps damp away are below the accuracy. Where they are above
-        it by at most the factor NEARLY, a tighter run, whose shorter steps damp less away; else one that resolves all
-        vibrations."""
-        resolving = self._resolving(solver)
-        measure = measure_of(system, self.prepared, self.asked.wanted)
-        run = with_lost_vibrations(self.prepared, resolving, run, measure)
-        if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
-            tighter = partial(self._controlled, system, solver, self.accuracy / 10)
-            run = _better(run, lambda: with_lost_vibrations(self.prepared, resolving, tighter(), measure))
+        """The run itself where the elastic vibrations that it damps away are below the accuracy, else one of all vibrations."""
+        resolving, run = self._resolving(solver), self._lost(solver, system)(run)
         if run.estimate <= self.accuracy:
             if not self.choice or self.prepared.contacts or self.asked.wanted:
                 return run

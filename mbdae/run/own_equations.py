@@ -28,11 +28,11 @@ from mbdae.integrators.named import solver_of
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.integrators.sundials import IDA
-from mbdae.results.accuracy import RunInfo, Unknowns, UnknownsAccuracy, UnknownsDistance
+from mbdae.results.accuracy import RunInfo, Unknowns, UnknownsAccuracy, UnknownsDistance, plausible
 from mbdae.run.amplification import Amplified
 from mbdae.run.assessment import growth_words, missed
 from mbdae.run.checkpoint import progress_of
-from mbdae.run.control import plausible, run_controlled
+from mbdae.run.control import run_controlled
 from mbdae.run.drift import doubts_of_steps
 from mbdae.run.estimate import Controlled, cpu_of
 from mbdae.run.job import run_once

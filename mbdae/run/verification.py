@@ -4,8 +4,7 @@ closer run for those who read a quantity that the estimate does not cover.
 The finer mesh has the same elements with one order more; measured, the estimate is 0.5 to 1.9 times the error. A comparison with
 half the elements can give a thousandth of the error where a coarse mesh shifts the frequencies of vibrations (docs/beams.md).
 
-Vibrations of stiff bodies that the start excites and that long steps damp away, since errors of velocities are weighted by the
-step, keep their amplitude in the exact solution. A short run from the start, with velocities in the error test, shows them.
+Vibrations of stiff bodies that long steps damp away keep their amplitude in the exact solution. A short run shows them.
 """
 
 from __future__ import annotations
@@ -171,28 +170,28 @@ def _section(line: Line, q: Array, element: int, xi: float) -> tuple[Array, Arra
 WINDOW = 5.0  #: length of a short run, in mean steps of the run, which itself resolves vibrations with longer periods
 POINTS = 400  #: number of times at which both runs are compared
 #: factor on the distance of the two runs: the largest amplitude may come after the end of the short run (observed: 1.9 times as
-#: large), and the short run is made with the tolerance of a companion (observed: 6 % of an amplitude missed, an eighth of the
-#: cost)
+#: large), which is made with the tolerance of a companion (observed: 6 % of an amplitude missed, an eighth of the cost)
 MARGIN = 2.1
 
 
-def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Controlled, measure: Measure) -> Controlled:
-    """The run whose estimate includes the lost vibrations: its largest distance, in a measure such as that of positions (over the
-    scene's length, rad), from short runs of the system `resolving`, which resolves them, from start and excitations on."""
-    solution = run.solution
-    t0, t1 = float(solution.t[0]), float(solution.t[-1])
-    span = WINDOW * (t1 - t0) / max(solution.stats.steps, 1)
+def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, measure: Measure, run: Controlled) -> Controlled:
+    """The run whose estimate includes the lost vibrations: its largest distance, in a measure such as that of positions, from
+    short runs of the system `resolving`, which resolves them, from start and excitations on."""
+    if run.lost:
+        return run
+    span = WINDOW * float(run.solution.t[-1] - run.solution.t[0]) / max(run.solution.stats.steps, 1)
     close = run.solver
     if not close.by_steps:
         close = replace(close, rtol=close.companion * close.tolerance)  # type: ignore[type-var]
     probe = Probe(close, resolving, prepared, span, POINTS, MARGIN)
-    return with_left_out(run, probe, measure)
+    return replace(with_left_out(run, probe, measure), lost=True)
 
 
 #: FORCES: accuracies up to which a run whose vibrations carry force is repeated with all of them resolved, DEEPER times as
 #: accurate in positions, SMALLEST at the least. Measured at 1e-6 on drawn mechanisms: forces were off by 4e-4 to 7e-2, and by
 #: 1e-8 to 4e-7 after, of 8 of 9; the whole call takes 0.8 to 2.5 times the CPU time
 FORCES, DEEPER, SMALLEST = 1e-5, 1e-3, 1e-10
+LOOK, PACE = 0.15, 0.5  #: after LOOK of its evaluations such a run is given up where it is less than PACE times as far as these
 
 
 def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, accuracy: float, asked: Asked,
@@ -202,9 +201,16 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
     if accuracy > FORCES or not run.others or (off := Errors(prepared, run.solution, run.others)()) <= accuracy:
         return run
     most = run.solution.stats.residuals + SPARE / resolving.n
+
+    def too_slow(so_far: Solution) -> bool:
+        done, spent = (so_far.t[-1] - so_far.t[0]) / (asked.t_end - so_far.t[0]), so_far.stats.residuals / most
+        if spent > LOOK and done < PACE * spent:
+            raise SolverError("the steps are too short to come to the end", float(so_far.t[-1]), solution=so_far)
+        return False
+
     try:
-        deeper = max(DEEPER * accuracy, SMALLEST)
-        again = run_controlled(resolving, prepared, RadauIIA(5), deeper, replace(asked, max_residuals=most), times)
+        within = replace(asked, max_residuals=most, stop=too_slow)
+        again = run_controlled(resolving, prepared, RadauIIA(5), max(DEEPER * accuracy, SMALLEST), within, times)
     except SolverError as error:
         return run.after(1, cpu_of(error))
     better = again.others and again.estimate <= accuracy and Errors(prepared, again.solution, again.others)() < off
@@ -212,10 +218,8 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
 
 
 CLOSER = 0.03  #: tolerance of a closer run over that of the run
-#: with elastic vibrations that the run leaves out, its tolerance over that which delivers the accuracy in positions
-RESOLVED = 0.1
-#: it may take so many evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (about
-#: half a second for all sizes)
+RESOLVED = 0.1  #: with vibrations that the run leaves out, its tolerance over that which delivers the accuracy in positions
+#: its evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (about half a second)
 MORE, SPARE = 4.0, 5e6
 SHARE = 1.1  #: ratio of the error of the run to its difference from one with a CLOSER tolerance, at most
 REACHED = 0.02  #: where its work ended before it had this fraction of the time, it shows nothing

@@ -23,11 +23,11 @@ from mbdae.errors import DiskError, ListsAttributes, OptionError
 from mbdae.files import first_difference, path_of, read_file, write_file
 from mbdae.integrators.base import end_after, output_times
 from mbdae.integrators.stored_runs import DamagedError, read_tree, write_tree
+from mbdae.results.accuracy import plausible
 from mbdae.results.quantities import library
 from mbdae.results.reads import own_of
 from mbdae.results.stored_parts import by_item, own_laws
 from mbdae.run.checkpoint import versions
-from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.study.kept import computed_again, told_when_interrupted
 from mbdae.study.statements import stated_value

@@ -158,6 +158,16 @@ def test_a_tangled_element_is_named(tmp_path: Path) -> None:
         mb.read_fe(tmp_path / "a.vtk", **STEEL)
 
 
+def test_an_element_that_is_there_twice_is_named(tmp_path: Path) -> None:
+    """With its corners in another order."""
+    pytest.importorskip("skfem")
+    meshio = pytest.importorskip("meshio")
+    corners = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)], dtype=float)
+    meshio.Mesh(corners, [("tetra", np.array([[0, 1, 2, 3], [1, 2, 3, 4], [1, 2, 0, 3]]))]).write(tmp_path / "a.vtk")
+    with pytest.raises(mb.OptionError, match=r"a\.vtk: 1 of its elements are in it twice"):
+        mb.read_fe(tmp_path / "a.vtk", **STEEL)
+
+
 def test_files_of_calculix_are_in_the_order_of_its_list_of_freedoms(tmp_path: Path) -> None:
     """Written as CalculiX writes them, with rows in another order than the nodes."""
     fem = pytest.importorskip("skfem")

@@ -134,9 +134,11 @@ def test_springs_to_ground_that_a_reduction_would_leave_out_are_found(at: int, s
     mb.ReducedBody.craig_bampton(*beam_matrices(200), {"a": [0]}, 2)
 
 
-def test_a_body_as_soft_as_rubber_is_asked_for_its_units() -> None:
-    with pytest.warns(mb.AccuracyWarning, match=r"at about 1\.6e\+02 m/s, .* are M in kg"):
-        mb.ReducedBody.craig_bampton(M, K / 1000, NODES, {"a": [0]}, 2)
+@pytest.mark.parametrize(("mass", "stiffness", "speed"), [(1.0, 1e-3, r"1\.6e\+02"), (1e-3, 1.0, r"1\.6e\+05")])
+def test_a_body_softer_than_rubber_or_lighter_than_diamond_is_asked_for_its_units(mass: float, stiffness: float, speed: str) -> None:
+    """The lighter one: M in t."""
+    with pytest.warns(mb.AccuracyWarning, match=rf"at about {speed} m/s, .* are M in kg"):
+        mb.ReducedBody.craig_bampton(mass * M, stiffness * K, NODES, {"a": [0]}, 2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mb.ReducedBody.craig_bampton(M, K / 100, NODES, {"a": [0]}, 2)

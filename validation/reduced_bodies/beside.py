@@ -45,19 +45,19 @@ def exudyn() -> str | None:
     return named or (sys.executable if importlib.util.find_spec("exudyn") else None)
 
 
-def matrices(name: str) -> tuple[Any, Any, Any]:
-    """M, K and nodes of an example."""
+def matrices(name: str, stiffer: float = 1.0) -> tuple[Any, Any, Any]:
+    """M, K times `stiffer`, and nodes of an example."""
     data, found = np.load(io.BytesIO(base64.b64decode((HERE / "exudyn_matrices.b64").read_text()))), []
     for which in "MK":
         entries = data[f"{name}_{which}_values"], (data[f"{name}_{which}_rows"], data[f"{name}_{which}_columns"])
         half = coo_matrix(entries).tocsc()
         found.append(half + half.T - diags(half.diagonal()))
-    return found[0], found[1], data[f"{name}_nodes"]
+    return found[0], stiffer * found[1], data[f"{name}_nodes"]
 
 
-def theirs(name: str) -> dict[str, Any]:
+def theirs(name: str, stiffer: float = 1.0) -> dict[str, Any]:
     """Frequencies (Hz) of the modes with held interfaces, and places over time with every number of steps, by Exudyn."""
-    M, K, nodes = matrices(name)
+    M, K, nodes = matrices(name, stiffer)
     entries = {key: (A.data.tolist(), A.row.tolist(), A.col.tolist()) for key, A in (("M", coo_matrix(M)), ("K", coo_matrix(K)))}
     with tempfile.TemporaryDirectory() as folder:
         problem, answer = Path(folder) / "problem.json", Path(folder) / "answer.json"
@@ -71,8 +71,8 @@ def theirs(name: str) -> dict[str, Any]:
 def ours(name: str, stiffer: float = 1.0) -> tuple[mb.ReducedBody, Any]:
     """The same body, and places over time; stiffer: a factor on K."""
     p = EXAMPLES[name]
-    M, K, nodes = matrices(name)
-    body = mb.ReducedBody.craig_bampton(M, stiffer * K, nodes, {"0": p["faces"][0], "1": p["faces"][1]}, p["modes"])
+    M, K, nodes = matrices(name, stiffer)
+    body = mb.ReducedBody.craig_bampton(M, K, nodes, {"0": p["faces"][0], "1": p["faces"][1]}, p["modes"])
     s = mb.Scene(name, gravity=p["gravity"])
     for i, at in enumerate(p["at"]):
         s.reduced_body(f"body {i}", body, at=at)
@@ -95,7 +95,7 @@ def ours(name: str, stiffer: float = 1.0) -> tuple[mb.ReducedBody, Any]:
 
 def apart(name: str, stiffer: float = 1.0) -> tuple[float, float, str]:
     """Largest difference of frequencies, relative, and of places over the largest displacement; what Exudyn's last digits are."""
-    other = theirs(name)
+    other = theirs(name, stiffer)
     coarse, fine = (np.array(run) for run in other["runs"])
     body, found = ours(name, stiffer)
     size = float(np.max(np.linalg.norm(fine - fine[:, :1], axis=2)))

@@ -25,7 +25,7 @@ def reduced(p):
 
 def run(p, fem, steps):
     """Places over time of the nodes that are looked at, (nodes, times, 3), m."""
-    nodes = np.array(p["nodes"])
+    nodes, masses = np.array(p["nodes"]), np.asarray(fem.massMatrix.sum(axis=1)).ravel()[::3]
     mbs = exu.SystemContainer().AddSystem()
     ground = mbs.AddObject(items.ObjectGround(referencePosition=[0, 0, 0]))
     bodies, held = [], []
@@ -33,8 +33,10 @@ def run(p, fem, steps):
         made = ObjectFFRFreducedOrderInterface(fem).AddObjectFFRFreducedOrder(
             mbs, positionRef=at, initialVelocity=[0, 0, 0], initialAngularVelocity=[0, 0, 0])
         bodies.append(made["oFFRFreducedOrder"])
-        mass = mbs.AddMarker(items.MarkerBodyMass(bodyNumber=bodies[-1]))
-        mbs.AddLoad(items.LoadMassProportional(markerNumber=mass, loadVector=p["gravity"]))
+        # weight of every node: a LoadMassProportional acts at the centre of mass of the undeformed body, and on no mode
+        mean = mbs.AddMarker(items.MarkerSuperElementPosition(
+            bodyNumber=bodies[-1], meshNodeNumbers=np.arange(len(nodes)), weightingFactors=masses / masses.sum()))
+        mbs.AddLoad(items.Force(markerNumber=mean, loadVector=masses.sum() * np.array(p["gravity"])))
         held.append([mbs.AddMarker(items.MarkerSuperElementRigid(
             bodyNumber=bodies[-1], meshNodeNumbers=np.array(f), weightingFactors=np.ones(len(f)) / len(f),
             useAlternativeApproach=True)) for f in p["faces"]])
