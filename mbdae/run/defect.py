@@ -37,7 +37,7 @@ from mbdae.results.clearance import AtTimes
 from mbdae.results.errors import Errors
 from mbdae.run.contacts import hidden_contacts
 from mbdae.run.control import Search
-from mbdae.run.estimate import FALL, Controlled, cpu_of, with_rtol
+from mbdae.run.estimate import FALL, Controlled, companions, cpu_of, with_rtol
 from mbdae.run.growing import growing, is_explicit, unseen
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import loads, position
@@ -324,7 +324,8 @@ def with_stiff_forces(run: Controlled, system: SceneSystem, prepared: Prepared, 
     off, before = Errors(prepared, run.solution, run.others)(), run.others[-1]
     if off <= accuracy or isinstance(before.run.interpolant, AtTimes):
         return run
-    rtol = solver.tolerance * min((AIMED * accuracy / off) ** (1 / FALL), 1 / solver.companion)
+    least = solver.companion if prepared.contacts else companions(system, solver)[0]
+    rtol = solver.tolerance * min((AIMED * accuracy / off) ** (1 / FALL), 1 / least)
     dearer = (solver.tolerance / rtol) ** POWERS[is_explicit(run.solution)]
     if dearer > DEARER or rtol < run.limit:
         return run

@@ -307,3 +307,16 @@ def test_equations_that_do_not_grow_are_not_searched(monkeypatch: pytest.MonkeyP
     dae = mb.DAE(lambda t, y, yp, out: yp + y, [1.0], [-1.0])
     assert not dae.simulate(5.0, accuracy=1e-4).warnings
     assert probed == [1]
+
+
+def test_a_run_repeated_for_growth_goes_on_from_the_one_before() -> None:
+    """A nut that turns over: its first run keeps the bounds of a companion, and is that of the second, as accurate, one."""
+    def nut() -> mb.Scene:
+        s = mb.Scene("nut")
+        s.rigid_body("nut", 0.2, (1.0e-4, 2.5e-4, 3.3e-4), at=(0, 0, 0), angular_velocity=(0.0, 6.0, 0.06))
+        return s
+
+    r, exact = nut().simulate(6.0, accuracy=1e-6), nut().simulate(6.0, accuracy=1e-10)
+    assert r.info.runs == 3
+    apart = float(np.max(np.abs(r["nut"].rotation - exact["nut"].rotation)))
+    assert apart <= 3 * r.accuracy.motion <= 3e-6

@@ -66,3 +66,19 @@ def test_reliable_agrees_with_the_accuracy_beside_it() -> None:
     vars(met)["info"] = replace(met.info, reliable=False)  # as after an alarm of the energy balance
     assert met.reliable is False
     assert "not reliable" in repr(met)
+
+
+def test_a_default_run_is_repeated_for_forces_that_are_stiffer_than_the_motion() -> None:
+    """At a tight accuracy, where the method is not the user's; the forces of the repeated run are nearer."""
+    def ball() -> mb.Scene:
+        s = mb.Scene("ball on a stiff spring", gravity=(0, -9.81))
+        s.spring("S", s.ground, s.rigid_body("ball", 1.0, 0.1, at=(1, 0)), (0, 0), (1, 0), stiffness=1e4)
+        return s
+
+    t = np.linspace(0, 1, 401)
+    exact = ball().simulate(1.0, accuracy=1e-10)(t)["S"].force
+    runs = [ball().simulate(1.0, accuracy=a, solver=solver) for a, solver in ((1e-6, None), (1e-6, mb.DOP853()), (1e-4, None))]
+    assert [r.info.runs for r in runs] == [3, 2, 2]
+    off = [float(np.max(np.abs(r(t)["S"].force - exact))) for r in runs]
+    assert off[0] < 0.7 * off[1] < off[2]
+    assert off[0] <= 1e-6 * np.max(np.abs(exact))
