@@ -68,7 +68,8 @@ def made(scene: mb.Scene, choice: object) -> list[np.ndarray]:
     F = np.empty(system.n)
     system.residual(system.t0, system.y0, system.yp0, F)
     moved = prepared.states(np.array([system.t0]), system.y0[None] + 0.1)[:2]
-    return [system.y0, system.yp0, system.scale, F, *moved, *map(np.asarray, system.jacobian_parts(system.t0, system.y0, system.yp0))]
+    parts = map(np.asarray, system.jacobian_parts(system.t0, system.y0, system.yp0))
+    return [system.y0, system.yp0, system.scale, F, *moved, *parts]
 
 
 def from_nothing(monkeypatch: pytest.MonkeyPatch, scene: mb.Scene, choice: object) -> list[np.ndarray]:
