@@ -177,9 +177,10 @@ class Forces(Stated):
             self.want(effort(name), self.kernel.get(("u", self.s.places[name], 0), 0.0), KERNEL, unit)
             lines.append(f"{effort(name)} = {text}")
         vector = f"; $\\boldsymbol{{\\lambda}}_{ALL}$ (N) is that of $\\mathbf{{c}}_{ALL}$" if three else ""
+        own = ", and with $-h$ (N along a displacement, N m about an axis) on its coordinates" if self.s.coordinates else ""
         text = (f"Each row has a multiplier $\\lambda$, the force or moment that holds it{vector}. By the virtual work"
                 " $\\sum\\lambda\\,\\delta c$ the joint acts with $-\\mathbf{f}_k$, $-\\mathbf{m}_k$ on k and with"
-                " $-\\mathbf{f}_l$, $-\\mathbf{m}_l$ on l, at its points:")
+                f" $-\\mathbf{{f}}_l$, $-\\mathbf{{m}}_l$ on l, at its points{own}:")
         return [*self.told(text, *lines), *self._free()]
 
     def whole(self, parts: list[Vector]) -> str | None:
@@ -281,8 +282,8 @@ class Forces(Stated):
             held = A if _inverse(A, A) else _on_l(n, map(self.s.gradient, self.s.read.values()))
             if not _inverse(held, A):
                 return []
-        lam, *_ = np.linalg.lstsq(G.T, load + held.T @ efforts, rcond=None)
-        if np.max(np.abs(G.T @ lam - load - held.T @ efforts)) > 1e-9:
+        lam, *_ = np.linalg.lstsq(G.T, on_rows := load + held.T @ efforts, rcond=None)
+        if np.max(np.abs(G.T @ lam - on_rows)) > 1e-9:
             return []
         lam = dict(zip(self.s.rows, np.where(np.abs(lam) < 1e-9, 0.0, lam), strict=True))
         three = ", ".join(f"{v:.4g}" for row, v in lam.items() if row not in self.single)
@@ -293,10 +294,9 @@ class Forces(Stated):
         posed = ", ".join(f"${self.known[name].latex} = {v:g}$ {spec.unit}" for name, v, spec in
                           [*((name, v, scalars[name]) for name, v in numbers.items()),
                            *((name, 1.0, spec) for name, spec in law.params.items() if name in moved)])
-        posed = f" and {posed}" if posed else ""
-        text = (f"As in the figure, with the axes of k along the inertial ones{posed}: the force $-8\\,\\mathbf{{i}}_y -"
-                f" 6\\,\\mathbf{{i}}_z$ (N) acts on l, {ARM:g} m along $\\mathbf{{x}}_l$ from the point of the joint, and"
-                " everything rests. From the balance of l, by the compiled rows:")
+        text = (f"As in the figure, with the axes of k along the inertial ones{' and ' * bool(posed)}{posed}: the force"
+                f" $-8\\,\\mathbf{{i}}_y - 6\\,\\mathbf{{i}}_z$ (N) acts on l, {ARM:g} m along $\\mathbf{{x}}_l$ from the point"
+                " of the joint, and everything rests. From the balance of l, by the compiled rows:")
         return [Section("Example", [Paragraph(text), Table(["", "value", "unit"], rows)])]
 
 

@@ -306,7 +306,8 @@ class ClosedForms(SceneEquations, Page):
         rows = []
         for latex, said in self.said.items():
             meaning = said.meaning if "$" in said.meaning else escaped(said.meaning)
-            rows.append([f"${latex}$", f"{values[latex]:.6g}" if latex in values else "", unit_text(said.unit), meaning])
+            plain = round(values[latex], 14) + 0.0 if latex in values and said.unit == "1" else values.get(latex)
+            rows.append([f"${latex}$", f"{plain:.6g}" if plain is not None else "", unit_text(said.unit), meaning])
         return Table(["symbol", "value", "unit", "meaning"], rows)
 
     def laws(self) -> Table:
