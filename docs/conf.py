@@ -17,7 +17,7 @@ import mbdae  # noqa: E402
 
 project, author, version, release = "mbdae", "the authors of mbdae", mbdae.__version__, mbdae.__version__
 project_copyright = author
-extensions = ["myst_nb", "sphinx.ext.autodoc", "formulas", "docstrings", "made"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "formulas", "docstrings", "tables", "made"]
 exclude_patterns = ["_ext"]
 nitpicky = True
 smartquotes = False  # docstrings name sensors and options in straight quotes

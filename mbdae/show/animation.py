@@ -1,4 +1,4 @@
-"""Animations of a result, as a GIF or as an HTML page with a player."""
+"""Animations of a result, as a GIF, as an HTML page with a player, or as a glTF file."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from mbdae.notation import framed, picture
 from mbdae.scene.components import Body, Connection, Place
 from mbdae.show import fitting
 from mbdae.show.drawing import LETTERS, Picture, axes_for, entitled, figure_size, show_gravity
+from mbdae.show.gltf import glb
 from mbdae.show.player import page
 from mbdae.show.plots import PLACE, checked, dress, names_of, numbers, steady, style, track
 from mbdae.show.shapes import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed
@@ -24,13 +25,15 @@ DPI = 80  #: resolution of a GIF, pixels per inch
 
 
 class Animation:
-    """An animation: `html` is its page (for a .gif the picture), which a notebook shows; path: its file, or None."""
+    """An animation: `html` is its page (for a .gif the picture), which a notebook shows; path: its file, or None; left_out: names
+    of the bodies whose deformed meshes a .glb leaves out."""
 
-    def __init__(self, name: str, html: str, path: Path | None) -> None:
-        self.name, self.html, self.path = name, html, path
+    def __init__(self, name: str, html: str, path: Path | None, left_out: Sequence[str] = ()) -> None:
+        self.name, self.html, self.path, self.left_out = name, html, path, list(left_out)
 
     def __repr__(self) -> str:
-        return f"<Animation of '{self.name}'{'' if self.path is None else f', {self.path}'}>"
+        without = f", without the meshes of {', '.join(self.left_out)}" if self.left_out else ""
+        return f"<Animation of '{self.name}'{'' if self.path is None else f', {self.path}'}{without}>"
 
     def _repr_html_(self) -> str:
         return self.html if self.path is not None and self.path.suffix.lower() == ".gif" else framed(self.html)
@@ -38,8 +41,8 @@ class Animation:
 
 def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any,
             hide: Any = ()) -> Animation:
-    """Make an animation, and write it as .gif or .html where a path is given; see `Result.animate`."""
-    file = None if path is None else checked(path, (".gif", ".html"), "animate")
+    """Make an animation, and write it as .gif, .html or .glb where a path is given; see `Result.animate`."""
+    file = None if path is None else checked(path, (".gif", ".html", ".glb"), "animate")
     given = [sensors] if isinstance(sensors, str) else sensors
     sensors = option("sensors", given, sequence, "give a sensor such as 'C.angle', or a list of them", each=text)
     fps = option("fps", fps, number, "give frames per second on the screen, up to 100", above=0, most=100)
@@ -60,6 +63,11 @@ def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: f
     if file is not None and gif:
         write_gif(film, file, max(delay, duration / rate / max(len(times) - 1, 1)))
         return Animation(film.seen.name, picture(file.read_bytes(), "gif"), file)
+    if file is not None and file.suffix.lower() == ".glb":
+        left = frozenset(item.k.name for item in result.prepared.model.scene.connections
+                         if len(getattr(getattr(item.joint, "reduced", None), "edges", ())))
+        write_file(file, glb(film, left))
+        return Animation(film.seen.name, page(film), file, sorted(left))
     text_ = page(film)
     if file is not None:
         write_file(file, text_)

@@ -35,31 +35,32 @@ class Look:
     size: float = 0.0
     face: str = ""
     casing: bool = False  #: whether the line has a dark edge
+    rod: float = 0.0  #: radius as a rod, or of a marker as a ball, with light; over the size of symbols
 
 
 LOOKS: dict[str, Look] = {
     "grid": Look(0.7, 0),
-    "hatch": Look(1.0, 1),
-    "ground": Look(1.1, 1),
-    "guide": Look(1.0, 2, dash=(6, 3)),
-    "plate": Look(2.4, 3, fill=0.3),
-    "disc": Look(2.4, 3, fill=0.3),
-    "ring": Look(1.4, 3),
+    "hatch": Look(1.0, 1, rod=0.06),
+    "ground": Look(1.1, 1, rod=0.08),
+    "guide": Look(1.0, 2, dash=(6, 3), rod=0.07),
+    "plate": Look(2.4, 3, fill=0.3, rod=0.2),
+    "disc": Look(2.4, 3, fill=0.3, rod=0.12),
+    "ring": Look(1.4, 3, rod=0.12),
     "solid": Look(0.0, 3),
-    "bar": Look(5.0, 3, casing=True),
-    "line": Look(1.2, 4),
-    "thin": Look(1.3, 5),
-    "dashed": Look(1.6, 4, dash=(5, 3)),
-    "box": Look(1.6, 4, fill=0.15),
-    "arrow": Look(1.7, 6),
-    "push": Look(1.7, 6),
-    "pin": Look(1.6, 7, marker="o", size=7, face="white"),
-    "ball": Look(1.6, 7, marker="o", size=8, face="ink"),
-    "dot": Look(1.0, 7, marker="o", size=4, face="ink"),
-    "weld": Look(1.6, 7, marker="s", size=7, face="ink"),
-    "lock": Look(1.4, 6, marker="s", size=11),
-    "mass": Look(1.6, 6, marker="o", size=13, face="own"),
-    "centre": Look(1.4, 6, marker="+", size=8),
+    "bar": Look(5.0, 3, casing=True, rod=0.36),
+    "line": Look(1.2, 4, rod=0.1),
+    "thin": Look(1.3, 5, rod=0.1),
+    "dashed": Look(1.6, 4, dash=(5, 3), rod=0.08),
+    "box": Look(1.6, 4, fill=0.15, rod=0.1),
+    "arrow": Look(1.7, 6, rod=0.15),
+    "push": Look(1.7, 6, rod=0.15),
+    "pin": Look(1.6, 7, marker="o", size=7, face="white", rod=0.45),
+    "ball": Look(1.6, 7, marker="o", size=8, face="ink", rod=0.55),
+    "dot": Look(1.0, 7, marker="o", size=4, face="ink", rod=0.28),
+    "weld": Look(1.6, 7, marker="s", size=7, face="ink", rod=0.5),
+    "lock": Look(1.4, 6, marker="s", size=11, rod=0.5),
+    "mass": Look(1.6, 6, marker="o", size=13, face="own", rod=0.85),
+    "centre": Look(1.4, 6, marker="+", size=8, rod=0.24),
     "trail": Look(1.1, 2),
 }
 

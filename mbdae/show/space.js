@@ -1,9 +1,5 @@
 // ---- scenes in space, by three.js: bodies as solids with light and shadow. The canvas of names and scales lies over this one.
 const DARK = window.matchMedia("(prefers-color-scheme: dark)");
-//: radius of the rod with which lines of a kind are drawn, and of markers, over the size of symbols; kinds that are bare lines
-const RODS = {bar: 0.36, line: 0.1, thin: 0.1, ring: 0.12, disc: 0.12, box: 0.1, arrow: 0.15, push: 0.15, ground: 0.08,
-              guide: 0.07, dashed: 0.08};
-const BALLS = {pin: 0.45, ball: 0.55, dot: 0.28, weld: 0.5, lock: 0.5, mass: 0.85, centre: 0.24};
 const SHARP = 0.45, CREASE = 0.8, CAP = [0, 0.5, 0.87];  // cosines of corners that part a rod, or a surface; rounding of an end
 
 function tinted(colour, shade) {  // what is drawn in ink is light where the page is dark
@@ -118,7 +114,7 @@ function spaceOn(canvas) {
   }
   const local = (shape, f) => at(shape.points, f).map(p => scaled(p, film.unit));
   function rod(shape, first) {
-    const radius = RODS[shape.kind] * mark, sides = shape.kind === "bar" ? 14 : 8, loud = shape.kind === "arrow" || shape.kind === "push";
+    const radius = film.looks[shape.kind].rod * mark, sides = shape.kind === "bar" ? 14 : 8, loud = shape.kind === "arrow" || shape.kind === "push";
     const make = f => shaped(rodsOf(local(shape, f), radius, sides), false);
     const meshes = [put(shape, make(first), lit(shape.colour))];
     if (loud) {  // drives and forces are seen through what is in front of them
@@ -147,7 +143,7 @@ function spaceOn(canvas) {
   }
   function marker(shape, first) {
     const look = film.looks[shape.kind], colour = {ink: INK, own: shape.colour, white: "#f4f4f4"}[look.face] || shape.colour;
-    const size = BALLS[shape.kind] * mark, square = look.marker === "s";
+    const size = film.looks[shape.kind].rod * mark, square = look.marker === "s";
     const form = square ? new THREE.BoxGeometry(2 * size, 2 * size, 2 * size) : new THREE.SphereGeometry(size, 24, 16);
     const mesh = put(shape, form, lit(colour)), go = f => mesh.position.set(...local(shape, f)[0]);
     go(first);
@@ -172,7 +168,7 @@ function spaceOn(canvas) {
     for (const shape of film.shapes) {
       if (shape.kind === "grid") grid(shape, first);
       else if (shape.faces) solid(shape, first);
-      else if (BALLS[shape.kind]) marker(shape, first);
+      else if (film.looks[shape.kind].marker) marker(shape, first);
       else rod(shape, first);
     }
     trails = film.trails.map(trail => {

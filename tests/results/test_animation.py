@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import mbdae as mb
 from mbdae.show import player
@@ -95,7 +96,7 @@ def test_times_and_speed() -> None:
 
 
 def test_errors_of_animate(bar: Any, tmp_path: Path) -> None:
-    with pytest.raises(mb.OptionError, match=r"a\.mp4. does not end in \.gif or \.html: animate writes"):
+    with pytest.raises(mb.OptionError, match=r"a\.mp4. does not end in \.gif or \.html or \.glb: animate writes"):
         bar.animate(tmp_path / "a.mp4")
     with pytest.raises(mb.OptionError, match=r"in a folder .* that does not exist"):
         bar.animate(tmp_path / "nowhere" / "a.gif")
@@ -106,6 +107,41 @@ def test_errors_of_animate(bar: Any, tmp_path: Path) -> None:
     with pytest.raises(mb.OptionError, match="speed = -1"):
         bar.animate(tmp_path / "a.html", speed=-1)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_glb_moves_as_the_run(flexible_run: Any, tmp_path: Path) -> None:
+    """Read by trimesh (places at the start) and by the numbers of its keys (a crank that turns; a beam that bends)."""
+    trimesh = pytest.importorskip("trimesh")
+    made = flexible_run.animate(tmp_path / "a.glb", trail="hook.at(1.0)", hide="wind")
+    content = (tmp_path / "a.glb").read_bytes()
+    length = int.from_bytes(content[12:16], "little")
+    head, data = json.loads(content[20:20 + length]), content[28 + length:]
+    assert made.path == tmp_path / "a.glb"
+    assert not made.left_out
+
+    def array(n: int) -> Any:
+        found = head["accessors"][n]
+        begin = head["bufferViews"][found["bufferView"]]["byteOffset"]
+        columns = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[found["type"]]
+        return np.frombuffer(data, np.float32, found["count"] * columns, begin).reshape(-1, columns)
+
+    (film,) = head["animations"]
+    keys = {(c["target"]["node"], c["target"]["path"]): film["samplers"][c["sampler"]] for c in film["channels"]}
+    names = [node["name"] for node in head["nodes"]]
+    crank = names.index("crank")
+    t = array(keys[crank, "rotation"]["input"])[:, 0]
+    q = array(keys[crank, "rotation"]["output"])
+    run = flexible_run(np.clip(t.astype(float), 0, 0.4))
+    np.testing.assert_allclose(Rotation.from_quat(q).as_matrix(), run.read("crank.rotation"), atol=1e-5)
+    np.testing.assert_allclose(array(keys[crank, "translation"]["output"]), run.read("crank.position"), atol=1e-6)
+    rods = [i for i, name in enumerate(names) if name == "rod"]
+    tips = [array(keys[i, "translation"]["output"]) for i in rods if (i, "translation") in keys]
+    assert min(np.max(np.abs(tip - run.read("rod.at(0.5).position"))) for tip in tips) < 1e-5
+    scene = trimesh.load(tmp_path / "a.glb")
+    place, _ = scene.graph.get("crank")
+    upright = Rotation.from_quat(head["nodes"][0]["rotation"]).as_matrix()
+    np.testing.assert_allclose(place[:3, 3], upright @ run.read("crank.position")[0], atol=1e-6)
+    assert upright @ flexible_run.prepared.model.scene.gravity == pytest.approx([0, -9.81, 0])
 
 
 # ---- in a browser --------------------------------------------------------------------------------------------------------
