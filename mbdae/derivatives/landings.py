@@ -174,13 +174,14 @@ def contact_name(run: Solution, contact: int) -> str:
 def refuse_forces_that_jump(of: Any, beside: float, jump: float) -> None:
     """Raise DerivativeError where y' of a run (`steps.Derived`) jumps at a touch, by more than this share: the derivatives
     of speeds jump there. beside: distance from the touch at which y' is taken, over the length of the run. At a tenth of that
-    a jump is as large; what is smaller there grows from the touch on, and may be the largest of a run that ends soon after."""
+    a jump is as large; what is smaller there grows from the touch on, and may be the largest of a run that ends soon after. It is
+    as large at ten times that too; what is smaller there is the rounding of rates in a step that is hardly longer."""
     run = of.run
     for m, one in of.landings.items():
         t, span = float(run.t[m]), max(beside * (run.t[-1] - run.t[0]), 100 * one.off)
         with of.within(t):
-            far, near = (of.jump(t + part * span * np.array([-1, 1])) for part in (1.0, 0.1))
-            if np.any((far > jump) & (near > far / 2)):
+            wide, far, near = (of.jump(t + part * span * np.array([-1, 1])) for part in (10.0, 1.0, 0.1))
+            if np.any((wide > jump) & (far > jump) & (near > far / 2)):
                 raise DerivativeError(f"there are no derivatives of this run: the force of {contact_name(run, one.contact)} "
                                       f"jumps at t = {run.t[m]:.6g} s as bodies touch or part, and derivatives do not pass such "
                                       "jumps yet; state a normal law that begins at zero, such as mb.Hertz, or compare runs")
