@@ -96,8 +96,8 @@ def _padded(value: float, digits: int) -> str:
 @dataclass(frozen=True, repr=False)
 class Mean:
     """value: mean of a quantity over an interval (of a vector its components), or root of the mean of its squares (a number);
-    error: its estimated error, of a vector that of its length, None where no runs were made beside this one; unit; sensor; lacks: as
-    of `Peak`."""
+    error: its estimated error, of a vector that of its length, None where no runs were made beside this one; unit; sensor;
+    lacks: as of `Peak`."""
 
     value: Any
     error: float | None

@@ -16,6 +16,7 @@ from reduced_bodies.beam import AREA, DENSITY, LENGTH, PER_LENGTH, SECOND, beam_
 from scipy.linalg import eigh
 
 import mbdae as mb
+from mbdae.system.sampling import motion_distance
 
 ENDS = {"root": [0], "tip": [10]}
 TIP = (0.958541919, -0.285008145)  #: m, of the soft pendulum after 0.2 s, by a run to an accuracy of 1e-7
@@ -135,7 +136,7 @@ def test_springs_to_ground_that_a_reduction_would_leave_out_are_found(at: int, s
 
 
 @pytest.mark.parametrize(("mass", "stiffness", "speed"), [(1.0, 1e-3, r"1\.6e\+02"), (1e-3, 1.0, r"1\.6e\+05")])
-def test_a_body_softer_than_rubber_or_lighter_than_diamond_is_asked_for_its_units(mass: float, stiffness: float, speed: str) -> None:
+def test_a_body_softer_than_rubber_or_lighter_than_diamond_is_asked_for_units(mass: float, stiffness: float, speed: str) -> None:
     """The lighter one: M in t."""
     with pytest.warns(mb.AccuracyWarning, match=rf"at about {speed} m/s, .* are M in kg"):
         mb.ReducedBody.craig_bampton(mass * M, stiffness * K, NODES, {"a": [0]}, 2)
@@ -333,6 +334,20 @@ def test_a_stiff_one_flies_as_the_rigid_body_and_keeps_momentum_and_energy() -> 
     about = sum(mass * np.cross(r[n].position - r["rod"].position, r[n].velocity) for n in names)
     assert np.max(np.abs(about - about[0])) < 1e-5 * np.linalg.norm(about[0])
     assert np.max(np.abs(r.energy.total - r.energy.total[0])) < 1e-3 * r.energy.kinetic[0]
+
+
+def test_vibrations_left_out_are_met_by_as_few_steps_as_the_accuracy_needs() -> None:
+    """A pendulum of undamped modes: at 261 steps its tip is 5e-6 rad off, at 147 it is 1.6e-5."""
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.reduced_body("beam", reduced(14))
+    s.revolute("hinge", s.ground, "beam.root", at=(0, 0, 0), axis=(0, 0, 1))
+    r = s.simulate(0.2, accuracy=1e-5)
+    assert r.info.runs <= 8
+    assert 200 < r.info.stats.steps < 500
+    right = s.simulate(0.2, accuracy=1e-5, form=mb.GGL(waves=True), solver=mb.RadauIIA(5, rtol=1e-4))
+    times = np.linspace(0, 0.2, 101)
+    off = motion_distance(r.prepared, *(x.prepared.states(times, x.solution(times))[:2] for x in (r, right)))
+    assert np.max(off) < 1e-5
 
 
 @pytest.mark.parametrize("solver", [None, "ida", "dop853", "generalizedalpha"])

@@ -101,6 +101,10 @@ def test_errors_of_two_companions_show_how_fast_they_fall() -> None:
 # ---- peaks
 
 
+def test_errors_of_a_scene_of_rigid_bodies_lack_nothing(rigid: mb.Result) -> None:
+    assert (rigid.accuracy.lacks, rigid.peak("A.angle").lacks, rigid.mean("A.angle").lacks) == ("", "", "")
+
+
 def test_peaks_carry_their_error(rigid: mb.Result) -> None:
     exact, found = four_bar().simulate(0.5, accuracy=1e-9).peak("A.drive"), rigid.peak("A.drive")
     assert found.error is not None
@@ -282,6 +286,7 @@ def test_peaks_of_a_released_cantilever_are_told_or_right() -> None:
         found: list[Peak] = []
         told = told_by(lambda: found.append(r.peak(quantity)))  # noqa: B023 - called at once
         assert found[0].error is not None
+        assert (found[0].lacks, repr(found[0])[-32:]) == ("mesh", "s without the error of the mesh>")
         assert abs(found[0].value - right) < 1.5 * found[0].error
         assert len(told) == (found[0].error > 1e-3 * found[0].value)
 
