@@ -43,6 +43,8 @@ def with_statements(scene: SceneItems, statements: list[Statement]) -> Any:
                 return None  # which coordinates are unknowns of their own may change
     except MbdaeError:  # it is told of all statements
         return None
+    if made.problems or len(made._items) != len(scene._items):  # a wrong number, or a statement that makes several items
+        return None
     made.recording = True
     vars(made).update(numbers=scene.numbers | made.numbers, _read=[*scene._read])
     return made

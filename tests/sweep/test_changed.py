@@ -1,5 +1,8 @@
 """A scene in which a number was changed is made again by what the number touches: equal to the same scene made from nothing."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,7 @@ from mbdae.study.statements import changed
 from mbdae.system import prepare
 from mbdae.system.model import nodes
 
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SAME = 1e-12  #: difference of two starts, over the largest unknown: velocities are projected with other round-off
 
 
@@ -108,6 +112,15 @@ def test_numbers_change_back_and_forth(monkeypatch):
     back = changed(there, "crank.mass", 1.0)[0]
     for a, b in zip(made(back, choice), first, strict=True):
         assert np.max(np.abs(a - b), initial=0.0) <= SAME * max(1.0, np.max(np.abs(b), initial=0.0))
+
+
+def test_a_statement_that_makes_several_items_is_repeated_with_all_others():
+    """A reduced body has one body at every interface."""
+    s = runpy.run_path(str(EXAMPLES / "turbine_blade.py"))["scene"]()
+    for name in ("hub.mass", "blade.body.mass"):
+        other = changed(s, name, lambda x: 1.01 * x)[0]
+        assert not other.problems
+        assert [b.name for b in other.bodies] == [b.name for b in s.bodies]
 
 
 def test_further_statements_of_either_scene_are_its_own():
