@@ -301,8 +301,8 @@ class Result(OfRun, RunStates, ListsAttributes):
 
     def animate(self, path: Any = None, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
                 trail: Any = None, hide: Any = ()) -> Any:
-        """The motion as a film, which a notebook plays; path: of a .gif, of an .html player that needs nothing but a browser,
-        or of a .glb (glTF, without the deformed meshes of reduced bodies) for renderers and slides.
+        """The motion as a film, which a notebook plays; path: of a .gif, of an .html player for any browser, or of a .glb
+        (glTF for renderers, without the deformed meshes of reduced bodies).
         sensors: drawn over time beside the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
         (default: 1, where that takes 1 to 60 s, else what takes about 8 s). trail: places whose path is drawn, as `orbit`
         takes them, one or a list. hide: names of items that are left out, one or a list."""

@@ -150,7 +150,7 @@ def test_a_glb_moves_as_the_run(flexible_run: Any, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 390])
 def test_the_player_plays(zoo_run: Any, browser: Any, tmp_path: Path, width: int) -> None:
-    zoo_run.animate(tmp_path / "a.html", sensors=["P.rate", "arm.position"], trail="bob", speed=0.2)
+    zoo_run.animate(tmp_path / "a.html", sensors=["P.rate", "arm.position"], trail="bob", speed=0.02)
     browser.show(tmp_path / "a.html", width, mobile=False)
     read = "return Number(document.getElementById('time').textContent.match(/[0-9.]+/)[0])"
     assert browser.script(read) == 0
