@@ -121,7 +121,10 @@ class ForceReport(LawPage):
                               partial(self.effort_at, name=name)) for name, symbol in self.s.coordinates.items()]
 
     def _by_parameters(self) -> list[Section]:
-        """Derivatives by the parameters; those of the first of several bodies follow by the balance."""
+        """Derivatives by the parameters; those of the first of several bodies follow by the balance, those of the contact of pin
+        and race stand in the reports of its normal and friction laws."""
+        if issubclass(self.s.cls, JournalContact):
+            return []
         return self.by_parameters(self._shown(self.s.record.sides[len(self.s.sides) > 1 :]))
 
     def _drag(self) -> dict[Any, Any]:
