@@ -10,6 +10,7 @@ import sympy
 import mbdae as mb
 from mbdae.documents.blocks import Equation, Picture, Section, Table, every, numbered
 from mbdae.reports.mechanisms.legs import mechanism
+from mbdae.reports.states import POINTS
 from mbdae.system.prepare import prepare
 
 ACCURACY = 1e-7
@@ -271,3 +272,20 @@ def test_the_report_of_a_result_shows_formulas_beside_its_run():
     assert "comparisons hold" in document.to_markdown()
     with pytest.raises(mb.OptionError, match="takes no options"):
         mb.report(four_bar().simulate(0.1, accuracy=1e-5), friction=None)
+
+
+@pytest.mark.parametrize("angle", [-2 * mb.t, -0.35 * sympy.sin(9 * mb.t)])
+def test_places_beyond_a_dead_centre_are_left_out(angle):
+    """An input that would be driven through the dead centre of coupler and rocker: the formulas are compared up to it."""
+    s = mb.Scene("four-bar", gravity=(0, -9.81, 0))
+    at = [(0, 0), (0, 1), (0, 2.5), (1, 0)]
+    links = [s.link(name, a, b, mass=0.5) for name, a, b in zip(("crank", "coupler", "rocker"), at, at[1:], strict=False)]
+    for i, name in enumerate("ABCD"):
+        s.revolute(name, *[s.ground, *links, s.ground][i : i + 2], at=at[i], **({"angle": angle} if name == "A" else {}))
+    page, blocks = pages(prepare(s))
+    q, u = page.on_input()[1:3]
+    assert np.isfinite(q).all()
+    assert np.isfinite(u).all()
+    assert 0 < len(q) < POINTS
+    assert not failed(page.printed(blocks))
+    assert "comparisons hold" in mb.report(s.simulate(0.02, accuracy=1e-5)).to_markdown()
