@@ -17,6 +17,7 @@ from mbdae.reports.mechanisms.solution import Coefficients, SolvedTogether, Take
 from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash
 from mbdae.reports.reading import key_of
 from mbdae.reports.scene_equations import SHORT, Said, SceneEquations
+from mbdae.reports.states import POINTS as STATES
 from mbdae.reports.states import value
 from mbdae.reports.units import Unit, unit
 from mbdae.reports.vectors import ZERO
@@ -111,21 +112,36 @@ class ClosedForms(SceneEquations, Page):
         self.coefficients: dict[str, list[list[Expr]]] = {}  #: those of such rows, by their first multiplier
         efforts, bodies = {at: str(v.effort) for at, v in self.velocities.items()}, {at: v.balance for at, v in
                                                                                      self.velocities.items()}
-        self.steps = solved(self.rows, self._number, efforts, bodies, self._taken)
+        self.steps = solved(self.rows, self._number, efforts, bodies, self._taken, self._drawn)
 
     @cached_property
     def _at_start(self) -> dict[str, Any]:
         start = self.prepared.start
-        known, _ = SceneEquations.values(self, np.array([start.t]), start.q[None], start.u[None], start.s[None])
+        return self._letters_at(np.array([start.t]), start.q[None], start.u[None], start.s[None])
+
+    @cached_property
+    def _at_random(self) -> dict[str, Any]:
+        return self._letters_at(*self.states())
+
+    def _letters_at(self, *states: Any) -> dict[str, Any]:
+        known, _ = SceneEquations.values(self, *states)
         return {name: known[latex] for name, latex in self.latex.items() if latex in known}
 
     def _number(self, e: Expr) -> float:
         """Value of a coefficient at the start."""
+        return float(self._at(e, self._at_start, 1)[0])
+
+    def _drawn(self, e: Expr) -> Any:
+        """Values of a coefficient at random states."""
+        return self._at(e, self._at_random, STATES)
+
+    def _at(self, e: Expr, letters: dict[str, Any], points: int) -> Any:
+        """Values (points,) of a coefficient by those of the letters of the rows."""
         def get(symbol: Expr) -> Any:
             name = str(symbol)
-            return self._at_start[name] if name not in self.taken else self._number(self.taken[name])
+            return letters[name] if name not in self.taken else self._at(self.taken[name], letters, points)
 
-        return float(np.broadcast_to(value(se.sympify(e), get), (1,))[0])
+        return np.broadcast_to(value(se.sympify(e), get), (points,))
 
     # -- formulas
 

@@ -104,7 +104,21 @@ def blade():
     return s
 
 
-@pytest.mark.parametrize("scene", [rotor, four_bar, undriven, slider_crank, tree, spatial, gearbox, flexible, blade])
+def rod_between_balls():
+    """A four-bar in space whose rod may turn about its line: its three moments do not give the forces of its end."""
+    s = mb.Scene("RSSR", gravity=(0, 0, -9.81))
+    crank = s.rigid_body("crank", 1.0, (0.02, 0.03, 0.04), at=(0.1, 0.05, 0.2))
+    rod = s.rigid_body("rod", 0.8, (0.1, 0.1, 0.01), at=(0.9, 0.65, 0.5))
+    rocker = s.rigid_body("rocker", 1.2, (0.05, 0.06, 0.07), at=(1.5, 0.7, 0.2))
+    s.revolute("A", s.ground, crank, at=(0, 0, 0), axis=(0.2, 1, 0.1), angle=mb.t)
+    s.spherical("B", crank, rod, at=(0.3, 0.1, 0.4))
+    s.spherical("C", rod, rocker, at=(1.5, 1.2, 0.6))
+    s.revolute("D", s.ground, rocker, at=(1.5, 0.2, -0.5), axis=(1, 0.2, 0.3))
+    return s
+
+
+@pytest.mark.parametrize("scene", [rotor, four_bar, undriven, slider_crank, tree, spatial, gearbox, flexible, blade,
+                                   rod_between_balls])
 def test_printed_forces_are_those_of_a_run(scene):
     """At 100 positions, all joints; the accuracy of a run is that of its motion, which both share. No position is left out."""
     s = scene()

@@ -5,14 +5,15 @@ the leaves to the root. Where there is none, a row with a coefficient 1 or -1 is
 the smallest blocks that can be solved one after the other by determinants: single rows, and two rows per dyad. Further rows with
 the same multipliers join their block, so that it is solved wherever any of its determinants differs from 0. Where the smallest
 block has more than three rows, up to three rows of a body are taken from the others, times factors with which as many multipliers
-vanish there, and solved after these: the moments of a leg as a whole do not have those of the slide inside of it.
+vanish there, and solved after these: the moments of a leg as a whole do not have those of the slide inside of it. Rows whose
+determinant is 0 in every position are no block: those of a rod between two balls, which may turn about its line.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from itertools import combinations
+from itertools import combinations, permutations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from mbdae.symbolic.vectors import Expr
 LARGEST_BLOCK = 3  #: largest number of multipliers that are solved for together by determinants
 FURTHER = 2  #: largest number of rows that join a block
 WELL_OFF = 0.02  #: least determinant at the start, of rows of unit length, with which rows are taken from others
+ROUND_OFF = 1e-12  #: determinants of this part of the sum of the sizes of their products are 0
 Coefficients = dict[Any, Expr]  #: coefficients by multiplier; the constant term under None
 
 
@@ -46,9 +48,10 @@ class TakenOut(NamedTuple):
 
 def solved(rows: Mapping[int, Coefficients], number: Callable[[Expr], float], efforts: Mapping[int, str],
            bodies: Mapping[int, Any], letters: Callable[[SolvedTogether, dict[int, Coefficients]], TakenOut],
-           ) -> list[SolvedTogether | TakenOut]:
+           drawn: Callable[[Expr], Any]) -> list[SolvedTogether | TakenOut]:
     """The steps of the solution in their order. number: value of a coefficient at the start; efforts: units of the rows; bodies:
-    what each row is a balance of; letters: takes rows from others, with letters for all of it."""
+    what each row is a balance of; letters: takes rows from others, with letters for all of it; drawn: values of a coefficient at
+    random states."""
     left, later = {at: dict(row) for at, row in rows.items()}, list[SolvedTogether | TakenOut]()
     while (found := _pivot(left)) is not None:
         at, unknown = found
@@ -59,7 +62,7 @@ def solved(rows: Mapping[int, Coefficients], number: Callable[[Expr], float], ef
         left = {a: _inserted(r, unknown, value) for a, r in left.items()}
     open_, steps, known = {a: r for a, r in left.items() if len(r) > 1}, list[SolvedTogether | TakenOut](), set[Any]()
     while open_:
-        block = _block(open_, known, number)
+        block = _block(open_, known, number, drawn)
         if block is None:
             together = _of_one_body(open_, known, number, bodies)
             open_ = {at: row for at, row in open_.items() if at not in together.places}
@@ -123,18 +126,29 @@ def _unsolved(row: Coefficients, known: set[Any]) -> list[Any]:
     return sorted((key for key in row if key is not None and key not in known), key=str)
 
 
-def _block(rows: dict[int, Coefficients], known: set[Any], number: Callable[[Expr], float]) -> tuple[list[int], list[Any]] | None:
-    """Fewest rows with as many multipliers not in `known`: their places in u, and these; by determinant if several."""
+def _block(rows: dict[int, Coefficients], known: set[Any], number: Callable[[Expr], float],
+           drawn: Callable[[Expr], Any]) -> tuple[list[int], list[Any]] | None:
+    """Fewest rows with as many multipliers not in `known`: their places in u, and these; by determinant if several. None where
+    there are none whose determinant differs from 0, at the start or at random states."""
     for size in range(1, LARGEST_BLOCK + 1):
         found = []
         for places in combinations(sorted(rows), size):
             unknowns = sorted({key for at in places for key in _unsolved(rows[at], known)}, key=str)
             if len(unknowns) == size:
-                A = [[number(rows[at].get(unknown, ZERO)) for unknown in unknowns] for at in places]
-                found.append((-abs(float(np.linalg.det(A))), list(places), unknowns))
+                e = [[rows[at].get(unknown, ZERO) for unknown in unknowns] for at in places]
+                A = np.array([[number(entry) for entry in row] for row in e])
+                if _differs(A) or _differs(np.array([[*map(drawn, row)] for row in e])):
+                    found.append((-abs(float(np.linalg.det(A))), list(places), unknowns))
         if found:
             return min(found, key=lambda entry: (round(entry[0], 9), entry[1]))[1:]
     return None
+
+
+def _differs(A: Any) -> bool:
+    """Whether the determinant of a matrix (n, n, ...) differs from 0 by more than round-off, at some of its values."""
+    B = np.moveaxis(A, (0, 1), (-2, -1))
+    size = sum(np.prod([np.abs(A[i, j]) for i, j in enumerate(order)], axis=0) for order in permutations(range(len(A))))
+    return bool(np.any(np.abs(np.linalg.det(B)) > ROUND_OFF * size))
 
 
 def _further(rows: dict[int, Coefficients], places: list[int], unknowns: list[Any], known: set[Any],
