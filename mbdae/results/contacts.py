@@ -121,14 +121,13 @@ def peak(result: Any, quantity: Quantity) -> Peak:
         if isinstance(quantity, str):  # what a function reads may change
             result._peaks[quantity] = found
     error = result._judge_part(quantity, _called("largest value", result), "of_peak", *found) if math.isfinite(found[0]) else None
-    return Peak(*found, unit, name, error, result.info.accuracy.lacks)
+    return Peak(*found, unit, name, error, (result.info and result.info.accuracy.lacks) or "")
 
 
 def mean(result: Any, quantity: Quantity, power: int) -> Mean:
     """The mean of a quantity (power 1) or the root of the mean of its squares (2) from the first of the result's times to the
     last, by Gauss' rule in every step of the run; what a rule of lower order differs by counts to the error."""
-    first, last = float(result.t[0]), float(result.t[-1])
-    steps = result.solution.t
+    first, last, steps = float(result.t[0]), float(result.t[-1]), result.solution.t
     steps = distinct(np.r_[first, steps[(steps > first) & (steps < last)], last])
     with result._silently():
         found = [_mean(result, quantity, power, steps, points) for points in (GAUSS, GAUSS - 1)]
@@ -137,7 +136,8 @@ def mean(result: Any, quantity: Quantity, power: int) -> Mean:
     error = result._judge_part(quantity, _called(name, result), "of_mean", size, power) if math.isfinite(size) else None
     error = None if error is None else error + float(np.linalg.norm(found[0] - found[1]))
     value = float(found[0]) if np.ndim(found[0]) == 0 else found[0]
-    return Mean(value, error, unit_of(result, quantity), f"{name} of {named(quantity)}", result.info.accuracy.lacks)
+    lacks = (result.info and result.info.accuracy.lacks) or ""
+    return Mean(value, error, unit_of(result, quantity), f"{name} of {named(quantity)}", lacks)
 
 
 def averaged(t: Array, values: Array, begin: float, length: float) -> float:

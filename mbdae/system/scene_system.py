@@ -286,7 +286,8 @@ def relaxed(system: SceneSystem, near: Callable[[float], Callable[[Array], Array
     y, error = slow.start(rate)
     if error > UNFOUND:
         why = (f" (its velocities are known to {error:.1g} of the largest one): elastic bodies vibrate as slowly as the scene "
-               "moves" if error < np.inf else "; corrections towards one did not converge: begin from the end of a run")
+               "moves" if error < np.inf else "; corrections towards one did not converge, as where elastic bodies vibrate as "
+               "slowly as the scene moves: begin from the end of a run")
         raise StartError([f'start="relaxed": no motion without ringing was found near the start of the scene{why}'])
     (q,), (u,), (s,) = prepared.states(time, y[None])
     told = [ChangedVelocity(f'start="relaxed": velocities are known to {error:.1g} of the largest alone')] if error > TOLD else []

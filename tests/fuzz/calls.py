@@ -69,7 +69,8 @@ ELSEWHERE = {
     "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules",
     "RunStates.coordinate_at": "between modules", "RunStates.observed": "between modules",
     "ControlStatements.sensor": "statements of a scene",
-    "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
+    "RunStates.over_laws": "between modules", "RunStates.sum_over_laws": "between modules",
+    "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",
 }
 
