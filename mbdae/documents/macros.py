@@ -29,7 +29,7 @@ class MacroError(MbdaeError):
 
 
 def typeset(text: str, markdown: bool) -> str:
-    """The text that is typeset: without comments, listings and code, and in TeX without what stands between `\iffalse` and `\fi`
+    r"""The text that is typeset: without comments, listings and code, and in TeX without what stands between `\iffalse` and `\fi`
     or after the end of the document, its lines kept; of what stands before its beginning the definitions alone."""
     def blank(match: re.Match[str]) -> str:
         return "\n" * match[0].count("\n")
@@ -72,7 +72,7 @@ def _without_indented(text: str) -> str:
 
 
 def macros_of(text: str) -> Iterator[tuple[str, Macro]]:
-    """The macros that a text defines; of an environment \begin{name} and \end{name}."""
+    r"""The macros that a text defines; of an environment \begin{name} and \end{name}."""
     for found in _DEFINED.finditer(text):
         try:
             body = "" if found["same"] else _group(text, found.end())

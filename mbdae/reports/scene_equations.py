@@ -242,6 +242,10 @@ class SceneEquations:
                         f"{meaning}, component {axis}")
         return name
 
+    def unit_of(self, multiplier: Any) -> Unit:
+        """Unit of a multiplier of the rows."""
+        return unit(self.said[self.latex[str(multiplier)]].unit or "1")
+
     # -- forces by the multipliers
 
     def _forces_on_l(self) -> dict[tuple[str, str, int], Expr]:

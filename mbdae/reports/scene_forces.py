@@ -153,26 +153,26 @@ class ClosedForms(SceneEquations, Page):
     def _taken(self, step: SolvedTogether, others: dict[int, Coefficients]) -> TakenOut:
         """Take rows from others, with letters for their coefficients, the determinant of these, factors, and what is left."""
         first, n, of = len(self.taken), 1 + len(self.coefficients), self.velocities
-        known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in step.unknowns]
+        known = [self.unit_of(x) for x in step.unknowns]
         efforts = [of[at].effort for at in step.places]
         A = [[self._define(f"b{n}_{i}{j}", f"b^{{({n})}}_{{{i + 1}{j + 1}}}", row.get(x, ZERO), str(efforts[i] / known[j]),
                            f"factor of ${self.latex[str(x)]}$") for j, x in enumerate(step.unknowns)]
              for i, row in enumerate(step.rows)]
         self.coefficients[str(step.unknowns[0])] = A
         size = reduce(mul, (e / x for e, x in zip(efforts, known, strict=True)))
-        det = self._define(f"Ga{n}", f"\Gamma^{{({n})}}", determinant(A), str(size), "determinant")
+        det = self._define(f"Ga{n}", rf"\Gamma^{{({n})}}", determinant(A), str(size), "determinant")
         left = dict[int, Coefficients]()
         for number, (at, row) in enumerate(others.items(), 1):
             c, factors = [row.get(x, ZERO) for x in step.unknowns], []
             for i, place in enumerate(step.places):
                 e = determinant([c if j == i else A[j] for j in range(len(A))])
                 meaning = f"factor of the balance along the {of[place].of} where it is taken from that along the {of[at].of}"
-                factors.append(self._define(f"m{n}_{number}{i}", f"\mu^{{({n})}}_{{{number}{i + 1}}}", se.expand(e) / det,
+                factors.append(self._define(f"m{n}_{number}{i}", rf"\mu^{{({n})}}_{{{number}{i + 1}}}", se.expand(e) / det,
                                             str(of[at].effort / efforts[i]), meaning))
             left[at] = less(row, step, factors)
             for i, (x, e) in enumerate(left[at].items()):
                 if len(e.free_symbols) > SHORT:
-                    factor = unit(self.said[self.latex[str(x)]].unit or "1") if x is not None else unit("1")
+                    factor = self.unit_of(x) if x is not None else unit("1")
                     meaning = f"in what is left of the balance along the {of[at].of}, " + (
                         f"factor of ${self.latex[str(x)]}$" if x is not None else "all but reactions")
                     left[at][x] = self._define(f"w{n}_{number}{i}", f"w^{{({n})}}_{{{number}{i + 1}}}", e,
@@ -239,7 +239,7 @@ class ClosedForms(SceneEquations, Page):
         """Equations of a block of rows A lambda = h, solved by Cramer's rule for every choice of as many rows as multipliers,
         weighted by the squares of their determinants. efforts: units of the rows."""
         w, n, m, lines = self.writer, len(unknowns), len(rows), []
-        known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in unknowns]
+        known = [self.unit_of(x) for x in unknowns]
         own = self.coefficients.get(str(unknowns[0]))
         A = own or [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
                                  f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(m)]

@@ -43,9 +43,9 @@ function pointsOf(shape, poses, f) {
 
 // ---- the camera: directions to the right and up in the picture, and towards the viewer
 const g = Math.hypot(...film.gravity), up = !film.planar && g ? scaled(film.gravity, -1 / g) : [0, 0, 1];
+const side = unit(Math.abs(up[2]) > 0.9 ? [1, 0, 0] : cross(up, [0, 0, 1])), fore = cross(up, side);  // level directions
 function eye() {
   if (film.planar) return {x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1]};
-  const side = unit(Math.abs(up[2]) > 0.9 ? [1, 0, 0] : cross(up, [0, 0, 1])), fore = cross(up, side);
   const flat = side.map((v, i) => Math.cos(camera.turn) * v + Math.sin(camera.turn) * fore[i]);
   const z = flat.map((v, i) => Math.cos(camera.tip) * v + Math.sin(camera.tip) * up[i]);
   const x = unit(cross(up, z));

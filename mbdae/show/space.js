@@ -85,7 +85,6 @@ function spaceOn(canvas) {
   renderer.shadowMap.enabled = true;
   camera.matrixAutoUpdate = false;
   const sky = new THREE.HemisphereLight(0xffffff, 0x9a9a92, 1.7), sun = new THREE.DirectionalLight(0xffffff, 2.3);
-  const side = unit(Math.abs(up[2]) > 0.9 ? [1, 0, 0] : cross(up, [0, 0, 1])), fore = cross(up, side);
   sky.position.set(...up);
   sun.position.set(...middle.map((v, i) => v + 4 * radius * unit(up.map((u, n) => 1.5 * u + 0.55 * side[n] - 0.75 * fore[n]))[i]));
   sun.target.position.set(...middle);

@@ -246,11 +246,10 @@ def _found(future: Future[Outcome]) -> Outcome:
 READY = b""
 NAME = "mbdae-worker"  #: of worker processes
 UNGUARDED = 75  #: exit code of a worker that would start workers while it imports the script, before it has begun to serve
+_SERVING: list[bool] = []  #: not empty in a worker that has begun
 PR_SET_PDEATHSIG = 1  #: of prctl(2): the signal a process gets when the thread that started it ends
 LOOK = 1.0  #: time (s) between two checks whether the parent process still runs, in case its end does not signal its handle
 
-
-_SERVING: list[bool] = []  #: not empty in a worker that has begun
 
 class WorkerDiedError(Exception):
     """A worker process ended before it answered; code: with which it ended itself, negative where a signal killed it."""

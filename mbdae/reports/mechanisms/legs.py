@@ -148,7 +148,7 @@ class InSpace(Spatial):
         moved, there = motion.pose(axes)
         e = base + moved + there[0] * b[0] + there[1] * b[1] + there[2] * b[2] - A
         D = self._vector(f"D{n}", f"D^{{({n})}}_{{%}}", "m", f"between the ends of leg {n}", e)
-        self.letter(f"De{n}", f"\Delta_{{{n}}}", "m^2" if hinge.turn else "m",
+        self.letter(f"De{n}", rf"\Delta_{{{n}}}", "m^2" if hinge.turn else "m",
                     f"part of the distance of the ends of leg {n} along a motion of {hinge.item}, 0 at its dead centre")
         self.apart[f"De{n}"] = ""
         det = self.follow(f"De{n}", D @ Vec(*(se.diff(c, q[0]) for c in e)))
@@ -225,7 +225,7 @@ class InSpace(Spatial):
             e3 = self._vector(f"pc{n}", f"c^{{({n})}}_{{%}}", "1", f"direction of the slide of leg {n}",
                               on_axes(there[1], direction), spin + e1 * q[0][1] + e2 * q[1][1])
             v = v - e3 * self.rate(amount)
-        self.letter(f"De{n}", f"\Delta_{{{n}}}", "m", f"part of leg {n} normal to both pins, 0 at its dead centre")
+        self.letter(f"De{n}", rf"\Delta_{{{n}}}", "m", f"part of leg {n} normal to both pins, 0 at its dead centre")
         self.apart[f"De{n}"] = ""
         det = self.follow(f"De{n}", e2 @ e1.cross(D))
         for order, what in ((1, "velocity"), (2, "acceleration")):
