@@ -1,5 +1,5 @@
-"""How the tests run: on several processors, the quick and the slow ones by their lists. What tests of pages read them with: a parser, and
-Chromium over chromedriver's own protocol."""
+"""How the tests run: on several processors, the quick and the slow ones by their lists. What tests of pages read them with: a
+parser, and Chromium over chromedriver's own protocol."""
 
 from __future__ import annotations
 
