@@ -2,8 +2,7 @@
 
 A worker answers one message at a time, and ends when the process that started it ends: a thread of it waits on a handle of its
 parent that the operating system signals however the parent ends. While C code holds Python's global lock the thread cannot run;
-on Linux the kernel kills the worker even then.
-"""
+on Linux the kernel kills the worker even then."""
 
 from __future__ import annotations
 
@@ -50,6 +49,7 @@ Job = Callable[..., dict[str, Any]]
 class Sent:
     """A function that is sent to other processes, where it is called by name: what it reads (constants, helpers, classes) has to
     be there what it is here. told: digests of that by names, see `reads`."""
+
     def __init__(self, job: Job, told: dict[str, str], same: bool = False) -> None:
         self.job, self.told, self.same = job, told, same
 
@@ -218,8 +218,9 @@ def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]
                 try:
                     inside[executor.submit(outcome, job, points[waiting[0]])] = waiting[0]
                     del waiting[0]
-    XX(inside, return_when=FIRST_COMPLETED)
-            for future in done:
+                except BrokenExecutor:
+                    broken = True
+            for future in wait(inside, return_when=FIRST_COMPLETED).done:
                 found, i, raised = _found(future), inside.pop(future), not future.cancelled() and future.exception()
                 broken |= isinstance(raised, BrokenExecutor)
                 if raised and not found.died and i not in tried:
@@ -239,8 +240,7 @@ def _found(future: Future[Outcome]) -> Outcome:
     try:
         return future.result()
     except (Exception, CancelledError) as error:
-        # KilledWorker: Dask gave it up, because several workers ended while they computed it
-        died = isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker"
+        died = isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker"  # Dask gave it up
         return Outcome(None, f"{DIED}: {_text(error)}" if died else _text(error), died)
 
 
