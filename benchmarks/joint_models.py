@@ -120,17 +120,20 @@ HEAD = ("model", "k", "p", "unknowns", "Newton / step", "CPU s (h = 1 ms)", "con
         "difference at equal steps", "difference adaptive")
 
 
+STEPS = 9  #: column with which the table of steps begins
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables: equations and cost, and steps."""
     sys.path.insert(0, str(Path(__file__).parent.parent / "validation"))
     from scenes import ground_resonance as build
 
-    print("| rotor |", " | ".join(HEAD), "|")
-    print("|" + "---|" * (len(HEAD) + 1))
+    found = [["rotor", *HEAD], ["---"] * (len(HEAD) + 1)]
     for free in (False, True):
-        for row in rows(build, free):
-            cells = [format(row[column], spec) for column, spec in COLUMNS.items()]
-            print("| free |" if free else "| driven |", " | ".join(cells), "|", flush=True)
+        found += [["free" if free else "driven", *(format(row[column], spec) for column, spec in COLUMNS.items())]
+                  for row in rows(build, free)]
+    for columns in (slice(4, STEPS), slice(STEPS, None)):
+        print(*("| " + " | ".join([*row[:4], *row[columns]]) + " |" for row in found), "", sep="\n")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
-"""How the tests run: on several processors, the quick part by its list. What tests of pages read them with: a parser, and
-Chromium over chromedriver's own protocol."""
+"""How the tests run: on several processors, the quick and the slow ones by their lists. What tests of pages read them with: a
+parser, and Chromium over chromedriver's own protocol."""
 
 from __future__ import annotations
 
@@ -63,11 +63,14 @@ pytest.MonkeyPatch.setattr = _replaced
 
 
 def pytest_collection_modifyitems(items):
-    """The marker `quick` for what tests/quick.txt lists."""
-    listed = set((HERE / "quick.txt").read_text(encoding="utf-8").splitlines())
+    """The markers `quick` and `slow` for what tests/quick.txt and tests/slow.txt list."""
+    listed = {name: set((HERE / f"{name}.txt").read_text(encoding="utf-8").splitlines()) for name in ("quick", "slow")}
     for item in items:
-        if HERE in item.path.parents and f"{item.path.relative_to(HERE).as_posix()}::{item.originalname}" in listed:
-            item.add_marker(pytest.mark.quick)
+        if HERE in item.path.parents:
+            file = item.path.relative_to(HERE).as_posix()
+            for name, lines in listed.items():
+                if not lines.isdisjoint({f"{file}::{item.originalname}", f"{file}::{item.name}"}):
+                    item.add_marker(name)
 
 
 def pytest_collection_finish():

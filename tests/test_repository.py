@@ -146,6 +146,18 @@ def test_the_quick_part_names_tests_that_exist() -> None:
     assert covered == {path.parent.name for path in (ROOT / "tests").glob("*/test_*.py")} - {"reference", "fuzz", "oracles"}
 
 
+def test_the_slow_part_names_tests_that_exist() -> None:
+    """And none is left out of every run: what a plain pytest does not run, the claim does."""
+    lines = (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
+    listed = [line.split("[")[0].split("::") for line in lines if not line.startswith("#")]
+    absent = [name for name in listed if name[1] not in {f.name for f in functions(ROOT / "tests" / name[0])}]
+    assert not absent
+    sys.path.insert(0, str(ROOT / "validation"))
+    from slow_tests.check import FILES
+
+    assert {file for file, _ in listed} <= set(FILES)
+
+
 def test_lowest_releases_are_those_of_the_project(monkeypatch: pytest.MonkeyPatch) -> None:
     """The script that tests them reads them from pyproject.toml, of every extra, and refuses what it cannot pin."""
     spec = importlib.util.spec_from_file_location("versions", ROOT / ".ci" / "versions.py")

@@ -214,6 +214,14 @@ def in_the_same_steps(run: Solution, other: Solution) -> bool:
     return len(run.t) == len(other.t) > 2 and bool(np.max(np.abs(run.t - other.t)[1:-1]) < ALIKE * np.max(np.diff(run.t)))
 
 
+AT_REST = 1e-13  #: a run in which nothing changes by more, in the measure of its motion, shows nothing in other steps
+
+
+def rests(run: Solution, measure: Measure) -> bool:
+    """Whether nothing moves in a run."""
+    return bool(np.max(measure(run.t, run.y, np.broadcast_to(run.y[0], run.y.shape))) < AT_REST)
+
+
 SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 
 

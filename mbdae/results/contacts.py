@@ -234,14 +234,14 @@ def _read(result: Any, quantity: Quantity, times: Array) -> Array:
 
 
 def fallen(far: tuple[float, float], near: tuple[float, float]) -> float:
-    """The error of a run from its differences to two companions, each with its tolerance over that of the run: errors e(r) at a
-    tolerance r times as large are r^p e, where p follows from the differences; at most the larger difference."""
+    """The error e of a run from its differences to two companions, each with its tolerance over that of the run: with r times the
+    tolerance it is r^p e, where p follows from both; where none fits both, the larger e counts; at most the larger difference."""
     (wide, far_ratio), (close, near_ratio) = max(far, near, key=lambda one: one[1]), min(far, near, key=lambda one: one[1])
     if close <= 0 or near_ratio <= 1:
         return 0.0 if close <= 0 else max(wide, close)
     shown = (far_ratio**POWERS - 1) / (near_ratio**POWERS - 1)  # rises with the power
     p = POWERS[int(np.clip(np.searchsorted(shown, wide / close), 0, len(POWERS) - 1))]
-    return float(min(close / (near_ratio**p - 1), max(wide, close)))
+    return float(min(max(close / (near_ratio**p - 1), wide / (far_ratio**p - 1)), max(wide, close)))
 
 
 @dataclass(frozen=True, repr=False)

@@ -21,7 +21,7 @@ from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, W
 from mbdae.inputs.resolution import Bound, kept_by
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.solution import Beside, Solution, check_times, in_the_same_steps
+from mbdae.integrators.solution import Beside, Solution, check_times, in_the_same_steps, rests
 from mbdae.integrators.stepped import halved, second_method
 from mbdae.results.clearance import OtherRun
 from mbdae.results.errors import FAR
@@ -250,7 +250,8 @@ class Search:
         asked = closer(replace(self.asked, max_residuals=most), self.solver, self._count, self._kept)
         try:
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                if not in_the_same_steps(made := self.tight.run(self.system, asked), self.made[-1][1]):
+                made = self.tight.run(self.system, asked)
+                if not in_the_same_steps(made, self.made[-1][1]) or rests(made, self.measure):
                     return made
                 longest = Bound(-math.inf, asked.t_end, CLOSER * float(np.max(np.diff(made.t))) / (asked.share or 1.0))
                 return self.tight.run(self.system, replace(asked, bounds=(*asked.bounds, longest)))

@@ -2,8 +2,7 @@
 
 A worker answers one message at a time, and ends when the process that started it ends: a thread of it waits on a handle of its
 parent that the operating system signals however the parent ends. While C code holds Python's global lock the thread cannot run;
-on Linux the kernel kills the worker even then.
-"""
+on Linux the kernel kills the worker even then."""
 
 from __future__ import annotations
 
@@ -170,8 +169,8 @@ class _Workers:
             worker.wait_until_ready()
         except WorkerDiedError as error:
             if error.code >= 0:
-                told = "and end; their messages are printed above"
-                told = "so keep what it runs under `if __name__ == '__main__':`" if error.code == UNGUARDED else told
+                told = ("so keep what it runs under `if __name__ == '__main__':`" if error.code == UNGUARDED else
+                        "and end; their messages are printed above")
                 raise OptionError(f"the worker processes do not start: they import the script again, {told}") from None
             raise OptionError(f"the worker processes do not start: {error}; to work in threads instead, pass {THREADS}") from None
         except BaseException:
@@ -209,23 +208,26 @@ class _Workers:
 
 
 def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]]) -> Done:
-    """Compute points in an executor, which the user has started and will end."""
-    job, waiting = Sent.of(job), list(points)
+    """Compute points in an executor, which the user has started and will end. What its futures raise is its own error, as where
+    Dask loses a result with a worker, since `outcome` catches those of jobs: such a point is computed once more."""
+    job, waiting, tried, broken = Sent.of(job), list(points), set[int](), False
     inside: dict[Future[Outcome], int] = {}
-    broken = False
     try:
         while inside or (waiting and not broken):
             while waiting and not broken:
                 try:
                     inside[executor.submit(outcome, job, points[waiting[0]])] = waiting[0]
-                    waiting.pop(0)
+                    del waiting[0]
                 except BrokenExecutor:
                     broken = True
-            done, _ = wait(inside, return_when=FIRST_COMPLETED)
-            for future in done:
-                found = _found(future)
-                broken |= not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
-                yield inside.pop(future), found
+            for future in wait(inside, return_when=FIRST_COMPLETED).done:
+                found, i, raised = _found(future), inside.pop(future), not future.cancelled() and future.exception()
+                broken |= isinstance(raised, BrokenExecutor)
+                if raised and not found.died and i not in tried:
+                    tried.add(i)
+                    waiting.append(i)
+                else:
+                    yield i, found
     finally:
         for future in inside:
             future.cancel()
@@ -238,8 +240,7 @@ def _found(future: Future[Outcome]) -> Outcome:
     try:
         return future.result()
     except (Exception, CancelledError) as error:
-        given_up = type(error).__name__ == "KilledWorker"  # by Dask, because several workers ended while they computed it
-        died = isinstance(error, BrokenExecutor | CancelledError) or given_up
+        died = isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker"  # Dask gave it up
         return Outcome(None, f"{DIED}: {_text(error)}" if died else _text(error), died)
 
 

@@ -134,6 +134,17 @@ def test_a_run_and_its_companion_take_different_steps() -> None:
     assert off <= max(6 * r.accuracy.of["norm(R.force)"], 1e-12)
 
 
+def test_what_hangs_still_is_not_run_again_in_other_steps() -> None:
+    """A pendulum at rest takes the same steps with every tolerance, and shows nothing in others."""
+    s = mb.Scene("pendulum at rest", gravity=(0, -9.81))
+    rod = s.link("rod", (0, 0), (0, -1), mass=1.0)
+    s.revolute("hinge", s.ground, rod, at=(0, 0))
+    r = s.simulate(3.0, solver=mb.DOP853(), accuracy=1e-6)
+    companion = next(other.run for other in r.accuracy.errors.others if other.kind == "companion")
+    assert in_the_same_steps(r.solution, companion)
+    assert not np.any(r["hinge"].angle)
+
+
 def test_where_round_off_ends_what_is_told_asks_for_no_smaller_accuracy() -> None:
     """At the smallest tolerance a smaller accuracy ends with the same run; at larger ones it comes nearer."""
     s = mb.Scene("rod on a spring", gravity=(0, -9.81))

@@ -11,10 +11,10 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -87,6 +87,30 @@ def test_a_worker_that_dies_costs_its_own_point(tmp_path: Path, always: int) -> 
         assert found.failures[0].died
         killed = "worker died: its process was killed by SIGKILL, as the system does where memory runs out"
         assert found.failures[0].error == killed
+
+
+def test_what_an_executor_loses_is_computed_once_more() -> None:
+    """As the one of Dask, which may ask a worker for a result that has just ended; what it loses again has failed."""
+    class Losing(ThreadPoolExecutor):
+        lost: ClassVar[list[int]] = []
+
+        def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Any:
+            number = args[1]["number"]
+            if number in (3, 4) and (number == 4 or number not in self.lost):
+                self.lost.append(number)
+                future: Any = Future()
+                future.set_exception(TypeError("cannot unpack a result"))
+                return future
+            return super().submit(fn, *args, **kwargs)
+
+    def job(number: int) -> dict[str, Any]:
+        return {"square": number * number}
+
+    with Losing(2) as executor:
+        found = mb.sweep(job, {"number": range(6)}, executor)
+    assert [(row.point["number"], row.error) for row in found.failures] == [(4, "TypeError: cannot unpack a result")]
+    assert Losing.lost == [3, 4, 4]
+    assert sorted(row.values["square"] for row in found.rows if row.values) == [0, 1, 4, 9, 25]
 
 
 def test_a_broken_executor_of_the_user_loses_no_row(tmp_path: Path) -> None:
