@@ -54,7 +54,7 @@ HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepack
 #: text between two consecutive equations: a line end replaces it, so that they share one display
 _NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"
 _SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: regular expression of the blanks between words, outside of `$...$`
-WIDEST = 34.0  #: estimated width of a line in em above which a formula is scaled to 0.9 of the text width if it is wider
+WIDEST = 39.0  #: estimated width of a line in em above which a formula is scaled to 0.9 of the text width if it is wider
 #: scales what follows in braces to a part of the text width where it is wider
 _FITTING = r"\resizebox{\ifdim\width>%s\linewidth %s\linewidth\else\width\fi}{!}"
 LETTERS = 76.0  #: largest width of a line in letters; wider formulas are broken between terms
@@ -161,10 +161,15 @@ def displayed(formula: str, letters: float = LETTERS) -> str:
     return f"{_FITTING % (0.9, 0.9)}{{$\\displaystyle {body}$}}" if wide else body
 
 
+def _high(row: str) -> str:
+    """A row of a table, higher where letters have both a superscript and a subscript."""
+    return r"\rule[-1.2ex]{0pt}{3.8ex}" * bool(re.search(r"\^\{?\S+_", row)) + row
+
+
 def _tex_table(table: Table, letters: float) -> str:
     columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(table))
     head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
-    rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
+    rows = " \\\\\n".join(_high(" & ".join(map(_text, row))) for row in table.rows)
     caption = f"{_text(table.caption)}\n\n" if table.caption else ""
     below = r"\hline\noalign{\smallskip}"
     body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"

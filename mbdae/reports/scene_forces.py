@@ -100,6 +100,7 @@ def _values(page: Any, blocks: list[Block], keys: list[Any], states: tuple[Any, 
     return [printed.value(key) for key in keys]
 
 
+NOISE = 1e-13  #: a value of this part of the largest of its unit is round-off
 RUN = "the multipliers of the scene at random states"
 
 
@@ -181,8 +182,7 @@ class ClosedForms(SceneEquations, Page):
 
     def blocks(self) -> list[Block]:
         """Sections: letters with values, equations of the bodies, solution, forces on the bodies l, laws."""
-        balance, solution = self.balance(), self.solution()
-        forces = self.forces()
+        balance, solution, forces = self.balance(), self.solution(), self.forces()
         numbers = self.numbers()
         told = (
             "For every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$"
@@ -319,14 +319,18 @@ class ClosedForms(SceneEquations, Page):
         """Table of letters with unit and meaning, and the value at the start of those that no equation defines."""
         start = self.prepared.start
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
-        values = {latex: float(v[0]) + 0.0 for latex, v in known.items()}
-        values |= {self.latex[str(s)]: float(multipliers[0, i]) + 0.0 for i, s in enumerate(self.unknowns)}
+        values = {latex: float(v[0]) for latex, v in known.items()}
+        values |= {self.latex[str(s)]: float(x) for s, x in zip(self.unknowns, multipliers[0], strict=True)}
         values |= {self.latex[name]: x for name, x in self.constants.items()}
-        rows = []
+        size, time, rows = self.prepared.length, self.prepared.time, list[list[str]]()
+        largest = {"rad/s": 1 / time, "rad/s^2": time**-2, "1": 1.0, "m": size, "m/s": size / time, "m/s^2": size / time**2}
+        for unit_, v in ((self.said[latex].unit, abs(v)) for latex, v in values.items() if latex in self.said):
+            for u, f in {unit_: 1.0, "N m": size * (unit_ == "N") or (unit_ == "N m")}.items():
+                largest[u] = max(largest.get(u, 0.0), v * f)
         for latex, said in self.said.items():
-            meaning = said.meaning if "$" in said.meaning else escaped(said.meaning)
-            plain = round(values[latex], 14) + 0.0 if latex in values and said.unit == "1" else values.get(latex)
-            rows.append([f"${latex}$", f"{plain:.6g}" if plain is not None else "", unit_text(said.unit), meaning])
+            meaning, x = said.meaning if "$" in said.meaning else escaped(said.meaning), values.get(latex)
+            shown = "" if x is None else f"{x * (abs(x) >= NOISE * largest[said.unit]) + 0.0:.6g}"
+            rows.append([f"${latex}$", shown, unit_text(said.unit), meaning])
         return Table(["symbol", "value", "unit", "meaning"], rows)
 
     def laws(self) -> Table:

@@ -142,7 +142,8 @@ class Sheet:
                 given = {name: v for name in i.law.params if (v := getattr(i.law, name)) is not None}
                 for name, v in given.items() if not (i.item in joints and group.derived.rows) else ():
                     number = f"{v:g}" if isinstance(v, int | float) else escaped(str(v))
-                    meaning = escaped(f"{name}: {i.law.params[name].meaning}".removesuffix(": "))
+                    told = i.law.params[name].meaning
+                    meaning = escaped(name if told in (name, "") else f"{name}: {told}")
                     rows.append([escaped(i.item), type(i.law).__name__, number, unit_text(parameter_unit(i, name)), meaning])
         head = ["item", "law", "value", "unit", "what it is"]
         return Section("Forces", [Table(head, rows)] if rows else [Paragraph("There are none.")])

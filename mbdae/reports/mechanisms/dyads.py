@@ -16,7 +16,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.documents.blocks import escaped
-from mbdae.reports.mechanisms.links import Link, Links, Pair, Place
+from mbdae.reports.mechanisms.links import Link, Links, Pair, Place, minus
 from mbdae.reports.mechanisms.solution import determinant
 from mbdae.reports.page import NEXT_TO_ZERO
 from mbdae.reports.states import value
@@ -247,7 +247,7 @@ class Dyads(Links):
             both = [sigma[link.item] for link in slides]
             still = {s[0]: ZERO for s in both}
             J = [[se.diff(row, s[0]) for s in both] for row in rows]
-            self._cramer([s[0] for s in both], J, [-row.subs(still) for row in rows], "the two slides are parallel")
+            self._cramer([s[0] for s in both], J, [minus(row.subs(still)) for row in rows], "the two slides are parallel")
             return both
         if not slides:
             size = [x**2 + y**2 for x, y in u]
@@ -285,7 +285,7 @@ class Dyads(Links):
         for order in (1, 2):
             rows = [self.rate(row) for row in rows]
             still = {s[order]: ZERO for s in unknown}
-            self._cramer([s[order] for s in unknown], J, [-row.subs(still) for row in rows], "")
+            self._cramer([s[order] for s in unknown], J, [minus(row.subs(still)) for row in rows], "")
 
     def _cramer(self, unknown: list[Expr], J: list[list[Expr]], right: list[Expr], dead: str) -> None:
         """Define two unknowns by two linear equations."""

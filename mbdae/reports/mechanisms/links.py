@@ -331,6 +331,11 @@ class Links(ClosedForms):
             self.placed = held
 
 
+def minus(e: Expr) -> Expr:
+    """Minus a sum, term by term, so that lines can end between them."""
+    return sum((-part for part in e.args), ZERO) if e.is_Add else -e
+
+
 def _heading(numbers: Any, side: str) -> float:
     """Angle in the plane, in body axes, of that axis of a joint's frame that lies in the plane."""
     axis = max("xy", key=lambda a: np.hypot(numbers[f"{side}_Q{a}1"], numbers[f"{side}_Q{a}2"]))

@@ -155,6 +155,9 @@ class OverInput(Dyads):
         dead = "; ".join(dict.fromkeys(d for d in (*self.limits.values(), *self.apart.values()) if d))
         what = "Dead centres or change points" if self.branches else "Dead centres"
         centres = f" {what}, where the determinant $\\Delta$ is 0: {dead}." if dead else ""
+        signs = ", ".join(f"${self.latex[name]}$" for name in self.branches)
+        centres += (" At change points both branches of a loop meet. With a velocity it keeps its rates there and goes through,"
+                    f" by which the sign {signs} of its branch changes.") * bool(signs)
         text = (f"The input is the {escaped(self.input.coordinate)} ${x}$ of {escaped(self.input.item)}, 0 as drawn, with its"
                 f" rates ${dx}$ and ${ddx}$. Every body follows from it without iteration. Rates are the derivatives of the"
                 " formulas, and of the closure where a loop closes; $f$ are the forces of the other laws at this motion."
