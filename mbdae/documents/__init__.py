@@ -163,7 +163,7 @@ def displayed(formula: str, letters: float = LETTERS) -> str:
 
 def _high(row: str) -> str:
     """A row of a table, higher where letters have both a superscript and a subscript."""
-    return r"\rule[-1.2ex]{0pt}{3.8ex}" * bool(re.search(r"\^\{?\S+_", row)) + row
+    return r"\rule[-1.2ex]{0pt}{3.8ex}" * bool(re.search(r"\^(\{[^$]*\}|\S)_|_(\{[^$]*\}|\S)\^", row)) + row
 
 
 def _tex_table(table: Table, letters: float) -> str:

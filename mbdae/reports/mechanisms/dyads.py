@@ -26,6 +26,7 @@ from mbdae.system.model.nodes import Node
 from mbdae.system.prepare import Prepared
 
 TURN = 361  #: places over one turn of the input at which dead centres are sought and curves drawn
+LENGTHS = 3  #: the same for a displacement: lengths of the scene to each side, with as many places for each
 TOUCHES = 1e-11  #: what is under a root touches 0 where it is below this part of its terms
 
 
@@ -172,7 +173,7 @@ class Dyads(Links):
 
         whole, step = 1.0, at[1] - at[0]
         whole = float(np.nanmax(of(at, terms))) or 1.0
-        inside = np.concatenate([[at[0] - step], at, [at[-1] + step]]) if period else at
+        inside = np.concatenate([[at[0] - step], at, [at[-1] + step]])
         v, changes, touches = of(inside), list[float](), list[float]()
         for i in range(1, len(inside) - 1):
             if not v[i] <= min(v[i - 1], v[i + 1]) or v[i] > 0.01:
@@ -231,11 +232,11 @@ class Dyads(Links):
         return table
 
     def turn(self) -> Any:
-        """Values of the input: one period from the start, or for a displacement the length of the scene to both sides."""
-        start, size = self.start_of(self.inputs[0]), self.prepared.length
+        """Values of the input: one period from the start, or for a displacement some lengths of the scene to both sides."""
+        start, size = self.start_of(self.inputs[0]), LENGTHS * self.prepared.length
         if period := self.period():
             return start + np.linspace(0, period, round(period / (2 * np.pi)) * (TURN - 1) + 1)
-        return start + np.linspace(-size, size, TURN)
+        return start + np.linspace(-size, size, LENGTHS * (TURN - 1) + 1)
 
     def _positions(self, slides: list[Link], links: tuple[Link, Link, Link], u: list[Pair], D: Pair, angles: Any,
                    arms: list[Pair], along: dict[str, Pair], sign: dict[str, int], sigma: dict[str, Any], offset: Expr,
