@@ -200,6 +200,11 @@ class OverInput(Dyads):
         ground stands still."""
         at, rows, formulas = np.union1d(self.turn(), self.lowest), list[tuple[float, str]](), dict(self.formulas)
         low, high, off = at[0], at[-1], self.off_change_points(at)
+        closes = np.all([np.isfinite(v) for v in self.along(at).values()], axis=0) | ~off
+        if not self.input.turn and not closes.all():  # what lies beyond the first dead centres is not reached
+            before, open_ = at < self.start_of(self.inputs[0]), np.flatnonzero(~closes)
+            first, last = max(open_[before[open_]], default=0), min(open_[~before[open_]], default=len(at))
+            at, off = at[first : last + 1], off[first : last + 1]
         for name, dead in self.limits.items():
             under = next(e for e in (formulas[name], *formulas[name].args) if e.is_Pow).args[0]
             rows += [(x, f"dead centre: {dead}; the input goes no further")
@@ -213,13 +218,11 @@ class OverInput(Dyads):
                 if rate.free_symbols:
                     what = f"the {escaped(link.coordinate)} of {escaped(link.item)} turns back"
                     rows += [(x, what) for x in self._crossings(lambda table, e=rate: self._of(table, e), at[off])]
-        closed = all(np.isfinite(v).all() for v in self.along(at[off]).values())
         unit, x = ("rad" if self.input.turn else "m"), self.latex[str(self.inputs[0])]
         over = {0: "", 1: "one turn, ", 2: "two turns, after which it is on its first branch again, "}[
             round(self.period() / (2 * np.pi))] + f"${x}$ from {low:.6g} to {high:.6g} {unit}"
-        told = f"The loops close at every value of the input over {over}."
-        if not closed:
-            told = f"The loops do not close at every value of the input; looked at over {over}:"
+        told = (f"The loops close at every value of the input over {over}." if closes.all() else
+                f"The loops do not close at every value of the input; looked at over {over}:")
         table = [Table([f"${x}$ [{unit}]", "what is there"], [[f"{v:.6f}", what] for v, what in sorted(rows)])] if rows else []
         return [Paragraph(told), *table]
 
