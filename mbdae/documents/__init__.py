@@ -54,7 +54,9 @@ HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepack
 #: text between two consecutive equations: a line end replaces it, so that they share one display
 _NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"
 _SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: regular expression of the blanks between words, outside of `$...$`
-WIDEST = 44.0  #: width of a line in em above which the whole formula is scaled to 0.9 of the text width
+WIDEST = 39.0  #: estimated width of a line in em above which a formula is scaled to 0.9 of the text width if it is wider
+#: scales what follows in braces to a part of the text width where it is wider
+_FITTING = r"\resizebox{\ifdim\width>%s\linewidth %s\linewidth\else\width\fi}{!}"
 LETTERS = 76.0  #: largest width of a line in letters; wider formulas are broken between terms
 NARROW = 54.0  #: the same for pieces of other documents, of which not even the text width of LaTeX's article is sure
 _LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
@@ -102,8 +104,8 @@ def _tex_block(block: Block, level: int, files: Mapping[int, str], letters: floa
         return f"{{\\small\n\\begin{{verbatim}}\n{verbatim(block.text)}\n\\end{{verbatim}}}}"
     name = files.get(id(block))
     if isinstance(block.content, Drawing):
-        fitting = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}"
-        return f"\\begin{{center}}\n{fitting}{{{signs(block.content.tikz())}}}\n\n{_text(block.caption)}\n\\end{{center}}"
+        drawn = f"{_FITTING % (1, 1)}{{{signs(block.content.tikz())}}}"
+        return f"\\begin{{center}}\n{drawn}\n\n{_text(block.caption)}\n\\end{{center}}"
     shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
     return f"{shown}{_text(block.caption)}"
 
@@ -153,16 +155,21 @@ def slug(latex: str) -> str:
 
 def displayed(formula: str, letters: float = LETTERS) -> str:
     """A formula that fits a text width of so many letters: broken between its terms, scaled down where a term is wider."""
-    lines = folded(signs(formula), letters, lambda part: max(width(part), 2 * extent(part)))
+    lines = folded(signs(formula), letters, lambda part: max(width(part) if r"\begin" not in part else 0, 2 * extent(part)))
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
     wide = max(map(extent, lines)) > WIDEST * letters / LETTERS
-    return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if wide else body
+    return f"{_FITTING % (0.9, 0.9)}{{$\\displaystyle {body}$}}" if wide else body
+
+
+def _high(row: str) -> str:
+    """A row of a table, higher where letters have both a superscript and a subscript."""
+    return r"\rule[-1.2ex]{0pt}{3.8ex}" * bool(re.search(r"\^(\{[^$]*\}|\S)_|_(\{[^$]*\}|\S)\^", row)) + row
 
 
 def _tex_table(table: Table, letters: float) -> str:
     columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(table))
     head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
-    rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
+    rows = " \\\\\n".join(_high(" & ".join(map(_text, row))) for row in table.rows)
     caption = f"{_text(table.caption)}\n\n" if table.caption else ""
     below = r"\hline\noalign{\smallskip}"
     body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"

@@ -77,6 +77,7 @@ nav { font-size: .9rem; margin: 1rem 0; }
 details { margin: .5rem 0; } summary { cursor: pointer; color: #0b5ea8; }
 .tex { font-size: .7rem; color: #555; } .tex summary { color: #767676; text-align: right; }
 .tex code { user-select: all; display: block; white-space: pre-wrap; background: #f6f7f8; padding: .3rem .5rem; }
+.kept { white-space: nowrap; }
 nav a { margin-right: .9rem; white-space: nowrap; display: inline-block; padding: .15rem 0; }
 @media (min-width: 1240px) { body { margin-left: max(17rem, calc(50vw - 27rem)); }
   nav { position: fixed; top: 1rem; bottom: 1rem; left: max(1rem, calc(50vw - 43rem)); width: 14.5rem; overflow-y: auto; }
@@ -152,7 +153,8 @@ def _text(text: str) -> str:
             out.append(inline(part) if formula else re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(part, quote=False)))
         except FormulaError:  # a name that only looks like a formula, such as "$\\frac{$"
             out.append(escape(f"${part}$", quote=False))
-    return "".join(out)
+    # no line begins with a comma, which browsers would allow behind a formula
+    return re.sub(r"(<math>(?:(?!<math>).)*</math>)([,.;:)]+)", r'<span class="kept">\1\2</span>', "".join(out))
 
 
 class _Writer:

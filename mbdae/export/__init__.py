@@ -27,8 +27,8 @@ from mbdae.laws.friction import Friction
 from mbdae.laws.journal import JournalContact
 from mbdae.native.program import Operations
 from mbdae.notation import counted, rows, titled
-from mbdae.reports.scene_equations import row_unit
 from mbdae.reports.statement import OPTIONS, structure_of
+from mbdae.reports.units import row_unit
 from mbdae.results.sensors import power_outputs, reaction_outputs
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mbdae.inputs.sensed import path_of
 from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, READ, SET, SOLVE, Operations, Scene, Step, core
-from mbdae.reports.scene_equations import parameter_unit, unit_of_row
+from mbdae.reports.units import parameter_unit, unit_of_row
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.rebuild import symbols_of
 from mbdae.system.assembled.assembly import Assembly

@@ -165,11 +165,11 @@ class Beam(LineLaw):
     params = params(
         mass_per_length=("kg/m", "mass per reference length"),
         J1=("kg m", "rotary inertia per length about axis 1"), J2=("kg m", "about axis 2"), J3=("kg m", "about axis 3"),
-        damping=("s", "stress = C (strain + damping * strain rate)"),
+        damping=("s", "damping time, by which the rate of the strain adds to it"),
         **{f"compliance_{name}": ("1/N", f"strain per {meaning}; 0 is rigid") for name, meaning in _FORCES.items()},
         **{f"compliance_{name}": ("1/(N m^2)", f"curvature per {meaning}; 0 is rigid") for name, meaning in _MOMENTS.items()},
-        **{f"reference_{name}": ("1", f"strain {name} works on, without stress") for name in _FORCES},
-        **{f"reference_{name}": ("1/m", f"curvature {name} works on, without stress") for name in _MOMENTS},
+        **{f"reference_{name}": ("1", f"strain of {name} without stress") for name in _FORCES},
+        **{f"reference_{name}": ("1/m", f"curvature of {name} without stress") for name in _MOMENTS},
     )
 
     def strains(self, x: LinePoint) -> dict[str, Expr]:

@@ -124,7 +124,9 @@ class ForceReport(LawPage):
         """Derivatives by the parameters; those of the first of several bodies follow by the balance, those of the contact of pin
         and race stand in the reports of its normal and friction laws."""
         if issubclass(self.s.cls, JournalContact):
-            return []
+            told = ("Those by the parameters of the normal law and of friction stand in the reports of these, as `mb.Hertz` and"
+                    " `mb.LuGre`; those by radii and length are not printed.")
+            return [Section("Derivatives by the parameters", [Paragraph(told)])]
         return self.by_parameters(self._shown(self.s.record.sides[len(self.s.sides) > 1 :]))
 
     def _drag(self) -> dict[Any, Any]:

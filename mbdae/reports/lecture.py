@@ -233,8 +233,7 @@ class Forces(Stated):
         letter = rf"\boldsymbol{{\lambda}}_{ALL}"
         signs = [self.whole([self.s.gradients[row][0][side][i] for row in three]) for side, i in columns] if three else []
         short = {"": r"\mathbf{0}", letter: r"\mathbf{1}", f"-{letter}": r"-\mathbf{1}"}
-        together = three and {*signs} <= {*short} and not self.s.coordinates
-        if together:
+        if together := three and {*signs} <= {*short} and not self.s.coordinates:
             rows.append(" & ".join(short[text] for text in signs if text is not None))
         for row in self.single if together else self.s.rows:
             pairs, partial = self.s.gradients[row]
@@ -251,7 +250,7 @@ class Forces(Stated):
             self.further |= marked
             self.wanted[rates] = BOTH
         text = ("Rates of the rows where the joint holds, for any velocities of the bodies, by the same factors as the forces"
-                " ($\\mathbf{1}$: the unit matrix):")
+                + " ($\\mathbf{1}$: the unit matrix)" * bool(together) + ":")
         return self.told(text, rf"\mathbf{{G}} = {matrix(rows)}", rf"{rates} = \mathbf{{G}}\,{matrix(speeds)}")
 
     def example(self) -> list[Block]:
@@ -286,8 +285,8 @@ class Forces(Stated):
         if np.max(np.abs(G.T @ lam - on_rows)) > 1e-9:
             return []
         lam = dict(zip(self.s.rows, np.where(np.abs(lam) < 1e-9, 0.0, lam), strict=True))
-        three = ", ".join(f"{v:.4g}" for row, v in lam.items() if row not in self.single)
-        rows = [[f"$\\boldsymbol{{\\lambda}}_{ALL}$", f"({three})", "N"]] if three else []
+        three = [f"{v:.4g}" for row, v in lam.items() if row not in self.single]
+        rows = [[f"$\\boldsymbol{{\\lambda}}_{ALL}$", f"({', '.join(three)})", "N"]] * bool(three)
         rows += [[f"$\\lambda_{below(row)}$", f"{lam[row]:.4g}", unit_text(self.effort(self.s.rows[row]))] for row in self.single]
         rows += [[f"held along ${latex}$" if unit == "N" else f"held about ${latex}$", f"{v + 0.0:.4g}", unit]
                  for (latex, unit, _, _), v in zip(columns, efforts, strict=False)]
@@ -296,7 +295,8 @@ class Forces(Stated):
                            *((name, 1.0, spec) for name, spec in law.params.items() if name in moved)])
         text = (f"As in the figure, with the axes of k along the inertial ones{' and ' * bool(posed)}{posed}: the force"
                 f" $-8\\,\\mathbf{{i}}_y - 6\\,\\mathbf{{i}}_z$ (N) acts on l, {ARM:g} m along $\\mathbf{{x}}_l$ from the point"
-                " of the joint, and everything rests. From the balance of l, by the compiled rows:")
+                " of the joint, and everything rests. From the balance of l, by the compiled rows"
+                + "; 'held' is what must act from outside along a free coordinate" * (len(efforts) > 0) + ":")
         return [Section("Example", [Paragraph(text), Table(["", "value", "unit"], rows)])]
 
 

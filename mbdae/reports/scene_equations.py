@@ -6,63 +6,26 @@ The rows are M u' + G^T lambda = f with the entries of G that the laws of this s
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
 
-from mbdae.reports.letters import of_name, unit_on
+from mbdae.reports.letters import of_name
 from mbdae.reports.mechanisms.solution import Coefficients
 from mbdae.reports.states import POINTS
-from mbdae.reports.units import Unit, dimensions, unit, unit_in
+from mbdae.reports.units import Unit, parameter_unit, unit, unit_of_row
 from mbdae.reports.vectors import ZERO, NamedQuantities
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
-from mbdae.symbolic.outputs import Target, lowest, scatter_pair
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import Target, reaction, scatter_pair
 from mbdae.symbolic.vectors import Expr, Vec
-from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Instance
-from mbdae.system.model.numbering import Row as NumberedRow
 from mbdae.system.prepare import Prepared
-
-# -- Units of quantities in a scene, where it is known on which coordinates laws act
-
-
-def row_unit(d: Derived, row: int, coordinates: Mapping[str, str] | None = None, effort: bool = False) -> str:
-    """Unit of a row: m, 1 for an angle or a cosine; "" where it has none. coordinates: units of the law's coordinates by name;
-    effort: give the unit of the multiplier instead, whose product with the row is an energy."""
-    found = _units_of_rows(d, tuple((coordinates or {}).items()))[row]
-    return " or ".join((unit("J") / u).of_force if effort else str(u) for u in found)
-
-
-@lru_cache(maxsize=256)
-def _units_of_rows(d: Derived, coordinates: tuple[tuple[str, str], ...]) -> list[list[Unit]]:
-    cases = dimensions(d, dict(coordinates))
-    per = {True: unit("s"), False: unit("1")}  # rows of velocities count by the displacements that they allow
-    return [[u * per[row in d.by_rates] for u in unit_in(cases, c)] for row, (_, c) in zip(d.rows, lowest(d), strict=True)]
-
-
-def unit_of_row(model: Model, row: NumberedRow, effort: bool = False) -> str:
-    """Unit of a row of a scene, or of its multiplier (effort=True); see `row_unit`."""
-    group = model.groups[row.group]
-    return row_unit(group.derived, row.row, units_at(group.instances[row.instance]), effort)
-
-
-def units_at(instance: Instance) -> dict[str, str]:
-    """Units of the coordinates of a law in a scene, by name."""
-    law, nodes = instance.law, instance.nodes[len(instance.law.frames) :]
-    return {name: node.unit for name, node in zip(law.own_coordinates, nodes, strict=False) if node is not None}
-
-
-def parameter_unit(instance: Instance, name: str) -> str:
-    """Unit of a law's parameter in a scene; one that fits angles and lengths gets the unit for its coordinate."""
-    on = [*units_at(instance).values()] or [getattr(instance.law, "unit", "")]
-    return unit_on(instance.law.params[name].unit, on)
-
 
 LARGEST_SCENE = 60  #: largest number of multipliers for which a closed form is sought; with more the page says that there is none
 SLIGHTLY = 1e-6  #: factor of the displacements of beams' nodes in random states: forces of their elements would drown all others
@@ -72,13 +35,23 @@ SHORT = 2  #: largest number of symbols in an entry of G that is written out ins
 def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
     """Every symbol in the gradients G of a law's rows and in the arms of its frames."""
     found = set().union(*(se.sympify(c).free_symbols for row in d.G for pair in row.values() for part in pair for c in part))
-    found = found.union(*(se.sympify(c).free_symbols for f in d.frames if d.rows for c in arm_of(d, f)))
+    found = found.union(*(se.sympify(c).free_symbols for f in d.frames if d.rows for c in (*arm_of(d, f), *arm_of_l(d, f))))
     return [(("symbol", str(s)), s) for s in sorted(found, key=str)]
 
 
 def arm_of(d: Derived, f: Frame) -> Vec:
     """The arm of a frame; components that are known to be zero for this scene are replaced by 0."""
     return Vec(*map(d.variation.resolve, f.arm))
+
+
+def arm_of_l(d: Derived, f: Frame) -> Vec:
+    """From the centre of a frame to the point of a joint on l, about which its moment is stated."""
+    return arm_of(d, f) if f.side == "l" or len(d.sides) < 2 else Vec(*map(d.variation.resolve, d.frames[1].r - f.center))
+
+
+def own_forces(d: Derived) -> list[tuple[Target, Expr]]:
+    """Force and moment on l of a law's own forces: springs, dampers and loads of a joint, where its reactions are 0."""
+    return [] if isinstance(d.law, Element) or not d.force else reaction(d)
 
 
 class Velocity(NamedTuple):
@@ -226,7 +199,7 @@ class SceneEquations:
             self.letter(name, f"{{q}}_{{{self.names.said('node', node.name)}}}", node.unit, f"coordinate {node.name}")
         elif not of_frame:
             stated = parameter_unit(instance, symbol) if symbol in instance.law.params else ""
-            self.letter(name, f"{{{of_name(symbol, 'rad')}}}_{{{self.names.said('item', item)}}}", stated, f"{symbol} of {item}")
+            self.letter(name, self.parameter_letter(instance, symbol), stated, f"{symbol} of {item}")
         elif node is not None and (what[0] == "r" or what == "theta"):
             at = node.u + (2 if what == "theta" else int(what[-1]) - 1)
             v = self.velocities[at]
@@ -241,6 +214,10 @@ class SceneEquations:
             self.letter(name, f"{{{kind.removeprefix('b')}}}^{{{self.names.said('node', body)}}}_{{{below}{axis}}}", unit_,
                         f"{meaning}, component {axis}")
         return name
+
+    def parameter_letter(self, instance: Instance, symbol: str) -> str:
+        """The letter of a parameter of a law, by its symbol in the law."""
+        return f"{{{of_name(symbol, 'rad')}}}_{{{self.names.said('item', instance.item)}}}"
 
     def unit_of(self, multiplier: Any) -> Unit:
         """Unit of a multiplier of the rows."""
@@ -260,12 +237,21 @@ class SceneEquations:
             if nodes.get(side) is None:
                 continue
             force, moment = d.G[row.row][side]
-            arm = arm_of(d, next(f for f in d.frames if f.side == side))
+            arm = arm_of_l(d, next(f for f in d.frames if f.side == side))
             for letter, part in (("F", force), ("T", moment - arm.cross(force))):
                 for i, e in enumerate(part):
                     if (entry := se.expand(e)) != 0:
                         old = found.get((letter, instance.item, i), ZERO)
                         found[letter, instance.item, i] = old + sign * self._renamed(row, d, entry) * self.unknowns[n]
+        for item in dict.fromkeys(groups[row.group].instances[row.instance].item for row in self.m.rows):
+            own = [group.derived for group in groups if any(one.item == item for one in group.instances)]
+            for i in sorted({target[1] for d in own for target, e in own_forces(d) if e != 0}):
+                letter, axis = "FT"[i // 3], "xyz"[i % 3]
+                latex = f"{letter}^{{\\text{{own}}}}_{{{self.names.said('item', item)},{axis}}}"
+                kind = "force" if i < 3 else "moment"
+                meaning = f"{kind} of the springs, dampers and loads of {item} on its body l, component {axis}"
+                place = letter, item, i % 3
+                found[place] = found.get(place, ZERO) + self.letter(f"own{item}{i}", latex, "N" if i < 3 else "N m", meaning)
         return dict(sorted(found.items(), key=lambda entry: entry[0][0]))
 
     # -- values at states
@@ -294,6 +280,11 @@ class SceneEquations:
             for (group, instance, symbol), name in self.places.items():
                 if group == g and ("symbol", symbol) in p.targets:
                     known[self.latex[name]] = found[:, instance, p.targets.index(("symbol", symbol))]
+        for g, p, found in self.m.evaluate(own_forces, t, q, u, s):
+            for instance, values in zip(self.prepared.model.groups[g].instances, found.swapaxes(0, 1), strict=True):
+                for (_, i), v in zip(p.targets, values.T, strict=True):
+                    if latex := self.latex.get(f"own{instance.item}{i}"):
+                        known[latex] = known.get(latex, 0.0) + v
         return known, multipliers
 
     def states(self) -> tuple[Any, Any, Any, Any]:

@@ -13,7 +13,7 @@ import symengine as se
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, every
 from mbdae.errors import MbdaeError
 from mbdae.reports.letters import unit_text
-from mbdae.reports.mechanisms.solution import Coefficients, SolvedTogether, TakenOut, determinant, less, solved, total
+from mbdae.reports.mechanisms.solution import Coefficients, SolvedTogether, TakenOut, determinant, divided_by, less, solved, total
 from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash
 from mbdae.reports.reading import key_of
 from mbdae.reports.scene_equations import SHORT, Said, SceneEquations
@@ -100,6 +100,7 @@ def _values(page: Any, blocks: list[Block], keys: list[Any], states: tuple[Any, 
     return [printed.value(key) for key in keys]
 
 
+NOISE = 1e-13  #: a value of this part of the largest of its unit is round-off
 RUN = "the multipliers of the scene at random states"
 
 
@@ -181,12 +182,13 @@ class ClosedForms(SceneEquations, Page):
 
     def blocks(self) -> list[Block]:
         """Sections: letters with values, equations of the bodies, solution, forces on the bodies l, laws."""
-        balance, solution = self.balance(), self.solution()
-        forces = self.forces()
+        balance, solution, forces = self.balance(), self.solution(), self.forces()
         numbers = self.numbers()
         told = (
             "For every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$"
             " is inertia minus all forces other than reactions; the multipliers $\\lambda$ of the joints enter with their arms."
+            + r" Moments $\psi$ are about the axes of the body in which its inertia $J$ is stated, and $f^\psi$ contains the"
+              r" gyroscopic moment $-\omega\times J\,\omega$." * any(v.letter == r"\psi" for v in self.velocities.values())
         )
         how = (
             "Force balances give one multiplier each, without a division. The other rows are split into the smallest blocks that"
@@ -197,7 +199,8 @@ class ClosedForms(SceneEquations, Page):
             told += (" Of beams, the nodes at which joints act: their inertia is that of the mass matrix, their forces are those"
                      " of their elements and loads, as `mb.report(\"beam\")` derives them.")
         told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
-        on_l = "The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there:"
+        on_l = ("The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there, as sensors of a run"
+                " read them: reactions, and what the joint's own springs, dampers and loads add ('own', part of $f$ above):")
         return [
             Section("Symbols and their values at the start", [numbers]),
             Section("Equations of the bodies", [Paragraph(told), *balance]),
@@ -281,7 +284,7 @@ class ClosedForms(SceneEquations, Page):
         lines = []
         for place, e in self.on_l.items():
             lines.append(f"{self._force(*place)} = {self.writer.scalar(e)}")
-            lines += [f"{self.writer.scalar(d)} \\ne 0" for d in _divisors(se.sympify(e))]
+            lines += [f"{self.writer.scalar(d)} \\ne 0" for d in divided_by(se.sympify(e))]
         return self.lines(*dict.fromkeys(lines))
 
     def printed(self, blocks: list[Block]) -> list[Check]:
@@ -316,14 +319,18 @@ class ClosedForms(SceneEquations, Page):
         """Table of letters with unit and meaning, and the value at the start of those that no equation defines."""
         start = self.prepared.start
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
-        values = {latex: float(v[0]) + 0.0 for latex, v in known.items()}
-        values |= {self.latex[str(s)]: float(multipliers[0, i]) + 0.0 for i, s in enumerate(self.unknowns)}
+        values = {latex: float(v[0]) for latex, v in known.items()}
+        values |= {self.latex[str(s)]: float(x) for s, x in zip(self.unknowns, multipliers[0], strict=True)}
         values |= {self.latex[name]: x for name, x in self.constants.items()}
-        rows = []
+        size, time, rows = self.prepared.length, self.prepared.time, list[list[str]]()
+        largest = {"rad/s": 1 / time, "rad/s^2": time**-2, "1": 1.0, "m": size, "m/s": size / time, "m/s^2": size / time**2}
+        for unit_, v in ((self.said[latex].unit, abs(v)) for latex, v in values.items() if latex in self.said):
+            for u, f in {unit_: 1.0, "N m": size * (unit_ == "N") or (unit_ == "N m")}.items():
+                largest[u] = max(largest.get(u, 0.0), v * f)
         for latex, said in self.said.items():
-            meaning = said.meaning if "$" in said.meaning else escaped(said.meaning)
-            plain = round(values[latex], 14) + 0.0 if latex in values and said.unit == "1" else values.get(latex)
-            rows.append([f"${latex}$", f"{plain:.6g}" if plain is not None else "", unit_text(said.unit), meaning])
+            meaning, x = said.meaning if "$" in said.meaning else escaped(said.meaning), values.get(latex)
+            shown = "" if x is None else f"{x * (abs(x) >= NOISE * largest[said.unit]) + 0.0:.6g}"
+            rows.append([f"${latex}$", shown, unit_text(said.unit), meaning])
         return Table(["symbol", "value", "unit", "meaning"], rows)
 
     def laws(self) -> Table:
@@ -337,12 +344,6 @@ class ClosedForms(SceneEquations, Page):
             call, hash_ = ", ".join([f"mb.{law.__name__}", *said_]), short_hash(group.derived)
             rows.append([group.instances[i].item, f"`mb.report({call})`", kinds, names, hash_])
         return Table(["joint", "its law", "between", "rows", "sha256 of the derived equations"], rows)
-
-
-def _divisors(e: Expr) -> list[Expr]:
-    """What an expression divides by."""
-    own = [e.args[0] ** -e.args[1]] if isinstance(e, se.Pow) and e.args[1].is_Number and e.args[1] < 0 else []
-    return [*own, *(d for part in e.args for d in _divisors(part))]
 
 
 def _weighted(values: list[Expr], weights: list[Expr]) -> Expr:

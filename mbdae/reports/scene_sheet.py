@@ -16,11 +16,11 @@ from mbdae.errors import AccuracyWarning, MbdaeError, SteadyError
 from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.reports.letters import unit_text
+from mbdae.reports.mechanisms import InPlane
 from mbdae.reports.mechanisms.legs import mechanism
 from mbdae.reports.page import checks_section, short_hash
-from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import ClosedForms
-from mbdae.reports.units import law_faults
+from mbdae.reports.units import law_faults, parameter_unit
 from mbdae.run.checks import Check
 from mbdae.run.choice import absent
 from mbdae.scene.scene import SceneData
@@ -50,20 +50,35 @@ class Sheet:
         return Document(escaped(f"Scene {self.scene.name}"), sections)
 
     def closed(self) -> list[Section]:
-        """Equations of the bodies and joint forces in closed form with their checks; or the reason why there is none."""
-        try:
-            page = ClosedForms(self.prepared)
-        except ValueError as reason:
-            return [Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])]
+        """Motion over the input, equations of the bodies and joint forces in closed form with their checks; or the reason why
+        there is none."""
+        run, told = self.run, list[Block]()
         try:
             over = mechanism(self.prepared)
         except ValueError as reason:
-            blocks = numbered(page.blocks())
-            told = [Section("Motion over the input", [Paragraph(f"There is no closed form of it: {reason}.")])]
-            return [*told, *blocks, checks_section(page.printed(blocks))]  # type: ignore[list-item]
-        blocks = numbered([over.motion(), *over.blocks()])
-        beside = [over.beside(self.run, blocks)] if self.run is not None else []
-        return [*blocks, *beside, checks_section(over.printed(blocks))]  # type: ignore[list-item]
+            try:
+                flat = InPlane(self.prepared)
+                over, told = mechanism(flat.prepared), [Paragraph(flat.told)]
+            except ValueError as other:
+                return self._without(str(reason), str(other))
+            run = run and flat.run(run)
+        motion = over.motion()
+        blocks = numbered([Section(motion.title, [*told, *motion.blocks]), *over.blocks()])
+        beside, wrong = over.beside(run, blocks) if run is not None else (None, [])
+        return [*blocks, *([beside] if beside else []), checks_section([*over.printed(blocks), *wrong])]  # type: ignore[list-item]
+
+    def _without(self, why: str, other: str) -> list[Section]:
+        """The reason why there is no closed form of the motion, and the joint forces or the reason why there is none either."""
+        also = f" Nor is there one as a motion in a plane: {other}." if other else ""
+        try:
+            page = ClosedForms(self.prepared)
+        except ValueError as reason:
+            told = f"It is printed with the joint forces, of which there is no closed form: {reason}.{also}"
+            joints = Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])
+            return [*([Section("Motion over the input", [Paragraph(told)])] if self.scene.joints else []), joints]
+        blocks = numbered(page.blocks())
+        motion = Section("Motion over the input", [Paragraph(f"There is no closed form of it: {why}.{also}")])
+        return [motion, *blocks, checks_section(page.printed(blocks))]  # type: ignore[list-item]
 
     def summary(self) -> Section:
         """Section with the drawing and the main numbers."""
@@ -127,7 +142,8 @@ class Sheet:
                 given = {name: v for name in i.law.params if (v := getattr(i.law, name)) is not None}
                 for name, v in given.items() if not (i.item in joints and group.derived.rows) else ():
                     number = f"{v:g}" if isinstance(v, int | float) else escaped(str(v))
-                    meaning = escaped(f"{name}: {i.law.params[name].meaning}".removesuffix(": "))
+                    told = i.law.params[name].meaning
+                    meaning = escaped(name if told in (name, "") else f"{name}: {told}")
                     rows.append([escaped(i.item), type(i.law).__name__, number, unit_text(parameter_unit(i, name)), meaning])
         head = ["item", "law", "value", "unit", "what it is"]
         return Section("Forces", [Table(head, rows)] if rows else [Paragraph("There are none.")])

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.joint import SLIGHT
 from mbdae.symbolic.outputs import lowest
 from mbdae.symbolic.vectors import Expr
+from mbdae.system.model.model import Model
+from mbdae.system.model.nodes import Instance
+from mbdae.system.model.numbering import Row as NumberedRow
 
 BASIC = ("m", "kg", "s")
 FACTOR = 1.25  #: factor by which a basic unit is scaled
@@ -247,3 +251,38 @@ def ambiguous(pages: Sequence[tuple[type, Sequence[Sequence[str]], Sequence[Bloc
             found.setdefault(letter, []).append((kind, said))
     return [f"${' '.join(letter)}$" for letter, each in found.items()
             if any(kind is not of and not said & other for i, (kind, said) in enumerate(each) for of, other in each[:i])]
+
+
+# -- Units of quantities in a scene, where it is known on which coordinates laws act
+
+
+def row_unit(d: Derived, row: int, coordinates: Mapping[str, str] | None = None, effort: bool = False) -> str:
+    """Unit of a row: m, 1 for an angle or a cosine; "" where it has none. coordinates: units of the law's coordinates by name;
+    effort: give the unit of the multiplier instead, whose product with the row is an energy."""
+    found = _units_of_rows(d, tuple((coordinates or {}).items()))[row]
+    return " or ".join((unit("J") / u).of_force if effort else str(u) for u in found)
+
+
+@lru_cache(maxsize=256)
+def _units_of_rows(d: Derived, coordinates: tuple[tuple[str, str], ...]) -> list[list[Unit]]:
+    cases = dimensions(d, dict(coordinates))
+    per = {True: unit("s"), False: unit("1")}  # rows of velocities count by the displacements that they allow
+    return [[u * per[row in d.by_rates] for u in unit_in(cases, c)] for row, (_, c) in zip(d.rows, lowest(d), strict=True)]
+
+
+def unit_of_row(model: Model, row: NumberedRow, effort: bool = False) -> str:
+    """Unit of a row of a scene, or of its multiplier (effort=True); see `row_unit`."""
+    group = model.groups[row.group]
+    return row_unit(group.derived, row.row, units_at(group.instances[row.instance]), effort)
+
+
+def units_at(instance: Instance) -> dict[str, str]:
+    """Units of the coordinates of a law in a scene, by name."""
+    law, nodes = instance.law, instance.nodes[len(instance.law.frames) :]
+    return {name: node.unit for name, node in zip(law.own_coordinates, nodes, strict=False) if node is not None}
+
+
+def parameter_unit(instance: Instance, name: str) -> str:
+    """Unit of a law's parameter in a scene; one that fits angles and lengths gets the unit for its coordinate."""
+    on = [*units_at(instance).values()] or [getattr(instance.law, "unit", "")]
+    return unit_on(instance.law.params[name].unit, on)

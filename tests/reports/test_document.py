@@ -75,6 +75,20 @@ def test_formulas_break_between_terms_only():
     assert "".join(line.replace(r"\quad ", "") for line in folded(long)) == long
 
 
+def test_no_line_begins_with_the_comma_behind_a_formula():
+    html = Document("a", [Paragraph("Here $x_k$, the place; `code`: none.")]).to_html()
+    assert re.search(r'<span class="kept"><math>(?:(?!<math>).)*</math>,</span> the place', html)
+    assert ".kept { white-space: nowrap; }" in html
+
+
+def test_wide_formulas_are_scaled_where_they_are_wider_than_the_text_and_rows_with_two_scripts_are_higher():
+    cells = " & ".join(9 * [r"\mathbf{a}\times \mathbf{b}\times \mathbf{c}\times \mathbf{d}"])
+    wide = rf"\begin{{bmatrix}} {cells} \end{{bmatrix}}"
+    tex = Document("a", [Equation(f"G = {wide}", 1), Table(["a", "b"], [["$x_{A}^{B}$", "$y$"], ["$x^2$", "$y_1$"]])]).to_latex()
+    assert r"\resizebox{\ifdim\width>0.9\linewidth 0.9\linewidth\else\width\fi}{!}" in tex
+    assert tex.count(r"\rule[-1.2ex]{0pt}{3.8ex}") == 1
+
+
 def test_unknown_commands_are_told():
     with pytest.raises(FormulaError, match=r"unknown command '\\foo'"):
         inline(r"\foo + 1")

@@ -5,17 +5,18 @@
     two slides      linear
 
 Velocities and accelerations solve the closure differentiated, two linear equations with the same determinant each. Where this is
-0 is a dead centre of the dyad."""
+0 is a dead centre of the dyad, beyond which it does not close; or a change point, where both roots of its closure meet and the
+mechanism passes from the one to the other."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
 
 from mbdae.documents.blocks import escaped
-from mbdae.reports.mechanisms.links import Link, Links, Pair, Place
+from mbdae.reports.mechanisms.links import Link, Links, Pair, Place, minus
 from mbdae.reports.mechanisms.solution import determinant
 from mbdae.reports.page import NEXT_TO_ZERO
 from mbdae.reports.states import value
@@ -24,6 +25,27 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.model.nodes import Node
 from mbdae.system.prepare import Prepared
 
+TURN = 361  #: places over one turn of the input at which dead centres are sought and curves drawn
+LENGTHS = 3  #: the same for a displacement: lengths of the scene to each side, with as many places for each
+TOUCHES = 1e-11  #: what is under a root touches 0 where it is below this part of its terms
+
+
+class Branch(NamedTuple):
+    """The two roots of a closure that meet at change points. side: what is positive on one and negative on the other; start: its
+    sign at the start; changes: values of the input at which the mechanism passes from one to the other; touches: at which it
+    stays; period: of these, 0 for a displacement."""
+
+    side: Expr
+    start: int
+    changes: list[float]
+    touches: list[float]
+    period: float
+
+    @property
+    def points(self) -> list[float]:
+        """All change points."""
+        return sorted([*self.changes, *self.touches])
+
 
 class Dyads(Links):
     """Bodies that follow from the input alone or as two between known ones. Raises ValueError, with the reason, where others
@@ -31,6 +53,8 @@ class Dyads(Links):
 
     def __init__(self, prepared: Prepared) -> None:
         self.limits: dict[str, str] = {}  #: roots that vanish at a dead centre, and what this is
+        self.branches: dict[str, Branch] = {}  #: of closures with change points, by the symbols of their signs
+        self.lowest: list[float] = []  #: values of the input where what is under a root is least
         self.dyads = self.solves = 0
         super().__init__(prepared)
         while self._hung() or self._geared() or self._dyad():
@@ -118,14 +142,101 @@ class Dyads(Links):
             found.append(self.follow(f"{letter}{n}", e))
         A, B, C = found
         self.letter(f"S{n}", f"S^{{({n})}}", unit, f"distance of dyad {n} from its dead centre")
-        at = self.start_of(angle[0])
-        side = self.start_of(A) * np.sin(at) - self.start_of(B) * np.cos(at)
-        if abs(side) < NEXT_TO_ZERO * np.hypot(self.start_of(A), self.start_of(B)):
-            raise ValueError(f"it starts at a dead centre: {dead}")
-        sign = se.Integer(1 if side > 0 else -1)
-        S = self.follow(f"S{n}", se.sqrt(A**2 + B**2 - C**2))
-        self.limits[f"S{n}"] = dead
+        size = np.hypot(self.start_of(A), self.start_of(B))
+        S, sign = self._root(n, A**2 + B**2 - C**2, A**2 + B**2 + C**2, A * se.sin(angle[0]) - B * se.cos(angle[0]), size, dead)
         self.follow(str(angle[0]), se.atan2(B * C + sign * A * S, A * C - sign * B * S))
+
+    def _root(self, n: int, under: Expr, terms: Expr, side: Expr, size: float, dead: str) -> tuple[Expr, Expr]:
+        """The root of a closure, with the sign of its branch where it has change points, and its sign at the start. terms: sum of
+        the sizes of what is under the root; side: plus or minus the root; size: of the side, where it is far from 0."""
+        at = self.start_of(side)
+        if not abs(at) > NEXT_TO_ZERO * size:
+            raise ValueError(f"it starts at a dead centre or change point: {dead}")
+        start = 1 if at > 0 else -1
+        changes, touches, period = self._change_points(under, terms)
+        S = se.sqrt(under)
+        if changes or touches:
+            branch = self.letter(f"br{n}", rf"\sigma^{{({n})}}", "1", f"branch of dyad {n}: 1 as at the start, -1 the other")
+            self.constants[str(branch)] = 1.0
+            self.branches[str(branch)] = Branch(side, start, changes, touches, period)
+            S = branch * S
+        self.limits[f"S{n}"] = dead
+        return self.follow(f"S{n}", S), se.Integer(start)
+
+    def _change_points(self, under: Expr, terms: Expr) -> tuple[list[float], list[float], float]:
+        """Values of the input at which what is under a root touches 0, with and without a change of the branch, and the period of
+        these."""
+        at, period = self.turn(), self.period()
+
+        def of(x: Any, e: Expr = under) -> Any:
+            return np.broadcast_to(self._of(self.along(x), e), np.shape(x)) / whole
+
+        whole, step = 1.0, at[1] - at[0]
+        whole = float(np.nanmax(of(at, terms))) or 1.0
+        inside = np.concatenate([[at[0] - step], at, [at[-1] + step]])
+        v, changes, touches = of(inside), list[float](), list[float]()
+        for i in range(1, len(inside) - 1):
+            if not v[i] <= min(v[i - 1], v[i + 1]) or v[i] > 0.01:
+                continue
+            low, high = inside[i - 1], inside[i + 1]
+            for _ in range(14):
+                grid = np.linspace(low, high, 11)
+                best = int(np.nanargmin(of(grid)))
+                low, high = grid[max(best - 1, 0)], grid[min(best + 1, 10)]
+            x = (low + high) / 2
+            near = of(x + step * np.array([0.0, 1.0, 2.0, -1.0]))
+            if not abs(near[0]) < TOUCHES or not min(near[1], near[3]) > 0:
+                self.lowest.append(float(x))
+                continue
+            x = self.within(x) if period else x
+            found = changes if round(np.log2(near[2] / near[1])) // 2 % 2 else touches
+            if all(abs(x - other) > step for other in (*changes, *touches)):
+                found.append(float(x))
+        return sorted(changes), sorted(touches), period
+
+    def period(self) -> float:
+        """The range of the input after which the mechanism is as before, 0 for a displacement: one turn, or two where it is on
+        another branch after one."""
+        turn = 2 * np.pi * bool(self.input.turn)
+        return turn * (1 + any(len(b.changes) % 2 and b.period == turn for b in self.branches.values()))
+
+    def within(self, x: Any) -> Any:
+        """An angle less whole periods, within one from the start."""
+        start = self.start_of(self.inputs[0])
+        return start + np.mod(x - start, self.period())
+
+    def branch_at(self, branch: Branch, at: Any) -> Any:
+        """The sign of a branch, 1 as at the start, at values of the input reached without a turn back at a change point."""
+        start, passed = self.start_of(self.inputs[0]), np.zeros(np.shape(at))
+        for x in branch.changes:
+            passed += np.floor((at - x) / branch.period) - np.floor((start - x) / branch.period) if branch.period else \
+                ((at > x) != (start > x))
+        return 1.0 - 2.0 * (np.abs(passed) % 2)
+
+    # -- one turn of the input
+
+    def along(self, at: Any, rate: Any = 1.0) -> dict[str, Any]:
+        """Values of all symbols of the formulas at values of the input, with its rate and without second rate; NaN where a loop
+        does not close."""
+        at = np.asarray(at, dtype=float)
+        table: dict[str, Any] = {name: np.full(len(at), x) for name, x in self.constants.items()}
+        table |= {name: self.branch_at(b, at) for name, b in self.branches.items()}
+        inputs = at, np.broadcast_to(rate, np.shape(at)), np.zeros(len(at))
+        table |= dict(zip(map(str, self.inputs), inputs, strict=True))
+        with np.errstate(all="ignore"):
+            for name, e in self.formulas:
+                try:
+                    table[name] = np.broadcast_to(self._of(table, e), np.shape(at))
+                except KeyError:
+                    continue  # letters of the balances, which no motion defines
+        return table
+
+    def turn(self) -> Any:
+        """Values of the input: one period from the start, or for a displacement some lengths of the scene to both sides."""
+        start, size = self.start_of(self.inputs[0]), LENGTHS * self.prepared.length
+        if period := self.period():
+            return start + np.linspace(0, period, round(period / (2 * np.pi)) * (TURN - 1) + 1)
+        return start + np.linspace(-size, size, LENGTHS * (TURN - 1) + 1)
 
     def _positions(self, slides: list[Link], links: tuple[Link, Link, Link], u: list[Pair], D: Pair, angles: Any,
                    arms: list[Pair], along: dict[str, Pair], sign: dict[str, int], sigma: dict[str, Any], offset: Expr,
@@ -137,7 +248,7 @@ class Dyads(Links):
             both = [sigma[link.item] for link in slides]
             still = {s[0]: ZERO for s in both}
             J = [[se.diff(row, s[0]) for s in both] for row in rows]
-            self._cramer([s[0] for s in both], J, [-row.subs(still) for row in rows], "the two slides are parallel")
+            self._cramer([s[0] for s in both], J, [minus(row.subs(still)) for row in rows], "the two slides are parallel")
             return both
         if not slides:
             size = [x**2 + y**2 for x, y in u]
@@ -175,7 +286,7 @@ class Dyads(Links):
         for order in (1, 2):
             rows = [self.rate(row) for row in rows]
             still = {s[order]: ZERO for s in unknown}
-            self._cramer([s[order] for s in unknown], J, [-row.subs(still) for row in rows], "")
+            self._cramer([s[order] for s in unknown], J, [minus(row.subs(still)) for row in rows], "")
 
     def _cramer(self, unknown: list[Expr], J: list[list[Expr]], right: list[Expr], dead: str) -> None:
         """Define two unknowns by two linear equations."""
@@ -205,12 +316,14 @@ class Dyads(Links):
 
     # -- values at the start
 
-    def _of(self, table: dict[str, Any], e: Expr) -> Any:
-        return value(se.sympify(e), lambda s: table[str(s)])
-
     def start_of(self, e: Expr) -> float:
         """Value of a formula at the start."""
-        table = dict(self.constants) | self.start_letters()
+        start = self.prepared.start
+        return float(np.reshape(self.at_states(e, start.q[None], start.u[None]), ()))
+
+    def at_states(self, e: Expr, q: Any, u: Any) -> Any:
+        """Values (nt,) of a formula where states say that bodies and joints are."""
+        table = dict(self.constants) | self.drawn_letters(q, u)
         table |= {f"sl{link.item}": self._of(table, self._drawn_amount(link)) for link in self.links
                   if f"sl{link.item}" in self.latex}
         table[str(self.inputs[0])] = self._of(table, self._drawn_amount(self.input))
@@ -221,29 +334,11 @@ class Dyads(Links):
                 table[str(s)] = value(known[str(s)], get)
             return table[str(s)]
 
-        return float(np.reshape(value(se.sympify(e), get), ()))
+        return np.broadcast_to(value(se.sympify(e), get), (len(q),))
 
-    def start_letters(self) -> dict[str, Any]:
-        """Values of the coordinates of bodies and joints at the start, by their symbols."""
-        start = self.prepared.start
-        return self.states_as_letters(start.q[None], start.u[None], np.zeros((1, len(start.u))))
-
-    def states_as_letters(self, q: Any, u: Any, change: Any) -> dict[str, Any]:
-        """Values of the coordinates of bodies and joints and of their rates, by their symbols, at states (nt, n)."""
-        return {f"x{n}{d}": v[:, n] for n in range(u.shape[1]) for d, v in (("", q), ("d", u), ("dd", change))}
-
-    def _unplaced(self, node: Node) -> Any:
-        """A body where its unknowns say that it is."""
-        return Place(*(se.Symbol(f"x{node.u + i}") for i in range(3)))
-
-    def _drawn_amount(self, link: Any) -> Expr:
-        """The coordinate of a joint by the unknowns of its bodies, whole turns included."""
-        held, self.placed = self.placed, {None: self.placed[None]} | {
-            end: self._unplaced(end) for end in (link.k, link.l) if end is not None}
-        try:
-            return self._amount(link)
-        finally:
-            self.placed = held
+    def drawn_letters(self, q: Any, u: Any) -> dict[str, Any]:
+        """Values of the coordinates of bodies and joints at states, by their symbols."""
+        return self.states_as_letters(q, u, np.zeros_like(u))
 
 
 def _dot(a: Pair, b: Pair) -> Expr:

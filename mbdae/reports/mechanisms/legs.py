@@ -16,7 +16,6 @@ import symengine as se
 from mbdae.documents.blocks import escaped
 from mbdae.reports.mechanisms.over_input import OverInput
 from mbdae.reports.mechanisms.space import Spatial, SpatialLink, on_axes
-from mbdae.reports.page import NEXT_TO_ZERO
 from mbdae.reports.vectors import ZERO
 from mbdae.symbolic.motion import Motion
 from mbdae.symbolic.vectors import ZERO as NONE
@@ -165,12 +164,8 @@ class InSpace(Spatial):
         self.letter(f"B{n}", f"B^{{({n})}}", "m", f"minus the displacement of dyad {n} at its dead centre")
         B = self.follow(f"B{n}", half)
         self.letter(f"S{n}", f"S^{{({n})}}", "m", f"distance of dyad {n} from its dead centre")
-        side = self.start_of(q + B)
-        if abs(side) < NEXT_TO_ZERO * self.prepared.length:
-            raise ValueError(f"it starts at a dead centre: {dead}")
-        S = self.follow(f"S{n}", se.sqrt(B**2 - 2 * rest))
-        self.limits[f"S{n}"] = dead
-        self.follow(str(q), -B + (S if side > 0 else -S))
+        S, sign = self._root(n, B**2 - 2 * rest, B**2 + self.prepared.length**2, q + B, self.prepared.length, dead)
+        self.follow(str(q), -B + sign * S)
 
     def _close_leg(self, leg: Leg) -> None:
         """The angles of the cross of a leg between known ends, and its length where a slide makes it."""

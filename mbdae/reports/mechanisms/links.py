@@ -16,8 +16,9 @@ import symengine as se
 from mbdae.documents.blocks import escaped
 from mbdae.notation import counted
 from mbdae.reports.mechanisms.solution import determinant
-from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import ClosedForms
+from mbdae.reports.states import value
+from mbdae.reports.units import parameter_unit
 from mbdae.reports.vectors import ZERO
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.motion import symbolic_motion
@@ -302,10 +303,37 @@ class Links(ClosedForms):
         for s in e.free_symbols - table.keys():
             if str(s) not in instance.numbers:
                 raise ValueError(f"{escaped(str(s))} of {escaped(instance.item)} changes with time")
-            latex = rf"\text{{{escaped(str(s))}}}_{{{self.names.said('item', instance.item)}}}"
+            latex = self.parameter_letter(instance, str(s))
             table[s] = self.constant(f"r{instance.item}{s}", latex, instance.numbers[str(s)],
                                      parameter_unit(instance, str(s)), f"{s} of {instance.item}")
         return se.sympify(e.subs(table)), instance.item
+
+    # -- values
+
+    def _of(self, table: dict[str, Any], e: Expr) -> Any:
+        return value(se.sympify(e), lambda s: table[str(s)])
+
+    def states_as_letters(self, q: Any, u: Any, change: Any) -> dict[str, Any]:
+        """Values of the coordinates of bodies and joints and of their rates, by their symbols, at states (nt, n)."""
+        return {f"x{n}{d}": v[:, n] for n in range(u.shape[1]) for d, v in (("", q), ("d", u), ("dd", change))}
+
+    def _unplaced(self, node: Node) -> Any:
+        """A body where its unknowns say that it is."""
+        return Place(*(se.Symbol(f"x{node.u + i}") for i in range(3)))
+
+    def _drawn_amount(self, link: Any) -> Expr:
+        """The coordinate of a joint by the unknowns of its bodies, whole turns included."""
+        held, self.placed = self.placed, {None: self.placed[None]} | {
+            end: self._unplaced(end) for end in (link.k, link.l) if end is not None}
+        try:
+            return self._amount(link)
+        finally:
+            self.placed = held
+
+
+def minus(e: Expr) -> Expr:
+    """Minus a sum, term by term, so that lines can end between them."""
+    return sum((-part for part in e.args), ZERO) if e.is_Add else -e
 
 
 def _heading(numbers: Any, side: str) -> float:

@@ -10,19 +10,22 @@ import symengine as se
 
 from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, Table, escaped
 from mbdae.inputs import timed
+from mbdae.notation import counted
 from mbdae.reports.mechanisms.dyads import Dyads
 from mbdae.reports.page import Check, Printed, Wanted
 from mbdae.reports.reading import key_of
-from mbdae.reports.scene_equations import parameter_unit
 from mbdae.reports.scene_forces import RUN
 from mbdae.reports.states import POINTS, residual
+from mbdae.reports.units import parameter_unit
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.model.nodes import Instance, Node
 from mbdae.system.prepare import Prepared
 
-TURN = 361  #: places over one turn of the input at which dead centres are sought and curves drawn
+AROUND = 1e-3  #: part of the range of the input left out about a change point, where what divides by the distance is noise
+OF_ERROR = 3.0  #: part of a run's own error by which formulas and run may differ: it is an estimate
+ROUND_OFF = 1e-9  #: least error of a run without an accuracy, part of the largest force
 MOTION = "the positions, velocities and accelerations of the scene"
 
 
@@ -75,7 +78,7 @@ class OverInput(Dyads):
             elif str(s) in instance.numbers and what[:1] in ("p", "Q"):
                 table[s] = self.number_of(instance, side, what)[0]
             elif str(s) in instance.numbers:
-                table[s] = self.constant(f"n{instance.item}{s}", rf"\text{{{s}}}_{{{self.names.said('item', instance.item)}}}",
+                table[s] = self.constant(f"n{instance.item}{s}", self.parameter_letter(instance, str(s)),
                                          instance.numbers[str(s)], parameter_unit(instance, str(s)), f"{s} of {instance.item}")
         if e.free_symbols - table.keys():
             raise ValueError(f"the rows of {escaped(instance.item)} change with time by themselves")
@@ -100,6 +103,7 @@ class OverInput(Dyads):
             known[self.latex[str(letter)]] = np.broadcast_to(self._of(table, amount), (len(t),))
             amount = self.rate(amount)
         known |= {self.latex[name]: np.full(len(t), x) for name, x in self.constants.items()}
+        known |= {self.latex[name]: sign for name, sign in self.branches_of(q, u).items()}
         made = {self.latex[name] for name, _ in self.formulas}
         return {latex: v for latex, v in known.items() if latex not in made}, multipliers
 
@@ -145,11 +149,15 @@ class OverInput(Dyads):
             blocks += [Paragraph(left.pop(at)) for at in [*left] if at <= n]
             blocks += self.lines(f"{self.latex[name]} = {w.scalar(e)}" + (r" \ne 0" if name in self.apart else ""))
         unused = {*self.constants, *(name for name, _ in self.formulas)} - w.used - {name for _, name, _ in kept}
-        for name in unused:
-            self.said.pop(self.latex[name], None)
+        left_out = {self.latex[name] for name in unused} - {self.latex[name] for name in self.latex.keys() - unused}
+        self.said = {latex: said for latex, said in self.said.items() if latex not in left_out}
         x, dx, ddx = (self.latex[str(s)] for s in self.inputs)
         dead = "; ".join(dict.fromkeys(d for d in (*self.limits.values(), *self.apart.values()) if d))
-        centres = f" Dead centres, where the determinant $\\Delta$ is 0: {dead}." if dead else ""
+        what = "Dead centres or change points" if self.branches else "Dead centres"
+        centres = f" {what}, where the determinant $\\Delta$ is 0: {dead}." if dead else ""
+        signs = ", ".join(f"${self.latex[name]}$" for name in self.branches)
+        centres += (" At change points both branches of a loop meet. With a velocity it keeps its rates there and goes through,"
+                    f" by which the sign {signs} of its branch changes.") * bool(signs)
         text = (f"The input is the {escaped(self.input.coordinate)} ${x}$ of {escaped(self.input.item)}, 0 as drawn, with its"
                 f" rates ${dx}$ and ${ddx}$. Every body follows from it without iteration. Rates are the derivatives of the"
                 " formulas, and of the closure where a loop closes; $f$ are the forces of the other laws at this motion."
@@ -158,32 +166,26 @@ class OverInput(Dyads):
 
     # -- one turn of the input
 
-    def along(self, at: Any, rate: Any = 1.0) -> dict[str, Any]:
-        """Values of all symbols of the formulas at values of the input, with its rate and without second rate; NaN where a loop
-        does not close."""
-        table: dict[str, Any] = {name: np.full(len(at), x) for name, x in self.constants.items()}
-        inputs = np.asarray(at), np.broadcast_to(rate, np.shape(at)), np.zeros(len(at))
-        table |= dict(zip(map(str, self.inputs), inputs, strict=True))
-        with np.errstate(all="ignore"):
-            for name, e in self.formulas:
-                try:
-                    table[name] = np.broadcast_to(self._of(table, e), np.shape(at))
-                except KeyError:
-                    continue  # letters of the balances, which no motion defines
-        return table
+    def branches_of(self, q: Any, u: Any) -> dict[str, Any]:
+        """The signs (nt,) of all branches on which states are."""
+        return {name: np.where(b.start * self.at_states(b.side, q, u) >= 0, 1.0, -1.0) for name, b in self.branches.items()}
 
-    def turn(self) -> Any:
-        """Values of the input: one turn from the start, or for a displacement the length of the scene to both sides."""
-        start = self.start_of(self.inputs[0])
-        size = self.prepared.length
-        return start + (np.linspace(0, 2 * np.pi, TURN) if self.input.turn else np.linspace(-size, size, TURN))
+    def off_change_points(self, at: Any) -> Any:
+        """Whether values of the input are off all change points."""
+        far = np.ones(np.shape(at), dtype=bool)
+        for b in self.branches.values():
+            for x in b.points:
+                away = (at - x + b.period / 2) % b.period - b.period / 2 if b.period else at - x
+                far &= np.abs(away) > AROUND * (2 * np.pi if b.period else self.prepared.length)
+        return far
 
     def _crossings(self, of: Any, at: Any) -> list[float]:
         """Values of the input at which a function of `along` changes its sign, refined to round-off."""
         found, v = list[float](), np.broadcast_to(of(self.along(at)), at.shape)
-        if np.max(np.abs(v), where=np.isfinite(v), initial=0.0) < 1e-12:
-            return found
+        noise = max(1e-12, 1e-9 * np.max(np.abs(v), where=np.isfinite(v), initial=0.0))
         for i in np.flatnonzero(np.isfinite(v[1:] + v[:-1]) & ((v[1:] >= 0) != (v[:-1] >= 0))):
+            if max(abs(v[i]), abs(v[i + 1])) < noise:
+                continue
             low, high = at[i], at[i + 1]
             for _ in range(12):
                 grid = np.linspace(low, high, 11)
@@ -194,25 +196,46 @@ class OverInput(Dyads):
         return found
 
     def dead_centres(self) -> list[Block]:
-        """Table of the places over one turn where a dyad is at a dead centre, and where what is joined to the ground stands
-        still."""
-        at, rows, formulas = self.turn(), list[tuple[float, str]](), dict(self.formulas)
+        """Table of the places over one turn where a dyad is at a dead centre or change point, and where what is joined to the
+        ground stands still."""
+        at, rows, formulas = np.union1d(self.turn(), self.lowest), list[tuple[float, str]](), dict(self.formulas)
+        low, high, off = at[0], at[-1], self.off_change_points(at)
+        closes = np.all([np.isfinite(v) for v in self.along(at).values()], axis=0) | ~off
+        if not self.input.turn and not closes.all():  # what lies beyond the first dead centres is not reached
+            before, open_ = at < self.start_of(self.inputs[0]), np.flatnonzero(~closes)
+            first, last = max(open_[before[open_]], default=0), min(open_[~before[open_]], default=len(at))
+            at, off = at[first : last + 1], off[first : last + 1]
         for name, dead in self.limits.items():
-            inside = formulas[name].args[0]
+            under = next(e for e in (formulas[name], *formulas[name].args) if e.is_Pow).args[0]
             rows += [(x, f"dead centre: {dead}; the input goes no further")
-                     for x in self._crossings(lambda table, e=inside: self._of(table, e), at)]
+                     for x in self._crossings(lambda table, e=under: self._of(table, e), at[off])]
+            rows += self._meetings(f"br{name[1:]}", dead)
+        rows += [(x, f"dead centre: {dead}") for name, dead in self.apart.items() if dead
+                 for x in self._crossings(lambda table, name=name: table[name], at[off])]
         for link in self.links:
             if link.item != self.input.item and self._shown(link):
                 rate = self._rate_of(link)
                 if rate.free_symbols:
                     what = f"the {escaped(link.coordinate)} of {escaped(link.item)} turns back"
-                    rows += [(x, what) for x in self._crossings(lambda table, e=rate: self._of(table, e), at)]
-        closed = all(np.isfinite(v).all() for v in self.along(at).values())
-        over = "one turn" if self.input.turn else f"{at[-1] - at[0]:.4g} m"
-        told = f"The loops close at every value of the input over {over}."
+                    rows += [(x, what) for x in self._crossings(lambda table, e=rate: self._of(table, e), at[off])]
         unit, x = ("rad" if self.input.turn else "m"), self.latex[str(self.inputs[0])]
+        over = {0: "", 1: "one turn, ", 2: "two turns, after which it is on its first branch again, "}[
+            round(self.period() / (2 * np.pi))] + f"${x}$ from {low:.6g} to {high:.6g} {unit}"
+        told = (f"The loops close at every value of the input over {over}." if closes.all() else
+                f"The loops do not close at every value of the input; looked at over {over}:")
         table = [Table([f"${x}$ [{unit}]", "what is there"], [[f"{v:.6f}", what] for v, what in sorted(rows)])] if rows else []
-        return [Paragraph(told if closed else "The loops do not close at every value of the input:"), *table]
+        return [Paragraph(told), *table]
+
+    def _meetings(self, name: str, where: str) -> list[tuple[float, str]]:
+        """The change points of a branch with what is there."""
+        if name not in self.branches:
+            return []
+        b, what = self.branches[name], f"change point: {where}; both branches of the loop meet here, "
+        through = f"{what}the loop goes through, and ${self.latex[name]}$ changes its sign; "
+        forces = "joint forces are not determined here and may grow without bound beside it"
+        turns = range(round(self.period() / b.period)) if b.period else (0,)
+        return [(x + n * b.period, told + forces) for n in turns for told, points in
+                ((through, b.changes), (f"{what}it stays on its own; ", b.touches)) for x in points]
 
     def _shown(self, link: Any) -> bool:
         """Whether it is said where the coordinate of a joint turns back."""
@@ -236,7 +259,7 @@ class OverInput(Dyads):
             t = start.t + self.prepared.time * np.linspace(0, 1, POINTS)
             amounts, rates = (np.array([f(driven[0], x) for x in t]) for f in (timed.value_at, timed.rate_at))
         q, u = self.states_of(self.along(amounts, rates))
-        closed = np.isfinite(q).all(1) & np.isfinite(u).all(1)
+        closed = np.isfinite(q).all(1) & np.isfinite(u).all(1) & self.off_change_points(amounts)
         return t[closed], q[closed], u[closed], np.tile(start.s, (np.sum(closed), 1))
 
     def states_of(self, table: dict[str, Any]) -> tuple[Any, Any]:
@@ -258,26 +281,53 @@ class OverInput(Dyads):
 
     # -- beside a run
 
-    def beside(self, result: Any, blocks: list[Block]) -> Section:
-        """Section with the joint forces by the printed formulas over the input, and those of a run."""
+    def beside(self, result: Any, blocks: list[Block]) -> tuple[Section, list[Check]]:
+        """Section with the joint forces by the printed formulas over the input and those of a run, and a failed check for each
+        that differs by more than `OF_ERROR` times the run's own error and its accuracy."""
         t, (q, u, s) = result.t, result._states
-        checks, printed = self.read_at(blocks, t, q, u, s)
-        worst = max((c.residual for c in checks if RUN in c.what), default=0.0)
+        printed, table, curves, wrong = self.read_at(blocks, t, q, u, s)[1], list[list[str]](), list[Block](), list[Check]()
         x = np.real(printed.value(key_of(self.latex[str(self.inputs[0])])))
-        rows = []
-        for item in dict.fromkeys(item for letter, item, _ in self.on_l if letter == "F"):
-            keys = [key_of(self._force("F", item, i)) for place in self.on_l for i in range(3) if place == ("F", item, i)]
-            rows.append((item, np.sqrt(sum(np.real(np.broadcast_to(printed.value(k), (len(t),))) ** 2 for k in keys)),
-                         np.linalg.norm(result[item].force, axis=1)))
         at = x % (2 * np.pi) if self.input.turn else x
-        curves = [Picture(_curve(at, *row, self.input.turn != 0), f"Force of {escaped(row[0])} over ${self.latex['in']}$: line,"
-                          " the printed formulas; rings, the sensor of the run.") for row in rows]
-        table = [[escaped(item), f"{np.max(b):.6g}", f"{np.max(np.abs(a - b)[printed.stated], initial=0.0):.2g}"]
-                 for item, a, b in rows]
-        text = (f"The printed formulas at the {len(t)} times of a run, by the input and its rates there, and the sensors of the"
-                f" run. Largest relative difference of a multiplier or joint force {worst:.1e}; the run's own error bounds it.")
-        head = ["joint", "largest force of the run [N]", "largest difference [N]"]
-        return Section("Joint forces over the input, beside a run", [Paragraph(text), Table(head, table), *curves])
+        for letter, item in dict.fromkeys((letter, item) for letter, item, _ in self.on_l):
+            name, unit = ("force", "N") if letter == "F" else ("torque", "N m")
+            told, own = getattr(result[item], name), np.zeros((len(t), 3))
+            for i in (i for i in range(3) if (letter, item, i) in self.on_l):
+                own[:, i] = np.real(np.broadcast_to(printed.value(key_of(self._force(letter, item, i))), (len(t),)))
+            off = float(np.max(np.linalg.norm(own - told, axis=1)[printed.stated], initial=0.0))
+            size, error = np.linalg.norm(told, axis=1), result.error(f"{item}.{name}")
+            least = (result.accuracy.asked or ROUND_OFF) * float(np.max(size))
+            table.append([f"{name} of {escaped(item)}", unit, f"{np.max(size):.6g}", f"{off:.2g}",
+                          "" if error is None else f"{error:.2g}"])
+            if error is not None and not off <= OF_ERROR * max(error, least):
+                wrong.append(Check(f"the {name} of {escaped(item)} over the input is {off:.2g} {unit} off that of the run, whose "
+                                   f"own error is {error:.2g} {unit}", float("inf")))
+            if letter == "F":
+                curves.append(Picture(_curve(at, item, np.linalg.norm(own, axis=1), size, self.input.turn != 0),
+                                      f"Force of {escaped(item)} over ${self.latex['in']}$: line, the printed formulas; rings,"
+                                      " the sensor of the run."))
+        left = int(np.sum(~printed.stated))
+        text = (f"The printed formulas at the {len(t)} times of a run, by the input and its rates there, and the run's sensors."
+                + (f" {counted(left, 'time')} next to zeros of divisors are left out." if left else "")
+                + "".join(map(self._passes, self.branches, [t] * 9, [x] * 9, self.branches_of(q, u).values())))
+        verdict = "NOT EQUAL: " + "; ".join(c.what for c in wrong) + "." if wrong else (
+            "The run states no error of its own." if all(not row[-1] for row in table) else
+            f"No difference is larger than {OF_ERROR:g} times the run's own error or its accuracy.")
+        head = ["", "unit", "largest of the run", "largest difference", "the run's own error"]
+        curves = [Paragraph(f"{text} {verdict}"), Table(head, table), *curves]
+        return Section("Joint forces over the input, beside a run", curves), wrong
+
+    def _passes(self, name: str, t: Any, x: Any, sign: Any) -> str:
+        """Sentences on the change points that a run passes, by its values of the input and of the sign of a branch."""
+        b, letter, off = self.branches[name], self.latex[name], self.off_change_points(x)
+        flips = [f"{t[i + 1]:.4g}" for i in np.flatnonzero(sign[1:] != sign[:-1])]
+        told = (f" The run goes through a change point just before t = {', '.join(flips)} s, where ${letter}$ changes its sign."
+                if flips else "")
+        other = np.flatnonzero(off & (sign != self.branch_at(b, x)))
+        if len(other):
+            told += (f" From t = {t[other[0]]:.4g} s on it is on the branch ${letter} = {sign[other[0]]:g}$, which the loop does"
+                     " not reach by going through its change points: there the smallest disturbance decides, here an error of the"
+                     " run.")
+        return told
 
 
 def _curve(x: Any, item: str, line: Any, dots: Any, turns: bool) -> Drawing:

@@ -180,3 +180,9 @@ def determinant(A: list[list[Expr]]) -> Expr:
         return A[0][0]
     minors = [[row[:j] + row[j + 1 :] for row in A[1:]] for j in range(len(A))]
     return sum(((-1) ** j * A[0][j] * determinant(minor) for j, minor in enumerate(minors)), ZERO)
+
+
+def divided_by(e: Expr) -> list[Expr]:
+    """What an expression divides by."""
+    own = [e.args[0] ** -e.args[1]] if isinstance(e, se.Pow) and e.args[1].is_Number and e.args[1] < 0 else []
+    return [*own, *(d for part in e.args for d in divided_by(part))]

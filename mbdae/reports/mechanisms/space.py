@@ -285,12 +285,12 @@ class Spatial(OverInput):
             found |= {f"om{at}_{i}{d}": x[:, i] for d, x in (("", w), ("d", dw)) for i in range(3)}
         return found
 
-    def start_letters(self) -> dict[str, Any]:
-        found = super().start_letters()
+    def drawn_letters(self, q: Any, u: Any) -> dict[str, Any]:
+        found = super().drawn_letters(q, u)
         for link in (x for x in self.links if x.cross):
-            ends = [np.eye(3) if node is None else np.array([[found[f"R{node.u}{j}_{i}"][0] for j in range(3)] for i in range(3)])
-                    for node in (link.k, link.l)]
-            M = link.Q[0].T @ ends[0].T @ ends[1] @ link.Q[1]
+            k, l = (np.eye(3)[..., None] if node is None else
+                    np.array([[found[f"R{node.u}{j}_{i}"] for j in range(3)] for i in range(3)]) for node in (link.k, link.l))
+            M = link.Q[0].T @ k.transpose(2, 1, 0) @ l.transpose(2, 0, 1) @ link.Q[1]
             (i, a), (j, b) = (((np.array(s.axis.c, float)), str(s.amount)) for s in link.steps)
             n = np.cross(i, j)
             found[f"an{link.item}_{a}"] = np.arctan2(n @ M @ j, j @ M @ j)

@@ -1,0 +1,255 @@
+"""Mechanisms over their input where branches of a loop meet, in any plane, with springs on their joints; what the sheet says."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+import symengine as se
+
+import mbdae as mb
+from mbdae.documents.blocks import Section, Table, every, numbered
+from mbdae.reports.mechanisms import InPlane
+from mbdae.reports.mechanisms.legs import mechanism
+from mbdae.reports.page import Check
+from mbdae.system.prepare import prepare
+
+UPRIGHT = np.eye(3)[:2]  # axes of the drawing in space
+
+
+def four_bar(at, angle=2 * mb.t, gravity=(0, -9.81), axes=UPRIGHT, layers=(0, 0, 0), **further):
+    """axes: directions of x and y of the drawing; layers: places of the bodies along its normal."""
+    at, n = [np.array(p) @ axes for p in at], np.cross(*axes)
+    s = mb.Scene("four-bar", gravity=np.array(gravity[:2]) @ axes + (gravity[2] * n if gravity[2:] else 0))
+    bodies = [s.rigid_body(name, m, (0.02, 0.03, 0.04), at=(a + b) / 2 + z * n)
+              for name, m, a, b, z in zip(("crank", "coupler", "rocker"), (0.3, 0.6, 0.5), at, at[1:], layers, strict=False)]
+    for i, name in enumerate("ABCD"):
+        own = {"angle": angle} if name == "A" else further if name == "C" else {}
+        s.revolute(name, *[s.ground, *bodies, s.ground][i : i + 2], at=at[i], axis=n, **own)
+    return s
+
+
+def parallelogram(**further):
+    return four_bar([(0, 0), (0, 1), (2, 1), (2, 0)], **further)
+
+
+def ends_meet(longer=0.0):
+    """Crank and ground together are as long as coupler and rocker, but for what these are longer."""
+    a, d, b, c = 1.0, 3.0, 2.5 + longer, 1.5
+    B = np.array([np.cos(1.0), np.sin(1.0)])
+    u = (np.array([d, 0]) - B) / (size := np.linalg.norm(np.array([d, 0]) - B))
+    x = (b**2 - c**2 + size**2) / (2 * size)
+    return four_bar([(0, 0), a * B, B + x * u + np.sqrt(b**2 - x**2) * np.array([-u[1], u[0]]), (d, 0)])
+
+
+def slider_crank(crank=1.0, rod=1.0, start=0.4, angle=mb.t, **further):
+    s = mb.Scene("slider-crank", gravity=(0, -9.81, 0))
+    pin = crank * np.array([np.cos(start), np.sin(start)])
+    end = (pin[0] + np.sqrt(rod**2 - pin[1] ** 2), 0)
+    links = s.link("crank", (0, 0), pin, mass=2.0), s.link("rod", pin, end, mass=1.0)
+    block = s.rigid_body("block", 3.0, (0.1, 0.1, 0.1), at=end)
+    s.revolute("A", s.ground, links[0], at=(0, 0), angle=angle)
+    s.revolute("B", *links, at=pin)
+    s.revolute("C", links[1], block, at=end)
+    s.prismatic("P", s.ground, block, at=end, axis=(1, 0, 0), **further)
+    return s
+
+
+def pages(prepared):
+    page = mechanism(prepared)
+    return page, numbered([page.motion(), *page.blocks()])
+
+
+def told(page):
+    return [(float(x), what) for table in every(Table, page.dead_centres()) for x, what in table.rows]
+
+
+def failed(checks):
+    return [check for check in checks if not check.holds]
+
+
+def test_loops_go_through_their_change_points():
+    """Over three turns the rocker of a parallelogram turns with its crank, and a rod as long as its crank takes the block
+    along."""
+    at = np.linspace(0, 6 * np.pi, 400)
+    page, _ = pages(prepare(parallelogram()))
+    found, off = page.along(at), page.off_change_points(at)
+    for name, wanted in (("crank", at), ("rocker", at), ("coupler", 0 * at)):
+        angle = found[f"x{next(n for n in page.prepared.model.nodes if n.name == name).u + 2}"][off]
+        np.testing.assert_allclose(np.angle(np.exp(1j * (angle - wanted[off]))), 0, atol=1e-7)
+    page, _ = pages(prepare(slider_crank()))
+    block = page.along(at)[f"x{next(n for n in page.prepared.model.nodes if n.name == 'block').u}"]
+    off = page.off_change_points(at)
+    np.testing.assert_allclose(block[off], 2 * np.cos(0.4 + at[off]), atol=1e-7)
+
+
+def test_a_stroke_through_a_change_point():
+    """The block is driven over the centre of the crank, where rod and crank lie upon each other: the crank goes on with half its
+    angle to the line of centres, arccos of half the distance."""
+    s = slider_crank(position=-1.5 * mb.t, angle=None)
+    page, blocks = pages(prepare(s))
+    (branch,) = page.branches.values()
+    start = 2 * np.cos(0.4)
+    np.testing.assert_allclose(branch.changes, [-start], atol=1e-6)
+    assert [what[:12] for _, what in told(page) if "lie on one line" in what] == ["dead centre:", "change point", "dead centre:"]
+    at = np.linspace(-start - 1.5, -start + 1.5, 50)
+    crank = page.along(at)[f"x{next(n for n in page.prepared.model.nodes if n.name == 'crank').u + 2}"]
+    np.testing.assert_allclose(0.4 + crank, np.arccos((start + at) / 2), atol=1e-9)
+    r = s.simulate(2.0, accuracy=1e-7)
+    assert not page.beside(r, blocks)[1]
+
+
+def test_change_points_are_named():
+    places = [(x, what) for x, what in told(pages(prepare(parallelogram()))[0])]
+    np.testing.assert_allclose([x for x, _ in places], [np.pi / 2, 3 * np.pi / 2], atol=1e-6)
+    assert all("change point: B, C and D lie on one line; both branches" in what for _, what in places)
+    page = pages(prepare(slider_crank()))[0]
+    changes = [x for x, what in told(page) if "change point" in what]
+    np.testing.assert_allclose(changes, np.pi * np.array([0.5, 1.5]) - 0.4, atol=1e-6)
+    np.testing.assert_allclose([x for x, what in told(page) if "turns back" in what], np.pi * np.array([1, 2]) - 0.4, atol=1e-6)
+    page = pages(prepare(ends_meet()))[0]
+    assert "two turns, after which it is on its first branch again" in page.dead_centres()[0].text
+    np.testing.assert_allclose([x for x, what in told(page) if "change point" in what], np.pi * np.array([1, 3]) - 1, atol=1e-6)
+    assert not mechanism(prepare(slider_crank(rod=1.2))).branches
+
+
+def test_a_gap_narrower_than_the_places_looked_at_is_found():
+    page = pages(prepare(ends_meet(longer=-1e-6)))[0]
+    ends = [x for x, what in told(page) if "dead centre" in what]
+    assert "do not close" in page.dead_centres()[0].text
+    assert len(ends) == 2
+    assert 0 < ends[1] - ends[0] < 0.01
+    np.testing.assert_allclose(ends, np.pi - 1, atol=0.01)
+
+
+@pytest.mark.parametrize("scene", [parallelogram, slider_crank, ends_meet])
+def test_a_run_through_a_change_point(scene):
+    """Its branch is that of the printed formulas; on the other one they are not those of the run, and the page says so."""
+    r = scene().simulate(2.0, accuracy=1e-7)
+    page, blocks = pages(r.prepared)
+    section, wrong = page.beside(r, blocks)
+    assert not wrong
+    assert "goes through a change point just before t = " in section.blocks[0].text
+    assert "No difference is larger" in section.blocks[0].text
+    page.branches_of = lambda q, u: {name: np.ones(len(q)) for name in page.branches}
+    section, wrong = page.beside(r, blocks)
+    assert {check.what.split(" over the input")[0] for check in wrong} >= {"the force of B", "the force of C"}
+    assert "NOT EQUAL" in section.blocks[0].text
+    if scene is parallelogram:
+        assert "comparisons hold" in (text := mb.report(r).to_markdown())
+        assert "the run's own error bounds it" not in text
+        assert not re.search(r"\d\.\d+e-(1[5-9]|[2-9]\d) \|", text)  # round-off of the start
+        assert "mass: mass" not in text
+
+
+def test_another_branch_of_a_run_is_told():
+    r = parallelogram().simulate(2.0, accuracy=1e-6)
+    page, blocks = pages(r.prepared)
+    page.branches = {name: b._replace(changes=[b.changes[1]]) for name, b in page.branches.items()}
+    assert r"s on it is on the branch $\sigma^{(1)} = -1$" in page.beside(r, blocks)[0].blocks[0].text
+
+
+def test_a_difference_beyond_the_error_of_the_run_is_told():
+    r = slider_crank(rod=2.5).simulate(0.3, accuracy=1e-7)
+    page = mechanism(r.prepared)
+    n = next(i for i, (name, _) in enumerate(page.formulas) if name.startswith("S"))
+    page.formulas[n] = (page.formulas[n][0], page.formulas[n][1] * se.RealDouble(1.001))
+    wrong = page.beside(r, numbered([page.motion(), *page.blocks()]))[1]
+    assert wrong
+    assert all(isinstance(check, Check) and not check.holds for check in wrong)
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_printed_forces_contain_those_of_the_joint(backwards):
+    """Force and moment are those of the sensors: reactions, and springs and dampers of the joint on its body l, also where this
+    is the ground."""
+    s = mb.Scene("inverted", gravity=(0, -9.81, 0))
+    crank = s.link("crank", (0, 0), (0.2, 0.5), mass=0.7)
+    block, rod = (s.rigid_body(name, m, (0.1, 0.1, 0.1), at=at) for name, m, at in
+                  (("block", 0.5, (0.25, 0.5)), ("rod", 1.5, (0.1, -0.1))))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=3 * mb.t, damper=0.2)
+    s.revolute("B", crank, block, at=(0.2, 0.5))
+    s.revolute("D", *((rod, s.ground) if backwards else (s.ground, rod)), at=(-0.3, -0.9), spring=30.0, damper=0.4)
+    s.prismatic("P", *((block, rod) if backwards else (rod, block)), at=(0, 0.1), axis=(1, 0.4, 0), spring=200.0, damper=3.0)
+    r = s.simulate(0.5, accuracy=1e-6)
+    page, blocks = pages(r.prepared)
+    section, wrong = page.beside(r, blocks)
+    assert not wrong
+    assert {row[0] for row in next(every(Table, [section])).rows} >= {"force of P", "torque of P", "torque of D", "torque of A"}
+    text = mb.report(r).to_markdown()
+    assert "comparisons hold" in text
+    assert r"T^{\text{own}}_{\text{D},z}" in text
+    assert r"F^{\text{own}}_{\text{P},x}" in text
+    known = page.values
+    page.values = lambda *at: tuple({latex: 0.999 * v if "own" in latex else v for latex, v in part.items()}
+                                    if isinstance(part, dict) else part for part in known(*at))
+    assert page.beside(r, blocks)[1]
+
+
+INCLINED = np.array([[2, 1, 2], [-2, 2, 1]]) / 3
+
+
+@pytest.mark.parametrize(("axes", "layers", "g"), [
+    (np.array([[1, 0, 0], [0, 0, 1]]), (0, 0, 0), (0, -9.81)), (INCLINED, (0.1, -0.2, 0.3), (3.0, -9.0, 4.0)),
+    (UPRIGHT, (0.1, 0.2, 0.1), (0, 0, -9.81)), (UPRIGHT, (0, 0, 0), (0, 0, -9.81))])
+def test_mechanisms_in_any_plane(axes, layers, g):
+    """Closed forms in axes of the plane, whose joint forces there are those of a run in space."""
+    s = four_bar([(0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)], gravity=g, axes=axes, layers=layers, damper=0.3,
+                 angle=7 * mb.t)
+    r = s.simulate(1.2, accuracy=1e-6)
+    assert not r.prepared.model.planar
+    document = mb.report(r)
+    text = document.to_markdown()
+    assert "so this is the motion in a plane" in text
+    assert "comparisons hold" in text
+    assert "No difference is larger" in text
+    beside = next(b for b in document.blocks if isinstance(b, Section) and b.title.startswith("Joint forces over"))
+    flat = InPlane(r.prepared)
+    run = flat.run(r)
+    assert float(next(every(Table, [beside])).rows[0][2]) == pytest.approx(np.linalg.norm(run["A"].force, axis=1).max(), rel=1e-5)
+    flat.axes[0] *= -1  # of a mirrored plane the run is another
+    page, blocks = pages(flat.prepared)
+    assert page.beside(flat.run(r), blocks)[1]
+
+
+def test_where_there_is_no_motion_over_the_input_the_sheet_says_why():
+    text = mb.report(slider_crank(rod=2.5, friction=mb.Coulomb(0.3, 1e-3))).to_markdown()
+    assert "It is printed with the joint forces, of which there is no closed form: friction follows from the reactions." in text
+    s = mb.Scene("stacked")
+    one, two = (s.rigid_body(name, 1.0, (0.1, 0.1, 0.1), at=at) for name, at in (("one", (1, 0, 0)), ("two", (2, 0, 0.5))))
+    s.revolute("A", s.ground, one, at=(0, 0, 0), angle=mb.t)
+    s.revolute("B", one, two, at=(1.5, 0, 0), axis=(0, 1, 0.2))
+    assert "Nor is there one as a motion in a plane: B lets its bodies leave the plane of A." in mb.report(s).to_markdown()
+
+
+def test_the_range_that_was_looked_at_is_said():
+    s = slider_crank(rod=2.5)
+    page = mechanism(prepare(s))
+    assert r"$\varphi_{\text{A}}$ from 0 to 6.28319 rad" in page.dead_centres()[0].text
+    s = mb.Scene("stroke")
+    block = s.rigid_body("block", 1.0, (0.1, 0.1, 0.1), at=(1, 0))
+    s.prismatic("P", s.ground, block, at=(3, 0), axis=(1, 0, 0), position=0.2 * mb.t)
+    assert r"$u_{\text{P}}$ from -6 to 6 m" in mechanism(prepare(s)).dead_centres()[0].text
+
+
+def test_a_quantity_has_one_letter():
+    """The factors of couplings, in the motion and in the balances. And of bodies in space the axes of their moments are told."""
+    s = mb.Scene("train", gravity=(0, -9.81, 0))
+    sun, carrier, planet = (s.rigid_body(name, 1.0, (0.1, 0.1, 0.1), at=at) for name, at in
+                            (("sun", (0, 0)), ("carrier", (0.05, 0)), ("planet", (0.3, 0.01))))
+    s.revolute("S", s.ground, sun, at=(0, 0), angle=10 * mb.t)
+    s.revolute("K", s.ground, carrier, at=(0, 0))
+    s.revolute("P", carrier, planet, at=(0.3, 0))
+    s.couple("ring", {"K": 4.0, "P": 2.5})
+    s.couple("mesh", {"S": 3.0, "K": -2.0, "P": 0.5})
+    page, blocks = pages(prepare(s))
+    assert not failed(page.printed(blocks))
+    meanings = [row[3] for row in next(t for t in every(Table, blocks) if t.head[0] == "symbol").rows]
+    factors = [words for words in meanings if words.startswith("factor") and "$" not in words]
+    assert len(factors) == len({*factors}) == 5
+    text = " ".join(block.text for section in page.blocks() for block in section.blocks if hasattr(block, "text"))
+    assert "gyroscopic" not in text
+    s = mb.Scene("arm", gravity=(0, 0, -9.81))
+    s.revolute("A", s.ground, s.rigid_body("arm", 1.0, (0.1, 0.2, 0.3), at=(0.5, 0, 0)), at=(0, 0, 0), axis=(0, 1, 0.2))
+    assert r"contains the gyroscopic moment $-\omega\times J\,\omega$" in mb.report(s).to_markdown()
