@@ -44,8 +44,8 @@ else:
 T = TypeVar("T")
 State = tuple[Array, float, float]
 ROUNDED = 1e-16  #: relative round-off of a coordinate
-#: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked; that of steps
-#: adds up as random numbers do
+#: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked: that of many
+#: steps adds up. Measured with CVODE 2e-9 off a rest at 1: an error of 4 times the accuracy where this was .6
 DECIDES = 0.3
 LEAST = 10.0  #: growth with frozen coefficients below which round-off decides nothing that can be asked
 #: largest number of unknowns for which all stages of a step are solved together, and for which all roots are computed at once:
@@ -228,8 +228,7 @@ def decided_by_round_off(prepared: Prepared | None, run: Solution, frozen: float
     system = run.systems[0][1]
     if frozen < LEAST:
         return []
-    rounded = ROUNDED * math.sqrt(len(run.t)) * (1.0 if prepared is None else _farthest(prepared, run))
-    enough = math.log(DECIDES * accuracy / rounded)
+    enough = math.log(DECIDES * accuracy / (ROUNDED * (1.0 if prepared is None else _farthest(prepared, run))))
     found = Disturbances(system, run).growth(enough) if frozen > enough else None
     if found is None or found[0] < enough:
         return []

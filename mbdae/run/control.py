@@ -221,7 +221,7 @@ class Search:
             earlier = max((estimate for _, estimate in told[:-1]), default=0.0)
             if contacts and len(told) > 2 and best.estimate > max(LARGE, earlier / CHAOTIC):
                 return replace(best, notes=(*best.notes, CHAOS.format(earlier, best.estimate)))
-            fall = fall_shown(told) if self.besides is None else min(fall_shown(told), self.solver.error_fall)
+            fall = min(fall_shown(told), self.solver.error_fall) if best.lost else fall_shown(told)
             falls = float(np.clip((0.5 * goal / best.estimate) ** (1 / fall),
                                   *(FINER_WITH_IMPACTS if contacts else FINER if self.besides is None else FINER_LEFT_OUT)))
             self.tight = with_rtol(self.tight, max(rtol * falls, self.limit))
