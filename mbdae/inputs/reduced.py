@@ -177,7 +177,7 @@ class ReducedBody(NamesAttributes):
         if not len(f):
             return "no modes: it is rigid"
         held = ("free; with these static deformations are complete" if self.free else
-                f"held; these leave out {self.left_out:.1e} of the elastic energy by a uniform acceleration")
+                f"held; these leave out {100 * self.left_out:.3g} % of the elastic energy by a uniform acceleration")
         return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
                 f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
                 f"{held}; loads {'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")

@@ -57,8 +57,10 @@ def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
 
 #: roots beside a shift are known from its 1 / NEAR to NEAR times its value: infinite roots, of constraints, come out as 1e5
 #: times the shift and more. Where the shift is a root itself, ODD times its value is taken. MOST_FELT: number of roots of a large
-#: system, each found if its vector is one to UNSURE
-NEAR, ODD, MOST_FELT, UNSURE = 2e3, 1.07, 8, 1e-2
+#: system, each found if its vector is one to UNSURE, and known up to BELOW times the shift: infinite ones were 190 times and more
+NEAR, ODD, MOST_FELT, UNSURE, BELOW = 2e3, 1.07, 8, 1e-2, 10.0
+#: they are sought where ROUNDS multiplications show that there are any near the shift
+FELT, ROUNDS = 0.1, 8
 
 
 def roots_beside(entries: Entries, parts: Sequence[Array], shift: Array) -> NDArray[np.complex128]:
@@ -75,20 +77,48 @@ def roots_beside(entries: Entries, parts: Sequence[Array], shift: Array) -> NDAr
 
 
 def roots_about(entries: Entries, parts: Sequence[Array], shift: Array) -> NDArray[np.complex128]:
-    """The same of large sparse equations: those MOST_FELT (k, m) for which, with N = (A + s E)^-1 E and the shift s, N (1 - s N)
-    is largest, which is 0 for slow and for infinite roots; 0 where none are found."""
+    """The same of large sparse equations, up to BELOW times the shifts: those MOST_FELT (k, m) for which, with N = (A + s E)^-1 E
+    and the shift s, N (1 - s N) is largest, which is 0 for slow and for infinite roots; 0 where none are found."""
     roots, n = np.zeros((len(shift), MOST_FELT), complex), entries.n
+    begin = 1 + np.arange(n) % 7 / 7
     for k, s in enumerate(shift.tolist()):
         E = entries.matrix(parts[1][k])
-        with suppress(RuntimeError):  # a singular matrix; no convergence
+        with suppress(RuntimeError):  # a singular matrix
             solve = splu(entries.matrix(parts[0][k] + s * parts[1][k])).solve
-            N = LinearOperator((n, n), lambda x, solve=solve, E=E: solve(E @ x), dtype=float)
-            vectors = eigs(N - s * (N @ N), k=MOST_FELT, v0=1 + np.arange(n) % 7 / 7, tol=1e-4, maxiter=50)[1]
-            images = N @ vectors.real + 1j * (N @ vectors.imag)
+            N = partial(_solved, solve, E)
+            if not _felt(N, s, begin):
+                continue
+            try:
+                vectors = eigs(LinearOperator((n, n), lambda x, N=N, s=s: _about(N, s, x), dtype=float), k=MOST_FELT, v0=begin,
+                               tol=1e-4, maxiter=50)[1]
+            except RuntimeError as error:  # no convergence: some may have been found
+                vectors = getattr(error, "eigenvectors", np.zeros((n, 0)))
+            images = np.reshape([N(x.real) + 1j * N(x.imag) for x in vectors.T], vectors.T.shape).T
             found = np.sum(vectors.conj() * images, axis=0)
             sure = np.linalg.norm(images - vectors * found, axis=0) < UNSURE * np.linalg.norm(images, axis=0)
-            roots[k, sure] = s - 1 / found[sure]
+            near = s - 1 / found[sure]
+            roots[k, : len(near)] = np.where(np.abs(near) < BELOW * s, near, 0.0)
     return roots
+
+
+def _solved(solve: Callable[[Array], Array], E: Any, x: Array) -> Array:
+    return solve(E @ x)
+
+
+def _about(N: Callable[[Array], Array], s: float, x: Array) -> Array:
+    """s N (1 - s N) x."""
+    image = s * N(x)
+    return image - s * N(image)
+
+
+def _felt(N: Callable[[Array], Array], s: float, x: Array) -> bool:
+    """Whether s N (1 - s N), which is a / (1 + a^2) for a vibration of a times the shift, multiplies a vector x by more than FELT
+    in the long run."""
+    sizes = []
+    for _ in range(ROUNDS):
+        x = _about(N, s, x)
+        sizes.append(float(np.linalg.norm(x)))
+    return sizes[-1] > FELT ** (ROUNDS - ROUNDS // 2) * sizes[ROUNDS // 2 - 1]
 
 
 #: tolerance of unknowns, relative to their magnitude plus their scale, that the watch for kinks assumes, since constant steps

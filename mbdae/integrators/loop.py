@@ -54,7 +54,7 @@ class StepLoop:
         self._output_times = output_times
         self._max_wall = np.inf if max_wall is None else max_wall
         self._max_residuals, self._begin = max_residuals, begin
-        self._stop, self.stopped, self._next_look = stop, False, FIRST_LOOK
+        self._stop, self.stopped, self.next_look = stop, False, FIRST_LOOK if stop is not None else float("inf")
         self._progress, self._next_progress, self._next_stall = progress, 0.0, STALL + 1
         self._t = array("d", [float(system.t0)])
         self._y = Rows("y", np.array(system.y0, dtype=float))
@@ -157,8 +157,8 @@ class StepLoop:
 
     def _may_stop(self) -> bool:
         """Whether the run may end early, by the function `stop` of `Asked`, called when there are a third more steps."""
-        if self._stop is not None and not self.stopped and len(self._t) >= self._next_look:
-            self._next_look = len(self._t) * 4 // 3
+        if self._stop is not None and not self.stopped and len(self._t) >= self.next_look:
+            self.next_look = len(self._t) * 4 // 3
             self.stopped = self._stop(self.solution())
         return self.stopped
 

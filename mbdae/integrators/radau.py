@@ -114,6 +114,8 @@ class Adaptive:
         """Make a block of steps. A native call may return earlier, after some time. Where contacts or switches are watched it is
         then repeated until all are made: bounds of the step are renewed between blocks, and must not depend on the clock."""
         step, loop, rows = self.step, self.loop, self.blocks.rows
+        if self.watch is None:  # the run may end early at the next look at it
+            rows = max(int(min(rows, loop.next_look - loop.stats.steps)), 1)
         made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, rows)
         step.count()
         while self.watch is not None and made.code == DONE and 0 < len(made.t) < rows and made.t[-1] < loop.t_end \

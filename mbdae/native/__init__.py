@@ -80,7 +80,7 @@ from mbdae.native import build
 from mbdae.native.equations import Number, Pointer, Whole
 
 #: version number of the interface between C and Python. It has to equal `mbdae_interface` of version.c, or the library is refused
-INTERFACE = 16
+INTERFACE = 17
 
 
 @cache

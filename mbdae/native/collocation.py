@@ -211,9 +211,9 @@ class StepTable(ctypes.Structure):
                 *((name, Number) for name in ("h", "exponent", "accepted", "accepted_error")), ("stretches", Stretches),
                 ("contacts", Pointer),
                 *((name, Number) for name in ("bound", "landing", "smallest", "width", "error", "noise", "noise_t", "noise_h",
-                                              "tried")),
-                *((name, Whole) for name in ("careful", "rejected", "rejections", "jacobians", "factorisations", "iterations",
-                                             "residuals")))
+                                              "tried", "failed")),
+                *((name, Whole) for name in ("careful", "rejected", "held", "rejections", "jacobians", "factorisations",
+                                             "iterations", "residuals")))
 
 
 class AcceptedSteps(NamedTuple):

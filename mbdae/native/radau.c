@@ -197,10 +197,11 @@ enum { DIVERGED = 3, ORDER = 4, NO_WIDTH = 5, VANISHED = 6, NO_RATES = 7, LOOK =
    a step grows by 8 at most, but one that ends at a contact may be short. A change of the step from KEEP[0] to KEEP[1] does not pay
    for new factors; those of a step KEEP_FACTORS times as long as a watched bound allows are used again. An estimate above SUSPECT
    is compared with round-off; if it is round-off, the step grows as after an estimate of ESCAPE, because shorter steps only make
-   it worse (eps |q| / h in velocities). */
+   it worse (eps |q| / h in velocities). HELD steps after one that failed are at most UNDER times as long, unless one may grow by
+   more than OVER. */
 static const double REUSE = 1e-2, FAR = 50, KEEP[2] = {0.9, 1.2}, KEEP_FACTORS = 0.6, SHRINK = 0.2, GROW = 8, SUSPECT = 0.8,
-                    ESCAPE = 0.05;
-enum { AMID = 1, FIRST = 1, AGAIN = 2 }; /* `rejected` of the first step, and of those after a rejection */
+                    ESCAPE = 0.05, UNDER = 0.9, OVER = 2;
+enum { AMID = 1, FIRST = 1, AGAIN = 2, HELD = 10 }; /* `rejected` of the first step, and of those after a rejection */
 
 /* A run at the state (y, y'). One unit of every norm is rtol |y| + atol, over (h / time)^order in unknowns of index order + 1. */
 typedef struct {
@@ -220,7 +221,8 @@ typedef struct {
   double width, error;                   /* of the present step */
   double noise, noise_t, noise_h;        /* round-off that passed for an error first, 0: none did */
   double tried;                          /* h and `rejected` before the last step that was accepted */
-  I careful, rejected;                   /* rejected: the next step is the first, or one after a rejection */
+  double failed;                         /* width that failed the error test last, not to be tried in `held` more steps */
+  I careful, rejected, held;             /* rejected: the next step is the first, or one after a rejection */
   I rejections, jacobians, factorisations, iterations, residuals;
 } Run;
 
@@ -324,7 +326,8 @@ static int estimate(Run *r, double t) {
   return DONE;
 }
 
-/* The next step after one that is accepted (Gustafsson), kept where a change would not pay. */
+/* The next step after one that is accepted (Gustafsson), kept where a change would not pay. While the error rises and falls with
+   vibrations, a width that failed would be tried again at once, and fail again; where it may grow much, what made it fail is over. */
 static double proposed(Run *r) {
   const double limit = (double)(2 * r->limit), h = r->width, error = fmax(r->error, 1e-10);
   const double safety = 0.9 * (limit + 1) / (limit + (double)r->a->iterations);
@@ -333,6 +336,8 @@ static double proposed(Run *r) {
     factor = fmin(factor, safety * (h / r->accepted) * pow(r->accepted_error / (error * error), r->exponent));
   r->accepted = h, r->accepted_error = fmax(error, 1e-2);
   factor = fmin(fmax(factor, SHRINK), r->rejected == AGAIN ? 1 : GROW);
+  if (factor > OVER) r->held = 0;
+  if (r->held > 0) r->held--, factor = fmin(factor, fmax(UNDER * r->failed / h, 1));
   return KEEP[0] <= factor && factor <= KEEP[1] ? h : h * factor;
 }
 
@@ -360,7 +365,7 @@ static int attempt(Run *r, double t, double end, I solved) {
 
 /* After an error above 1, or one that is not a number. */
 static int reject(Run *r, double t) {
-  r->rejections++, r->rejected = AGAIN;
+  r->rejections++, r->rejected = AGAIN, r->failed = r->width, r->held = HELD;
   if (r->width < fmax(r->smallest, 10 * DBL_EPSILON * fabs(t))) return VANISHED;
   r->h = r->width * fmax(SHRINK, isfinite(r->error) ? 0.9 * pow(r->error, -r->exponent) : 0);
   return DONE;

@@ -16,6 +16,7 @@ from mbdae import laws
 from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Paragraph, Section
 from mbdae.errors import LawError, OptionError, meant, naming_arguments
+from mbdae.inputs.reduced import ReducedBody
 from mbdae.laws.contact import Hertz, Normal
 from mbdae.laws.friction import Coulomb, Friction, LuGre
 from mbdae.laws.joint_rows import ClearanceRevolute
@@ -30,7 +31,7 @@ from mbdae.reports.line_element import LineReport
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, described, document, effort, provenance, title_of
 from mbdae.reports.parts_page import ElementPage, PartPage, part_section
 from mbdae.reports.recursive_page import recursive_report
-from mbdae.reports.scene_sheet import scene_sheet
+from mbdae.reports.scene_sheet import modes_page, scene_sheet
 from mbdae.reports.sections import figure_of, planar_pages, power_blocks, state_blocks, thrust_blocks
 from mbdae.reports.statement import ReportedLaw, structure_of
 from mbdae.reports.states import POINTS
@@ -197,7 +198,7 @@ def names() -> list[str]:
 @naming_arguments
 def report(what: Any, level: str = "full", **options: Any) -> Document:
     """The report (a `Document`) of a law class, a law or part with values, a joint model, a joint of a scene, a scene, a
-    result of one, or a name.
+    result of one, a reduced body (its modes, with pictures), or a name.
 
     level "full" shows the whole derivation; "lecture" what one teaches of it, a joint on at most two pages: coordinates, one
     statement, forces and what they mean, Jacobian and an example in numbers, without the prescribed motions that a joint may
@@ -219,6 +220,9 @@ def report(what: Any, level: str = "full", **options: Any) -> Document:
     if isinstance(what, Result):
         _refuse(what, options)
         return scene_sheet(what.prepared.model.scene, what)
+    if isinstance(what, ReducedBody):
+        _refuse(what, options)
+        return modes_page(what)
     if isinstance(what, str):
         return _by_name(what, options)
     if isinstance(what, Connection):
@@ -241,7 +245,8 @@ def report(what: Any, level: str = "full", **options: Any) -> Document:
         return PartPage(_TYPICAL[what].structure()).document()
     if isinstance(what, type) and issubclass(what, Law):
         return _of_law(what, structure_of(what, options))
-    raise OptionError(f"what = {shown(what)}: give a law, a joint model, a joint, a scene, or one of {', '.join(names())}")
+    raise OptionError(f"what = {shown(what)}: give a law, a joint model, a joint, a scene, a reduced body, or one of "
+                      f"{', '.join(names())}")
 
 
 def _lecture(what: Any, options: dict[str, Any]) -> Document:

@@ -1,4 +1,5 @@
-"""Overview of a scene: bodies, joints, forces, unknowns and equations of the system that is integrated."""
+"""Overview of a scene: bodies, joints, forces, unknowns and equations of the system that is integrated; of a reduced body: its
+modes."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, Table, escaped, numbered
 from mbdae.errors import AccuracyWarning, MbdaeError, SteadyError
 from mbdae.formulations import system_for
+from mbdae.inputs.reduced import ReducedBody
 from mbdae.notation import counted
 from mbdae.reports.letters import unit_text
 from mbdae.reports.mechanisms import InPlane
@@ -264,4 +266,61 @@ def pattern(entries: Any, n: int, title: str) -> Drawing:
     for i, j in entries:
         x, y = j * cell, i * cell
         found.line([(x, y), (x + side, y), (x + side, y + side), (x, y + side)], "#0072b2", 0, fill="#0072b2")
+    return found
+
+
+#: the view of pictures of modes; pictures in a row, their width in pixels; how far a mode is drawn to displace, over the size of
+#: the body, and to turn, rad; length of the crosses at nodes, over that size; what moves less than STILL by turns stands; largest
+#: number of lines of all bodies that are drawn
+VIEW = np.array([[0.94, 0.34, 0.0], [0.20, -0.54, -0.82]])
+IN_ROW, WIDTH, FAR, TURNED, CROSS, STILL, LINES = 3, 230.0, 0.12, 0.6, 0.04, 1e-3, 20000
+
+
+def modes_page(body: ReducedBody) -> Document:
+    """Which modes a reduced body has, how each moves, and pictures of them."""
+    rows = [[str(i + 1), f"{f:.4g}", *_moves(body, i)] for i, f in enumerate(body.frequencies.tolist())]
+    held = ", ".join(f"{f:.4g}" for f in body.held_frequencies.tolist()) or "none"
+    places = [[name, *(f"{x:.4g}" for x in place)] for name, place in body.interfaces.items()]
+    text = ("These are frequencies of the body that flies freely; as mounted in a scene it has others, which `s.linearize()` "
+            "lists. A coordinate of a mode is the largest displacement of a node by it, m. Modes of vibration that were kept, "
+            f"with {'free' if body.free else 'held'} interfaces, Hz: {held}.")
+    shown = min(max(IN_ROW, LINES // (len(body.edges) + 1)), len(rows))
+    caption = (f"The first {shown} modes, drawn large, over the body at rest (grey); dots are interfaces. x to the right, y "
+               "away, z up.")
+    return Document("Modes of a reduced body", [
+        Paragraph(f"{body.summary[0].upper()}{body.summary[1:]}."), Paragraph(text),
+        Table(["mode", "Hz", "moves along x / y / z, %", "farthest node"], rows),
+        *([Picture(_modes_drawn(body, shown), caption)] if rows else []),
+        Section("Interfaces", [Table(["interface", "x, m", "y, m", "z, m"], places)])])
+
+
+def _moves(body: ReducedBody, mode: int) -> tuple[str, str]:
+    """Shares of the squared displacements along the axes, or about which axis the nodes turn; the node that moves farthest."""
+    moved, turned = np.split(body.shapes[:, :, mode], [3], axis=1)
+    if np.max(np.abs(moved)) < STILL * body.size * np.max(np.abs(turned), initial=0.0):
+        return f"turns about {'xyz'[np.argmax(np.sum(turned**2, axis=0))]}", str(np.argmax(np.linalg.norm(turned, axis=1)))
+    shares = np.sum(moved**2, axis=0) / np.sum(moved**2)
+    return " / ".join(f"{100 * x:.0f}" for x in shares), str(np.argmax(np.linalg.norm(moved, axis=1)))
+
+
+def _modes_drawn(body: ReducedBody, shown: int) -> Drawing:
+    """Modes over the body at rest, by the lines of its mesh; with six freedoms a node crosses show how the nodes turn."""
+    found, size = Drawing(0, 0, "modes of the body"), body.size
+    rest, cross = (body.nodes - body.center) @ VIEW.T, CROSS * size * np.eye(3)[1:]
+    scale = WIDTH / np.max(np.ptp(rest, axis=0))
+    for i, frequency in enumerate(body.frequencies[:shown].tolist()):
+        moved, turned = np.split(body.shapes[:, :, i], [3], axis=1)
+        by = min(FAR * size / np.max(np.abs(moved)), TURNED / np.max(np.abs(turned), initial=1e-300))
+        at = np.array([i % IN_ROW * (1.25 * WIDTH), i // IN_ROW * (scale * np.ptp(rest[:, 1]) + 80.0)])
+        bent = rest + by * moved @ VIEW.T
+        for places, colour in ((rest, "#999"), (bent, "#0072b2")):
+            for line in (at + scale * places)[body.edges.astype(int)]:
+                found.line(line, colour)
+        for place, w in zip(bent, by * turned, strict=True) if turned.size else ():
+            for arm in (cross + np.cross(w, cross)) @ VIEW.T:
+                found.line([at + scale * (place - arm), at + scale * (place + arm)], "#0072b2")
+        for x, y in (at + scale * VIEW @ (place - body.center) for place in body.interfaces.values()):
+            found.line([(x - 1, y), (x + 1, y)], "#d55e00", 5)
+        found.text(at[0], at[1] + scale * np.max(rest[:, 1]) + 36, f"mode {i + 1}: {frequency:.4g} Hz")
+    found.fit()
     return found

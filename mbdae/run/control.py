@@ -36,6 +36,7 @@ from mbdae.run.estimate import (
     cpu_of,
     estimated,
     fall_shown,
+    fallen,
     first_tolerance,
     measure_of,
     nearer_companion,
@@ -73,8 +74,8 @@ CUT = 100
 CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")
-#: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without contacts, where vibrations are
-#: left out, and with contacts; round-off and penetrations bound it besides. At the smallest `share_of` comes to its least value
+#: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without contacts, where vibrations may
+#: be left out, and with contacts; round-off and penetrations bound it besides. At the smallest `share_of` is at its least value
 FINER, FINER_LEFT_OUT, FINER_WITH_IMPACTS = (6e-3, 0.3), (6e-3, 0.2), (0.1, 0.3)
 COARSE = 3.0  #: a run is repeated if its tolerance is this many times the largest that resolves its penetrations and sticking
 #: SHALLOW: a contact inside a step counts if its penetration is above this fraction of the accuracy times the scene's length (m;
@@ -222,7 +223,7 @@ class Search:
                 return replace(best, notes=(*best.notes, CHAOS.format(earlier, best.estimate)))
             fall = min(fall_shown(told), self.solver.error_fall) if best.lost else fall_shown(told)
             falls = float(np.clip((0.5 * goal / best.estimate) ** (1 / fall),
-                                  *(FINER_WITH_IMPACTS if contacts else FINER_LEFT_OUT if best.lost else FINER)))
+                                  *(FINER_WITH_IMPACTS if contacts else FINER if self.besides is None else FINER_LEFT_OUT)))
             self.tight = with_rtol(self.tight, max(rtol * falls, self.limit))
         return best
 
@@ -272,7 +273,8 @@ class Search:
         """The run `fine`, which followed `best`, with its estimate, and its companions beside it."""
         rtol, coarse = self.tight.tolerance, self.made[-1][1]
         self.made, self._count = [*self.made[-self._kept :], (rtol, fine)], self._count + 1
-        told.append((rtol, bounded(self.tight, told, self.estimate, self.first, coarse, fine) if self.grown else self.estimate()))
+        found = bounded(self.tight, told, self.estimate, self.first, coarse, fine) if self.grown else self.estimate()
+        told.append((rtol, max(found, fallen(self.system, told, rtol) if rtol <= self.limit * (1 + 1e-9) else 0.0)))
         return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, self._others(),
                           told=tuple(told), limit=self.limit)
 

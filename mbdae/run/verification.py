@@ -191,7 +191,7 @@ def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, measure: Me
 #: accurate in positions, SMALLEST at the least. Measured at 1e-6 on drawn mechanisms: forces were off by 4e-4 to 7e-2, and by
 #: 1e-8 to 4e-7 after, of 8 of 9; the whole call takes 0.8 to 2.5 times the CPU time
 FORCES, DEEPER, SMALLEST = 1e-5, 1e-3, 1e-10
-LOOK, PACE = 0.15, 0.5  #: after LOOK of its evaluations such a run is given up where it is less than PACE times as far as these
+LOOK, LEAST, PACE = 0.05, 800, 0.5  #: after LOOK of its evaluations, and LEAST, it is given up if less than PACE times as far
 
 
 def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, accuracy: float, asked: Asked,
@@ -203,8 +203,8 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
     most = run.solution.stats.residuals + SPARE / resolving.n
 
     def too_slow(so_far: Solution) -> bool:
-        done, spent = (so_far.t[-1] - so_far.t[0]) / (asked.t_end - so_far.t[0]), so_far.stats.residuals / most
-        if spent > LOOK and done < PACE * spent:
+        done, spent = (so_far.t[-1] - so_far.t[0]) / (asked.t_end - so_far.t[0]), so_far.stats.residuals
+        if spent > max(LOOK * most, LEAST) and done < PACE * spent / most:
             raise SolverError("the steps are too short to come to the end", float(so_far.t[-1]), solution=so_far)
         return False
 

@@ -16,6 +16,8 @@ from reduced_bodies.beam import AREA, DENSITY, LENGTH, PER_LENGTH, SECOND, beam_
 from scipy.linalg import eigh
 
 import mbdae as mb
+from mbdae.documents.blocks import Picture, Table
+from mbdae.reports.scene_sheet import VIEW
 from mbdae.system.sampling import motion_distance
 
 ENDS = {"root": [0], "tip": [10]}
@@ -519,3 +521,25 @@ def test_peaks_at_nodes_contain_the_error_of_the_modes_and_other_bodies_are_refu
         assert off > 1e-3 * true.value
         assert told.error is not None
         assert off / 3 < told.error < 10 * off
+
+
+def test_a_page_shows_every_mode_how_it_moves_and_why_there_are_so_many() -> None:
+    """The first bent mode is drawn as its shape says; nodes of a beam that twists stay and turn; a rigid body has no picture."""
+    body = reduced(6)
+    page = mb.report(body)
+    html = page.to_html()
+    assert all(f"mode {i + 1}: {f:.4g} Hz" in html for i, f in enumerate(body.frequencies))
+    (table, picture) = (block for block in page.blocks if isinstance(block, Table | Picture))
+    assert [row[2] for row in table.rows].count("turns about x") == 1
+    assert [row[2] for row in table.rows].count("100 / 0 / 0") == 1
+    assert f"{100 * body.left_out:.3g} % of the elastic energy" in page.blocks[0].text
+    lines = [mark[1] for mark in picture.content.marks if mark[0] == "line" and len(mark[1]) == 2]
+    count = len(body.edges)
+    rest, bent = (np.array(lines[k * count : (k + 1) * count]) for k in (0, 1))
+    shape = body.shapes[body.edges.astype(int), :3, 0] @ VIEW.T
+    drawn = bent - rest
+    np.testing.assert_allclose(drawn / np.max(np.abs(drawn)), shape / np.max(np.abs(shape)), atol=1e-9)
+    alone = mb.ReducedBody.craig_bampton(*beam_matrices(2), {"whole": [0, 1, 2]}, 0)
+    assert not any(isinstance(block, Picture) for block in mb.report(alone).blocks)
+    with pytest.raises(mb.OptionError, match="takes no options"):
+        mb.report(body, kept=True)

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import mbdae as mb
 from mbdae.integrators.stepped import _order as shown_order
-from mbdae.run.estimate import FALL, FARTHEST, SLOW, companions, estimated, with_rtol
+from mbdae.run.estimate import FALL, FARTHEST, SLOW, STEEP, companions, estimated, fallen, with_rtol
 from mbdae.run.estimate import fall_shown as fall
 
 SMOOTH, TOUCHING = SimpleNamespace(guards=None, label="GGL"), SimpleNamespace(guards=object(), label="GGL")
@@ -167,3 +167,22 @@ def test_runs_whose_errors_happen_to_be_equal_are_told_apart(length, height, t_e
     s.revolute("hinge", s.ground, s.link("rod", (0, height), length, mass=1.0), at=(0, height))
     exact, run = s.simulate(t_end, accuracy=1e-10), s.simulate(t_end, accuracy=1e-4)
     assert np.max(np.abs(run["hinge"].angle - exact(run.t)["hinge"].angle)) < 1e-4
+
+
+def test_a_run_at_the_smallest_tolerance_is_not_trusted_because_round_off_makes_it_equal_to_its_companion():
+    """A double pendulum: two runs differ by 2e-7, the last of them with the smallest tolerance, and both are 9e-5 off."""
+    s, mass, length = mb.Scene("pendulum", gravity=(0, -9.81, 0)), (2.933482375981572, 1.9005963295860828), 0.9135930633772338
+    rods = [s.rigid_body(name, m, (0.01, 0.15, 0.15), at=(x, 0, 0))
+            for name, m, x in zip("ab", mass, (length / 2, length + 0.1985016143373363), strict=True)]
+    s.revolute("A", s.ground, rods[0], at=(0, 0, 0), axis=(0, 0, 1), model=mb.Kinematic())
+    s.revolute("B", *rods, at=(length, 0, 0), axis=(0, 0, 1), model=mb.Kinematic())
+    r = s.simulate(18.177030453204537, accuracy=1e-5, form=mb.GGL(), solver=mb.RadauIIA(3))
+    assert r.accuracy.estimated > 1e-5
+    assert any("accuracy 1e-05 was asked" in warning for warning in r.warnings)
+
+
+def test_errors_at_the_smallest_tolerance_fall_no_more_steeply_than_they_may():
+    """With contacts one unlucky step may have made the estimate before."""
+    assert fallen(SMOOTH, [(1e-10, 1e-3)], 1e-11) == pytest.approx(1e-3 * 10**-STEEP)
+    for system, before in ((SMOOTH, []), (SMOOTH, [(1e-10, np.inf)]), (TOUCHING, [(1e-10, 1e-3)])):
+        assert fallen(system, before, 1e-11) == 0

@@ -121,6 +121,18 @@ def test_vibrations_of_a_large_scene_are_found_as_those_of_a_small_one(monkeypat
     assert any(other.kind == "window" for other in r.accuracy.errors.others)
 
 
+def test_infinite_roots_of_a_large_scene_are_no_vibrations() -> None:
+    """15 links hinged to each other without a spring: what joints hold has roots that are infinite but for round-off."""
+    s, last = mb.Scene("chain", gravity=(0, -9.81, 0), space="spatial"), None
+    for i in range(15):
+        link = s.rigid_body(f"L{i}", 0.1, (1e-5, 1e-4, 1e-4), at=(0.1 * i + 0.05, 0, 0))
+        s.revolute(f"J{i}", last or s.ground, link, at=(0.1 * i, 0, 0), axis=(0, 0, 1), model=mb.Kinematic())
+        last = link
+    r = quiet(s, 0.2, accuracy=1e-4, form=mb.GGL(), solver=mb.RadauIIA(3))
+    assert s.system(form=mb.GGL()).n > estimate.EIGENVALUES
+    assert len(left_out(s.system(form=mb.GGL()), r.solution)) == 0
+
+
 def test_a_run_and_its_companion_take_different_steps() -> None:
     """Where growth from the first step alone bounds steps, both would make the same error, and their difference would be 0."""
     section = mb.Section.rectangular(0.01, 0.01, E=2e11, nu=0.3, rho=7800.0)
