@@ -50,7 +50,7 @@ ROUNDED = 3e-10
 #: errors of derivatives then fall evenly, with a power of the number of steps between that of forces that begin with the power
 #: 1.5 and that of smooth motions. Where the tolerance shortens the steps, errors of two runs may be the same by chance
 HALVED, OF_TOUCHES, SMOOTH = float(np.log10(2)), 1.5, 5
-SURE = 4.0  #: the error told, over what remains if errors go on falling as they did
+SURE = 6.0  #: the error told, over what remains if errors go on falling as they did
 SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 #: arguments of `simulate` and of solvers, which are no numbers of a scene
 OF_CALLS = ("accuracy", "t_end", "outputs", "solver", "form", "rtol", "atol", "step", "stages", "every", "max_wall")
@@ -168,19 +168,22 @@ class Refined:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
         accuracy, along, finer, contacts = self.result.accuracy.asked, self.level(), FINER, bool(self.prepared.contacts)
         before, worst = self._read(along, reads), np.inf
-        apart: dict[Any, float] = {}  # differences of the pair of runs before
+        apart, falls = dict[Any, float](), dict[Any, float]()  # by what the runs before differ, and how that fell at least
         for runs in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
             coarser, along, found = along, self.level(along.finer * finer, along), Derivatives()
             now, ratio = self._read(along, reads), len(along.run.t) / len(coarser.run.t)
             for key, (value, doubt) in now.items():
-                off = size_of(value - before[key][0])
-                left = remaining(off, apart.get(key, 0.0), ratio) if contacts else off
-                found[key], apart[key] = Derivative(value, left + ROUNDED * size_of(value) + size_of(doubt)), off
+                off, last = size_of(value - before[key][0]), apart.get(key, 0.0)
+                if runs > 1:
+                    falls[key] = min(falls.get(key, np.inf), last / off if off else np.inf)
+                left = remaining(off, last, falls.get(key, 0.0), ratio) if contacts else off
+                rounded = ROUNDED * size_of(value) + np.finfo(float).eps / NOTHING * self._slight(*key) + size_of(doubt)
+                found[key], apart[key] = Derivative(value, left + rounded), off
             wrong = {key: self._share(one, *key) for key, one in found.items()}
-            last, worst = worst, max(wrong.values())
+            above, worst = worst, max(wrong.values())
             if runs > contacts and (accuracy is None or worst <= accuracy):
                 break
-            if worst > last / ratio if contacts else self._at_round_off(coarser.finer):  # only round-off remains
+            if worst > above / ratio if contacts else self._at_round_off(coarser.finer):  # only round-off remains
                 break
             # errors fall with the tolerance: those of the run made last are about 1/finer of what they are estimated
             before, finer = now, FINER if contacts else min(max(FINER * worst / finer / (accuracy or np.inf), FINER), MOST)
@@ -193,26 +196,28 @@ class Refined:
                      f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
         return found
 
-    def _share(self, one: Derivative, what: Any, name: str) -> float:
-        """The error of a derivative over its largest value; 0 where both count as none, as shares of the quantity over the
-        number."""
+    def _slight(self, what: Any, name: str) -> float:
+        """A derivative that counts as none: this share of the quantity over the number."""
         varied = next(chart.varied for chart in self.charts if chart.name == name)
         with self.result._silently():
-            slight = NOTHING * size_of(np.asarray(self.result.value(what))) * varied.share / varied.distance
-        size = size_of(one.value)
+            return NOTHING * size_of(np.asarray(self.result.value(what))) * varied.share / varied.distance
+
+    def _share(self, one: Derivative, what: Any, name: str) -> float:
+        """The error of a derivative over its largest value; 0 where both count as none."""
+        size, slight = size_of(one.value), self._slight(what, name)
         return 0.0 if max(size, one.error) <= slight else one.error / (max(size, slight) or 1.0)
 
     def _read(self, along: Along, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
         return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
 
 
-def remaining(off: float, before: float, ratio: float) -> float:
+def remaining(off: float, before: float, fall: float, ratio: float) -> float:
     """Estimated error of a derivative through contacts in the finer one of two runs that differ by `off`; before: by what the
-    coarser one differed from one before it, 0: not known; ratio: of the numbers of steps. Errors are taken to fall in the mean of
-    how these differences did and of how they do at least; that two runs agree by chance does not count."""
+    coarser one differed from one before it; fall: how much smaller such differences became at least, 0: not known; ratio: of the
+    numbers of steps. Errors are taken to fall in the mean of that and of what is sure; that two runs agree by chance does not
+    count."""
     least, most = ratio**OF_TOUCHES, ratio**SMOOTH
-    measured = min(max(before / off if off else most, least), most)
-    return float(SURE * max(off / ((least * measured) ** 0.5 - 1), before / most**2))
+    return float(SURE * max(off / ((least * min(max(fall, least), most)) ** 0.5 - 1), before / most**2))
 
 
 def chart_of(name: str, base: Equations, t_end: float) -> Chart:
