@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, Chart, Equations, Varied, reached, refused, size_of
+from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, ROUNDING, Chart, Equations, Varied, reached, refused, size_of
 from mbdae.derivatives.landings import MEETS, shorter, tell_another_sequence, tell_grazing, towards_touches
 from mbdae.derivatives.reading import Along
 from mbdae.derivatives.reading import Bound as Bound
@@ -166,8 +166,9 @@ class Refined:
 
     def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
-        accuracy, along, finer, contacts = self.result.accuracy.asked, self.level(), FINER, bool(self.prepared.contacts)
-        before, worst = self._read(along, reads), np.inf
+        along, finer, contacts = self.level(), FINER, bool(self.prepared.contacts)
+        asked = np.inf if self.result.accuracy.asked is None else self.result.accuracy.asked
+        before, wrong = self._read(along, reads), dict[Any, float]()
         apart, falls = dict[Any, float](), dict[Any, float]()  # by what the runs before differ, and how that fell at least
         for runs in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
             coarser, along, found = along, self.level(along.finer * finer, along), Derivatives()
@@ -177,23 +178,23 @@ class Refined:
                 if runs > 1:
                     falls[key] = min(falls.get(key, np.inf), last / off if off else np.inf)
                 left = remaining(off, last, falls.get(key, 0.0), ratio) if contacts else off
-                rounded = ROUNDED * size_of(value) + np.finfo(float).eps / NOTHING * self._slight(*key) + size_of(doubt)
+                rounded = ROUNDED * size_of(value) + ROUNDING / NOTHING * self._slight(*key) + size_of(doubt)
                 found[key], apart[key] = Derivative(value, left + rounded), off
-            wrong = {key: self._share(one, *key) for key, one in found.items()}
-            above, worst = worst, max(wrong.values())
-            if runs > contacts and (accuracy is None or worst <= accuracy):
-                break
-            if worst > above / ratio if contacts else self._at_round_off(coarser.finer):  # only round-off remains
+            above, wrong = wrong, {key: self._share(one, *key) for key, one in found.items()}
+            worst = max(wrong.values())
+            # beyond round-off what is not as exact as asked becomes no more exact
+            rounds = runs > 1 and all(wrong[key] <= asked or wrong[key] > above[key] / ratio for key in wrong)
+            if (runs > contacts and worst <= asked) or (rounds if contacts else self._at_round_off(coarser.finer)):
                 break
             # errors fall with the tolerance: those of the run made last are about 1/finer of what they are estimated
-            before, finer = now, FINER if contacts else min(max(FINER * worst / finer / (accuracy or np.inf), FINER), MOST)
+            before, finer = now, FINER if contacts else min(max(FINER * worst / finer / asked, FINER), MOST)
         if contacts:
             tell_grazing(along.run, self.prepared, along.derived.landings)
             tell_another_sequence(along.run, coarser.derived.landings, along.derived.landings)
         for (what, name), share in wrong.items():
-            if accuracy is not None and share > TOLD * accuracy:
+            if share > TOLD * asked:
                 warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
-                     f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
+                     f"{share:.1e} of its largest value; accuracy {asked:g} was asked")
         return found
 
     def _slight(self, what: Any, name: str) -> float:
