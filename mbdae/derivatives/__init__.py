@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, Chart, Equations, Varied, reached, refused, size_of
+from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, ROUNDING, Chart, Equations, Varied, reached, refused, size_of
 from mbdae.derivatives.landings import MEETS, shorter, tell_another_sequence, tell_grazing, towards_touches
 from mbdae.derivatives.reading import Along
 from mbdae.derivatives.reading import Bound as Bound
@@ -46,12 +46,11 @@ ORDER = 8
 #: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-10, by the place of a
 #: rolling disc
 ROUNDED = 3e-10
-#: errors of derivatives through contacts fall at least with this power of the number of steps: forces begin with the power 1.5
-OF_TOUCHES = 1.5
-#: and not evenly: 9-fold for a tenth in the median, and over two runs, for 11 of 12 derivatives, at least with this power of the
-#: ratio of the tolerances, times this factor (340 derivatives of balls that bounce on floors, on driven plates and off each
-#: other, and of slider-cranks with clearance)
-UNEVEN, AT_ONCE = 0.8, 4.0
+#: through contacts every run has the steps of the one before halved, at a tenth of its tolerance, which asks for fewer steps:
+#: errors of derivatives then fall evenly, with a power of the number of steps between that of forces that begin with the power
+#: 1.5 and that of smooth motions. Where the tolerance shortens the steps, errors of two runs may be the same by chance
+HALVED, OF_TOUCHES, SMOOTH = float(np.log10(2)), 1.5, 5
+SURE = 6.0  #: the error told, over what remains if errors go on falling as they did
 SAME = 1e-9  #: largest difference of two starts, relative to the largest unknown, that count as the same
 #: arguments of `simulate` and of solvers, which are no numbers of a scene
 OF_CALLS = ("accuracy", "t_end", "outputs", "solver", "form", "rtol", "atol", "step", "stages", "every", "max_wall")
@@ -144,11 +143,12 @@ class Refined:
             solver = replace(solver, step=solver.step / finer**0.5)
         else:
             solver = replace(solver, rtol=self._tolerance(finer))
-        parts, shares = [last.t[[0, -1]]], [1.0]
+        parts, shares, contacts = [last.t[[0, -1]]], [1.0], bool(self.prepared.contacts)
         if before is not None:
-            parts, shares = [last.t], [(before.finer / finer) ** (1 / ORDER)]
-        if self.prepared.contacts:
-            parts += towards_touches(last, self.prepared, (self.result.accuracy.asked or 1e-6) / finer)
+            parts, shares = [last.t], [(before.finer / finer) ** (HALVED if contacts else 1 / ORDER)]
+        if contacts:
+            error = (self.result.accuracy.asked or 1e-6) / finer ** (SMOOTH * HALVED)
+            parts += towards_touches(last, self.prepared, error)
             shares += [1.0] * (len(parts) - 1)
         return solver, Asked(float(self.result.solution.t[-1]), edges=shorter(parts, shares), impacts=solver.impacts, meets=MEETS)
 
@@ -160,54 +160,42 @@ class Refined:
         """The tolerance of the run at that of the result divided by `finer`, which falls to the smallest of the method alone."""
         return float(self.solver.tolerance / finer if self.solver.fixed else max(self.solver.tolerance / finer, self._tightest))
 
-    def _finer_through_contacts(self, coarser: float, finer: float) -> float:
-        """Ratio of the tolerances of the next run and the one before, at `coarser`, where `finer` is asked: runs do not pass the
-        smallest tolerance, and the last two differ in it by FINER where they can. Of runs whose steps alone differ the difference
-        does not show the errors that come of the tolerance, of which half may remain (slider-cranks with clearance)."""
-        last = float(self.solver.tolerance / self._tightest / coarser)
-        if self.solver.fixed or last < FINER**0.5:
-            return finer
-        return last if last < FINER**1.5 else min(finer, last / FINER)
-
     def _at_round_off(self, finer: float) -> bool:
         """Whether the tolerance divided by `finer` falls no further, so that runs would have shorter steps alone."""
         return not self.solver.fixed and self.solver.tolerance / finer <= (1 + ROUNDED) * self._tightest
 
     def derivatives(self, reads: Mapping[Any, Read]) -> Derivatives:
         """The derivatives of what `reads` make of a run, by their keys and the names of the numbers."""
-        accuracy, along, finer = self.result.accuracy.asked, self.level(), FINER
-        before, left = self._read(along, reads), dict[Any, float]()  # left: what the pair of runs before leaves of its difference
+        along, finer, contacts = self.level(), FINER, bool(self.prepared.contacts)
+        asked = np.inf if self.result.accuracy.asked is None else self.result.accuracy.asked
+        before, wrong = self._read(along, reads), dict[Any, float]()
+        apart, falls = dict[Any, float](), dict[Any, float]()  # by what the runs before differ, and how that fell at least
         for runs in range(1, LEVELS - 3 * bool(self.prepared.model.lines)):  # beams take thousands of steps a run
             coarser, along, found = along, self.level(along.finer * finer, along), Derivatives()
-            now, fall = self._read(along, reads), self._fall(coarser, along)
-            ratio = self._tolerance(along.finer) / self._tolerance(coarser.finer)
+            now, ratio = self._read(along, reads), len(along.run.t) / len(coarser.run.t)
             for key, (value, doubt) in now.items():
-                off = size_of(value - before[key][0])
-                found[key] = Derivative(value, max(off * max(1 / (fall - 1), 1), left.get(key, 0.0) * ratio**UNEVEN)
-                                        + ROUNDED * size_of(value) + size_of(doubt))
-                left[key] = AT_ONCE * off * ratio**UNEVEN if self.prepared.contacts else 0.0
-            wrong = {key: one.error / (max(size_of(one.value), self._slight(*key)) or 1.0) for key, one in found.items()}
-            enough = runs > bool(self.prepared.contacts) and (accuracy is None or max(wrong.values()) <= accuracy)
-            # a run whose steps alone are shorter is made where it may spare a warning; it says less of the error
-            fair = self.prepared.contacts and runs > 1 and accuracy is not None and max(wrong.values()) <= TOLD * accuracy
-            if enough or self._at_round_off((along if fair else coarser).finer):
+                off, last = size_of(value - before[key][0]), apart.get(key, 0.0)
+                if runs > 1:
+                    falls[key] = min(falls.get(key, np.inf), last / off if off else np.inf)
+                left = remaining(off, last, falls.get(key, 0.0), ratio) if contacts else off
+                rounded = ROUNDED * size_of(value) + ROUNDING / NOTHING * self._slight(*key) + size_of(doubt)
+                found[key], apart[key] = Derivative(value, left + rounded), off
+            above, wrong = wrong, {key: self._share(one, *key) for key, one in found.items()}
+            worst = max(wrong.values())
+            # beyond round-off what is not as exact as asked becomes no more exact
+            rounds = runs > 1 and all(wrong[key] <= asked or wrong[key] > above[key] / ratio for key in wrong)
+            if (runs > contacts and worst <= asked) or (rounds if contacts else self._at_round_off(coarser.finer)):
                 break
             # errors fall with the tolerance: those of the run made last are about 1/finer of what they are estimated
-            before, finer = now, min(max(FINER * max(wrong.values()) / finer / (accuracy or np.inf), FINER), MOST)
-            if self.prepared.contacts:
-                finer = self._finer_through_contacts(along.finer, finer)
-        if self.prepared.contacts:
+            before, finer = now, FINER if contacts else min(max(FINER * worst / finer / asked, FINER), MOST)
+        if contacts:
             tell_grazing(along.run, self.prepared, along.derived.landings)
             tell_another_sequence(along.run, coarser.derived.landings, along.derived.landings)
         for (what, name), share in wrong.items():
-            if accuracy is not None and share > TOLD * accuracy:
+            if share > TOLD * asked:
                 warn(f"the derivative of {shown(what)} by '{name}' has an estimated error of {found[what, name].error:.1e}, "
-                     f"{share:.1e} of its largest value; accuracy {accuracy:g} was asked")
+                     f"{share:.1e} of its largest value; accuracy {asked:g} was asked")
         return found
-
-    def _fall(self, coarser: Along, along: Along) -> float:
-        """By what errors of derivatives fall surely from one run to the next; infinite where they fall with the tolerance."""
-        return (len(along.run.t) / len(coarser.run.t)) ** OF_TOUCHES if self.prepared.contacts else np.inf
 
     def _slight(self, what: Any, name: str) -> float:
         """A derivative that counts as none: this share of the quantity over the number."""
@@ -215,8 +203,22 @@ class Refined:
         with self.result._silently():
             return NOTHING * size_of(np.asarray(self.result.value(what))) * varied.share / varied.distance
 
+    def _share(self, one: Derivative, what: Any, name: str) -> float:
+        """The error of a derivative over its largest value; 0 where both count as none."""
+        size, slight = size_of(one.value), self._slight(what, name)
+        return 0.0 if max(size, one.error) <= slight else one.error / (max(size, slight) or 1.0)
+
     def _read(self, along: Along, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
         return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
+
+
+def remaining(off: float, before: float, fall: float, ratio: float) -> float:
+    """Estimated error of a derivative through contacts in the finer one of two runs that differ by `off`; before: by what the
+    coarser one differed from one before it; fall: how much smaller such differences became at least, 0: not known; ratio: of the
+    numbers of steps. Errors are taken to fall in the mean of that and of what is sure; that two runs agree by chance does not
+    count."""
+    least, most = ratio**OF_TOUCHES, ratio**SMOOTH
+    return float(SURE * max(off / ((least * min(max(fall, least), most)) ** 0.5 - 1), before / most**2))
 
 
 def chart_of(name: str, base: Equations, t_end: float) -> Chart:

@@ -14,13 +14,13 @@ Also here: y' where F = 0 states it together with the multipliers, as an implici
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import DISTANCE, Chart, differenced
+from mbdae.derivatives.chart import ATTEMPTS, CLOSER, DISTANCE, Chart, differenced
 from mbdae.errors import DerivativeError, warn
 from mbdae.integrators import radau_table
 from mbdae.integrators.contact_steps import Cubic
@@ -43,14 +43,14 @@ GRAZING = 1e-2
 #: y' is compared on both sides of an instant, this share of the run away from it; a difference of more than JUMP times the
 #: largest y' of the run counts as a jump
 BESIDE, JUMP = 1e-9, 1e-5
-BISECTIONS, TINY = 60, 1e-300
+BISECTIONS, TINY, ROUNDED = 60, 1e-300, 1e-15
 #: steps become shorter towards touches: on the side on which the contact is closed they halve for this error, and by less for a
 #: smaller one, with the power 1/6 of it, between the orders 5 and 8 of the methods; on the other side, which is there for a touch
 #: that is a little earlier or later than in the run before, each is an eighth of the one before
 HALVING, BETWEEN, OUTSIDE = 1e-6, 6, 8.0
 #: what a step at a touch lacks falls with this power of its length over the time to the next touch, and is about this share of
-#: the error; but the step is not bounded below the length at which the rounding of rates is as much
-BESIDE_TOUCHES, LACKING = 1.5, 0.1
+#: the error; but the step is not bounded below the length at which the rounding of rates, of which this share counts, is as much
+BESIDE_TOUCHES, LACKING, COUNTS = 1.5, 0.1, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +106,26 @@ def landings(run: Solution, charts: Sequence[Chart], scale: Array) -> dict[int, 
     def read(one: Prepared, states: Array) -> Array:
         return np.asarray(gaps(one, t, states)[count, of, 0])
 
-    by = DISTANCE * size
-    slopes = [differenced(lambda node, e=e: read(prepared, y + node * e), SIDES, 1.0)[0] for e in np.diag(by)]  # type: ignore[misc]
-    by_states = np.stack(slopes, axis=1) / by
+    by_states = slopes(lambda states: read(prepared, states), y, size)
     by_numbers = np.stack([chart.varied.explicit(lambda one: read(one.prepared, y))[0] for chart in charts], axis=1)
     rates = values[places, of, 1]
     offs = np.abs(values[places, of, 0]) / np.maximum(np.abs(rates), TINY)
     return {int(m): Landing(contact, closes, by_states[k], by_numbers[k], float(rates[k]),
                             float(rates[k] - by_states[k] @ run.yp[m]), run.yp[m], float(offs[k]))
             for k, (m, (contact, closes)) in enumerate(touches.items())}
+
+
+def slopes(read: Callable[[Array], Array], y: Array, size: Array) -> Array:
+    """Derivatives (k, ..., n) of what is read of states y (k, n) by each of their unknowns, which have the sizes `size` (n,)."""
+    found = []
+    for e, by in zip(np.eye(len(size)), DISTANCE * size, strict=True):
+        for _ in range(ATTEMPTS):
+            one = differenced(lambda node, e=e, by=by: read(y + node * by * e), SIDES, by)  # type: ignore[misc]
+            if one.agrees:
+                break
+            by /= CLOSER
+        found.append(one.found)
+    return np.stack(found, axis=-1)
 
 
 def towards_touches(run: Solution, prepared: Prepared, error: float) -> list[Array]:
@@ -136,7 +147,7 @@ def towards_touches(run: Solution, prepared: Prepared, error: float) -> list[Arr
     for (instant, closes), spans in zip(touches, np.diff(instants)[np.arange(len(touches))[:, None] + [0, 1]], strict=True):
         sides = []
         for way, span, ratio in zip((-1, 1), spans, (OUTSIDE, inside) if closes else (inside, OUTSIDE), strict=True):
-            rounded = (np.finfo(float).eps * np.ptp(t) * span**BESIDE_TOUCHES) ** (1 / (1 + BESIDE_TOUCHES))
+            rounded = (COUNTS * np.finfo(float).eps * np.ptp(t) * span**BESIDE_TOUCHES) ** (1 / (1 + BESIDE_TOUCHES))
             least = max(rounded, (LACKING * error) ** (1 / BESIDE_TOUCHES) * span)
             count = int(np.ceil(np.log(span / least) / np.log(ratio))) if span > least else 0
             sides.append(instant + way * span / ratio ** np.arange(count + 1))
@@ -157,12 +168,16 @@ def shorter(parts: Sequence[Array], shares: Sequence[float]) -> Array:
 
 
 def rates_at_nodes(run: Solution, stages: int, some: slice) -> Array:
-    """y' (m, s + 1, n) of some steps at their beginnings and at all nodes, of the polynomials over them."""
+    """y' (m, s + 1, n) of some steps at their beginnings and at all nodes, of the polynomials over them. Of very short steps the
+    change up to the end is a difference of rounded states: where y' at the end says the same within rounding, it is taken."""
     table, interpolant = radau_table(stages), run.interpolant
     ends, inner = interpolant.ends[some], interpolant.inner[some]  # type: ignore[attr-defined]
-    increments = np.concatenate([inner, (ends - run.y[some])[:, None]], axis=1)
-    slopes = table.slopes(np.r_[0.0, table.c])
-    return np.asarray(np.einsum("jk,mkn->mjn", slopes, increments) / np.diff(run.t)[some, None, None])
+    h, slopes = np.diff(run.t)[some, None], table.slopes(np.r_[0.0, table.c])
+    change = ends - run.y[some]
+    exact = (h * run.yp[1:][some] - np.einsum("k,mkn->mn", slopes[-1, :-1], inner)) / slopes[-1, -1]
+    same = np.abs(exact - change) <= ROUNDED * (np.abs(ends) + np.abs(run.y[some]))
+    increments = np.concatenate([inner, np.where(same, exact, change)[:, None]], axis=1)
+    return np.asarray(np.einsum("jk,mkn->mjn", slopes, increments) / h[:, None])
 
 
 def contact_name(run: Solution, contact: int) -> str:

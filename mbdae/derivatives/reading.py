@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import ATTEMPTS, BOTH, CLOSER, DISTANCE, Chart, Equations, differenced, refused
-from mbdae.derivatives.landings import BESIDE, JUMP, landings, refuse_forces_that_jump, refuse_jumps
+from mbdae.derivatives.chart import ATTEMPTS, BOTH, CLOSER, DISTANCE, SLIGHT, Chart, Equations, differenced, refused
+from mbdae.derivatives.landings import BESIDE, JUMP, landings, refuse_forces_that_jump, refuse_jumps, slopes
 from mbdae.derivatives.steps import Calls, Derived
 from mbdae.errors import DerivativeError, OptionError
 from mbdae.integrators import radau_table
@@ -26,6 +26,7 @@ from mbdae.values import number, optional, shown
 POINTS, POINT_WEIGHTS = np.polynomial.legendre.leggauss(8)
 NEAR = 1e-3  #: two maxima that differ by less than this share may change places, so that the largest has no derivative there
 FOLLOWED, MOST = 0.5, 40  #: maxima above this share of the largest are followed, at most so many
+SHORT = 1e-9  #: at ends of steps shorter than this share of the run, beside touches, multipliers are rounded
 SIDES = (1, -1, 2, -2, 3, -3)  #: nodes of the differences of what is read along one unknown, which is cheap and smooth
 
 
@@ -188,8 +189,8 @@ def sampled(run: Solution, charts: Sequence[Chart], scale: Array) -> Calls:
     at, held = np.array([*due]), np.array([place for one in sampler.called for place in one.outputs])
     t, y = run.t[at], run.y[at].copy()
     y[:, held] = np.where(at[:, None] > 0, run.y[at - 1][:, held], base.start[held])  # what the functions read
-    values, by = sampler.observer(t, y), DISTANCE * np.maximum(np.abs(run.y).max(axis=0), scale)
-    slopes = [differenced(lambda node, e=e: sampler.observer(t, y + node * e), SIDES, 1.0)[0] for e in np.diag(by)]  # type: ignore[misc]
+    values = sampler.observer(t, y)
+    by_states = slopes(lambda states: sampler.observer(t, states), y, np.maximum(np.abs(run.y).max(axis=0), scale))
     of_numbers = [chart.varied.explicit(lambda one: Sampling(one.prepared, nb)(begin).observer(t, y))[0] for chart in charts]
     found: Calls = {}
     for m, (k, ones) in enumerate(due.items()):
@@ -197,8 +198,7 @@ def sampled(run: Solution, charts: Sequence[Chart], scale: Array) -> Calls:
         for one in ones:
             D[np.searchsorted(held, one.outputs), one.inputs] = one.derivative(float(t[m]), values[m, one.inputs])
         kept = np.isin(held, [place for one in ones for place in one.outputs])
-        by_unknowns = np.stack([slope[m] for slope in slopes], axis=1) / by
-        found[k] = held[kept], D[kept] @ by_unknowns, D[kept] @ np.stack([one[m] for one in of_numbers], axis=1)
+        found[k] = held[kept], D[kept] @ by_states[m], D[kept] @ np.stack([one[m] for one in of_numbers], axis=1)
     return found
 
 
@@ -224,7 +224,8 @@ class Along:
         run, count, base = self.run, len(self.charts), self.charts[0].varied.base
         own = self.tangent.y.reshape(len(run.t), -1, count)[:, :, k]
         size = np.maximum(np.abs(run.y).max(axis=0), self.derived.scale)
-        by = DISTANCE / (float(np.max(np.abs(own) / size, initial=0.0)) or 1.0)
+        steps = np.diff(run.t, prepend=-np.inf) > SHORT * np.ptp(run.t)
+        by = DISTANCE / (float(np.max(np.abs(own[steps]) / size, initial=0.0)) or 1.0)
 
         def moved(node: int, by: float) -> Array:
             return read(self._result(base, _Moved(run.interpolant, self.tangent, k, count, node * by), run.y + node * by * own))
@@ -235,7 +236,8 @@ class Along:
                 break
             by /= CLOSER
         explicit, further = self._explicit(k, lambda one: self._result(one, run.interpolant, run.y), read)
-        return self._finite(k, one.found + explicit), one.doubt + further
+        rounded = np.finfo(float).eps / SLIGHT * one.rounding  # which differences of two orders have in common
+        return self._finite(k, one.found + explicit), one.doubt + further + rounded
 
     def _explicit(self, k: int, at: Callable[[Equations], Result], read: Callable[[Result], Array]) -> tuple[Array, Array]:
         """Derivative of what is read of the same states, and its error."""

@@ -173,10 +173,12 @@ def measurements(data: Any) -> dict[Any, tuple[Array, Array]]:
         raise OptionError(f"data = {shown(data)}: {remedy}")
     found: dict[Any, tuple[Array, Array]] = {}
     for name, given in data.items():
-        pair = option(f"data: {shown(name)}", given, sequence, remedy, each=array)
+        pair = option(f"data: {shown(name)}", given, sequence, remedy, each=lambda one: one)
         if len(pair) != 2:
             raise OptionError(f"data: {shown(name)} has {counted(len(pair), 'entry')}: {remedy}")
-        t, values = pair
+        plainly = "give an array of numbers, without what was not measured"
+        t, values = (option(f"data: {what} of {shown(name)}", one, array, plainly)
+                     for what, one in zip(("times", "values"), pair, strict=True))
         if t.ndim != 1 or t.shape != values.shape or not len(t):
             raise OptionError(f"data: {shown(name)} has times of shape {t.shape} and values of shape {values.shape}: give as "
                               "many values as times")
@@ -200,7 +202,9 @@ def deviations(sigma: Any, data: Mapping[Any, tuple[Array, Array]]) -> dict[Any,
     for name, (t, _) in data.items():
         given = sigma[name] if isinstance(sigma, Mapping) else size if sigma is None else sigma
         one = option("sigma", given, array, remedy)
-        if one.shape not in ((), t.shape) or not np.all(one > 0):
+        if one.shape not in ((), t.shape):
+            raise OptionError(f"sigma has shape {one.shape} for the {len(t)} measurements of {shown(name)}: {remedy}")
+        if not np.all(one > 0):
             raise OptionError(f"sigma = {shown(given)}: {remedy}")
         found[name] = np.broadcast_to(one, t.shape).astype(float)
     return found
@@ -210,8 +214,10 @@ def limits(bounds: Any, names: Sequence[str]) -> tuple[Array, Array]:
     """Least and largest values (k,) of the numbers."""
     remedy = "give a mapping of names in `to` to (least, largest), None for none, such as {'C.spring': (0, None)}"
     given = {} if bounds is None else bounds
-    if not isinstance(given, Mapping) or not given.keys() <= set(names):
+    if not isinstance(given, Mapping):
         raise OptionError(f"bounds = {shown(bounds)}: {remedy}")
+    if others := [name for name in given if name not in names]:
+        raise OptionError(f"bounds: {', '.join(map(shown, others))} is not in to = {shown(list(names))}: {remedy}")
     low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for name, pair in given.items():
         both = option(f"bounds: '{name}'", pair, sequence, remedy, each=lambda one: None if one is None else number(one))
@@ -221,7 +227,8 @@ def limits(bounds: Any, names: Sequence[str]) -> tuple[Array, Array]:
             if one is not None:
                 ends[names.index(name)] = one
     if np.any(low >= high):
-        raise OptionError(f"bounds: a least value is not below the largest one: {remedy}")
+        name = names[int(np.argmax(low >= high))]
+        raise OptionError(f"bounds: '{name}' = {shown(given[name])}: the least value is not below the largest one: {remedy}")
     return low, high
 
 

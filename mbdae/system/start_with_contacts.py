@@ -122,9 +122,11 @@ class ExpectedContact:
         return float(self.law.expected_depth(self.impact))
 
     def summary(self) -> str:
-        """What the output of `Scene.check` says of the contact after its name: its law and the penetration to be expected."""
+        """What the output of `Scene.check` says of the contact after its name: its law, whether its force jumps, and the
+        penetration to be expected."""
         expected = f"of about {self.depth:.1g} {self.unit} expected" if math.isfinite(self.depth) else "not known before the run"
-        return f"{self.law.summary_of_contact()}; penetration {expected}"
+        jumps = "; its force jumps as it closes, and runs have no derivatives" if self.law.jumps else ""
+        return f"{self.law.summary_of_contact()}{jumps}; penetration {expected}"
 
     def _at_start(self) -> str:
         p, load = self.penetration, self.law.elastic_load(self.penetration)

@@ -206,6 +206,7 @@ def test_an_elastic_law_of_ones_own_returns_the_speed_after_half_a_period() -> N
     s = mb.Scene("bounce")
     s.point_mass("b", m, at=(0, 0, 0.1), velocity=(0, 0, -3.0))
     s.contact("floor", s.ground, "b", mb.Plane(), mb.Point(), normal=Spring(stiffness=k))
+    assert "jumps" not in str(s.check())
     r = s.simulate(0.1)
     assert r["b"].velocity[-1, 2] == pytest.approx(3.0, rel=1e-6)
     assert r.energy.impact[-1] == pytest.approx(0.0, abs=1e-9)
@@ -234,6 +235,7 @@ def test_a_law_that_begins_with_a_force_does_not_act_at_a_distance(preload: floa
     s.rigid_body("b", m, (1, 1, 1), at=(0, 0, 0.1 + h), velocity=(1, 0, 0))
     law = Begins(stiffness=k, preload=preload, damper=damper)
     s.contact("floor", s.ground, "b", mb.Plane(), mb.Sphere(radius=0.1), normal=law, friction=mb.Coulomb(0.3, 1e-2))
+    assert "its force jumps as it closes" in str(s.check())
     touch, v = math.sqrt(2 * h / 9.81), math.sqrt(2 * h * 9.81)
     r = s.simulate(touch + 0.05, accuracy=1e-7)
     flight = r.t < touch
