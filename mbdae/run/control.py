@@ -36,8 +36,8 @@ from mbdae.run.estimate import (
     cpu_of,
     estimated,
     fall_shown,
-    fallen,
     first_tolerance,
+    least_error,
     measure_of,
     nearer_companion,
     other_run,
@@ -251,10 +251,9 @@ class Search:
         asked = closer(replace(self.asked, max_residuals=most), self.solver, self._count, self._kept)
         try:
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                made = self.tight.run(self.system, asked)
-                if not in_the_same_steps(made, self.made[-1][1]) or rests(made, self.measure):
-                    return made
-                longest = Bound(-math.inf, asked.t_end, CLOSER * float(np.max(np.diff(made.t))) / (asked.share or 1.0))
+                if rests(run := self.tight.run(self.system, asked), self.measure) or not in_the_same_steps(run, self.made[-1][1]):
+                    return run
+                longest = Bound(-math.inf, asked.t_end, CLOSER * float(np.max(np.diff(run.t))) / (asked.share or 1.0))
                 return self.tight.run(self.system, replace(asked, bounds=(*asked.bounds, longest)))
         except WallClockError as error:
             raise WallClockError(USED_UP.format(asked.max_wall, UNKNOWN.format(best.solver.rtol)), error.time, error.culprit,
@@ -274,7 +273,7 @@ class Search:
         rtol, coarse = self.tight.tolerance, self.made[-1][1]
         self.made, self._count = [*self.made[-self._kept :], (rtol, fine)], self._count + 1
         found = bounded(self.tight, told, self.estimate, self.first, coarse, fine) if self.grown else self.estimate()
-        told.append((rtol, max(found, fallen(self.system, told, rtol) if rtol <= self.limit * (1 + 1e-9) else 0.0)))
+        told.append((rtol, max(found, least_error(self.system, told, rtol) if rtol <= self.limit * (1 + 1e-9) else 0.0)))
         return Controlled(fine, self.tight, told[-1][1], best.runs + 1, best.cpu_s + fine.stats.cpu_s, best.notes, self._others(),
                           told=tuple(told), limit=self.limit)
 

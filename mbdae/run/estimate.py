@@ -174,7 +174,7 @@ def fall_shown(told: list[tuple[float, float]]) -> float:
     return min(max(math.log(before / now) / math.log(loose / tight), SLOW), FALL) if 0 < now < before else SLOW
 
 
-def fallen(system: System, told: list[tuple[float, float]], rtol: float) -> float:
+def least_error(system: System, told: list[tuple[float, float]], rtol: float) -> float:
     """The least error of a run with the smallest tolerance, where round-off may bring it as far away as its companion: 9e-5 was
     measured beside a difference of 2e-7. With contacts 0: the estimates before may come from one unlucky step."""
     known = told and system.guards is None and math.isfinite(told[-1][1])

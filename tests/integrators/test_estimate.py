@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import mbdae as mb
 from mbdae.integrators.stepped import _order as shown_order
-from mbdae.run.estimate import FALL, FARTHEST, SLOW, STEEP, companions, estimated, fallen, with_rtol
+from mbdae.run.estimate import FALL, FARTHEST, SLOW, STEEP, companions, estimated, least_error, with_rtol
 from mbdae.run.estimate import fall_shown as fall
 
 SMOOTH, TOUCHING = SimpleNamespace(guards=None, label="GGL"), SimpleNamespace(guards=object(), label="GGL")
@@ -183,6 +183,6 @@ def test_a_run_at_the_smallest_tolerance_is_not_trusted_because_round_off_makes_
 
 def test_errors_at_the_smallest_tolerance_fall_no_more_steeply_than_they_may():
     """With contacts one unlucky step may have made the estimate before."""
-    assert fallen(SMOOTH, [(1e-10, 1e-3)], 1e-11) == pytest.approx(1e-3 * 10**-STEEP)
+    assert least_error(SMOOTH, [(1e-10, 1e-3)], 1e-11) == pytest.approx(1e-3 * 10**-STEEP)
     for system, before in ((SMOOTH, []), (SMOOTH, [(1e-10, np.inf)]), (TOUCHING, [(1e-10, 1e-3)])):
-        assert fallen(system, before, 1e-11) == 0
+        assert least_error(system, before, 1e-11) == 0
