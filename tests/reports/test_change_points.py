@@ -9,7 +9,7 @@ import pytest
 import symengine as se
 
 import mbdae as mb
-from mbdae.documents.blocks import Section, Table, every, numbered
+from mbdae.documents.blocks import Picture, Section, Table, every, numbered
 from mbdae.reports.mechanisms import InPlane
 from mbdae.reports.mechanisms.legs import mechanism
 from mbdae.reports.page import Check
@@ -253,3 +253,62 @@ def test_a_quantity_has_one_letter():
     s = mb.Scene("arm", gravity=(0, 0, -9.81))
     s.revolute("A", s.ground, s.rigid_body("arm", 1.0, (0.1, 0.2, 0.3), at=(0.5, 0, 0)), at=(0, 0, 0), axis=(0, 1, 0.2))
     assert r"contains the gyroscopic moment $-\omega\times J\,\omega$" in mb.report(s).to_markdown()
+
+
+def closed_chain(lengths, start, **first):
+    """Crank, coupler and rocker of given lengths on a ground of the last one, whose first joint has the input."""
+    a, b, c, d = lengths
+    pin = a * np.array([np.cos(start), np.sin(start)])
+    line = np.array([d, 0]) - pin
+    size = np.linalg.norm(line)
+    x = (b**2 - c**2 + size**2) / (2 * size)
+    end = pin + x * line / size + np.sqrt(b**2 - x**2) * np.array([-line[1], line[0]]) / size
+    return four_bar([(0, 0), pin, end, (d, 0)], angle=first.pop("angle", None), **first)
+
+
+def block_as_input(rod=0.3):
+    """The block is the input, which the spinning crank takes through its dead centres."""
+    s = mb.Scene("pump", gravity=(0, -9.81, 0))
+    pin = 0.1 * np.array([np.cos(1.0), np.sin(1.0)])
+    end = (pin[0] + np.sqrt(rod**2 - pin[1] ** 2), 0)
+    block = s.rigid_body("block", 1.0, (0.1, 0.1, 0.1), at=end)
+    links = s.link("crank", (0, 0), pin, mass=0.3), s.link("rod", pin, end, mass=0.5)
+    s.prismatic("P", s.ground, block, at=end, axis=(1, 0, 0))
+    s.revolute("C", links[1], block, at=end)
+    s.revolute("B", *links, at=pin)
+    s.revolute("A", s.ground, links[0], at=(0, 0), rate0=20.0)
+    return s
+
+
+@pytest.mark.parametrize(("scene", "duration", "times"), [
+    (block_as_input, 0.3, 2), (lambda: closed_chain((0.5, 0.2, 0.5, 0.6), 0.9), 1.0, 1)])
+def test_a_run_beyond_a_dead_centre_is_compared_on_the_first_branch(scene, duration, times):
+    r = scene().simulate(duration, accuracy=1e-7)
+    page, blocks = pages(r.prepared)
+    section, wrong = page.beside(r, blocks)
+    text = section.blocks[0].text
+    assert not wrong
+    found = re.search(r"passes a dead centre just before t = ([\d., e-]+) s, where .* lie on one line", text)
+    assert len(found[1].split(",")) == times
+    assert "change point" not in text
+    n = next(i for i, (name, _) in enumerate(page.formulas) if name.startswith("S"))
+    page.formulas[n] = (page.formulas[n][0], page.formulas[n][1] * se.RealDouble(1.001))
+    assert page.beside(r, numbered([page.motion(), *page.blocks()]))[1]
+
+
+@pytest.mark.parametrize(("scene", "duration", "within"), [
+    (lambda: closed_chain((0.2, 0.6, 0.5, 0.6), 1.0, angle=3 * mb.t + mb.t**2), 3.0, ", within one turn"),
+    (ends_meet, 7.0, ", within two turns"), (lambda: closed_chain((0.5, 0.2, 0.5, 0.6), 0.9), 0.2, "")])
+def test_curves_are_drawn_in_order_of_time(scene, duration, within):
+    """One line, which ends only where the input begins another turn or where a time is left out."""
+    r = scene().simulate(duration, accuracy=1e-6)
+    page, blocks = pages(r.prepared)
+    for picture in every(Picture, page.beside(r, blocks)[0].blocks):
+        lines = [np.array(mark[1]) for mark in picture.content.marks if mark[0] == "line" and mark[2] == "#0072b2"]
+        words = [mark[3] for mark in picture.content.marks if mark[0] == "text"]
+        assert f"angle{within} [rad]" in words
+        assert within in picture.caption
+        assert sum(map(len, lines)) <= len(r.t)
+        assert all((np.diff(line[:, 0]) > 0).all() for line in lines) or not within
+        bends = [np.sum(np.diff(line[1:, 1]) * np.diff(line[:-1, 1]) < 0) for line in lines]
+        assert sum(bends) < len(r.t) / 10

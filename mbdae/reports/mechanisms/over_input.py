@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, Table, escaped
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, escaped
 from mbdae.inputs import timed
 from mbdae.notation import counted
+from mbdae.reports.mechanisms import curve, passed
 from mbdae.reports.mechanisms.dyads import Dyads
 from mbdae.reports.page import Check, Printed, Wanted
 from mbdae.reports.reading import key_of
@@ -287,13 +288,17 @@ class OverInput(Dyads):
         t, (q, u, s) = result.t, result._states
         printed, table, curves, wrong = self.read_at(blocks, t, q, u, s)[1], list[list[str]](), list[Block](), list[Check]()
         x = np.real(printed.value(key_of(self.latex[str(self.inputs[0])])))
-        at = x % (2 * np.pi) if self.input.turn else x
+        near, places = passed(self, t, x, np.real(printed.value(key_of(self.latex[str(self.inputs[1])]))), q, u)
+        of = printed.stated & ~near
+        period = self.period() if np.ptp(x) > self.period() else 0.0
+        within = f", within {'one turn' if period < 7 else 'two turns'}" if period else ""
+        under = f"{self.input.coordinate}{within} [{'rad' if self.input.turn else 'm'}]"
         for letter, item in dict.fromkeys((letter, item) for letter, item, _ in self.on_l):
             name, unit = ("force", "N") if letter == "F" else ("torque", "N m")
             told, own = getattr(result[item], name), np.zeros((len(t), 3))
             for i in (i for i in range(3) if (letter, item, i) in self.on_l):
                 own[:, i] = np.real(np.broadcast_to(printed.value(key_of(self._force(letter, item, i))), (len(t),)))
-            off = float(np.max(np.linalg.norm(own - told, axis=1)[printed.stated], initial=0.0))
+            off = float(np.max(np.linalg.norm(own - told, axis=1)[of], initial=0.0))
             size, error = np.linalg.norm(told, axis=1), result.error(f"{item}.{name}")
             least = (result.accuracy.asked or ROUND_OFF) * float(np.max(size))
             table.append([f"{name} of {escaped(item)}", unit, f"{np.max(size):.6g}", f"{off:.2g}",
@@ -302,49 +307,18 @@ class OverInput(Dyads):
                 wrong.append(Check(f"the {name} of {escaped(item)} over the input is {off:.2g} {unit} off that of the run, whose "
                                    f"own error is {error:.2g} {unit}", float("inf")))
             if letter == "F":
-                curves.append(Picture(_curve(at, item, np.linalg.norm(own, axis=1), size, self.input.turn != 0),
-                                      f"Force of {escaped(item)} over ${self.latex['in']}$: line, the printed formulas; rings,"
+                curves.append(Picture(curve(x, period, under, item, np.where(of, np.linalg.norm(own, axis=1), np.nan), size),
+                                      f"Force of {escaped(item)} over ${self.latex['in']}${within}: line, the printed formulas; rings,"
                                       " the sensor of the run."))
-        left = int(np.sum(~printed.stated))
+        left = int(np.sum(~of))
         text = (f"The printed formulas at the {len(t)} times of a run, by the input and its rates there, and the run's sensors."
-                + (f" {counted(left, 'time')} next to zeros of divisors are left out." if left else "")
-                + "".join(map(self._passes, self.branches, [t] * 9, [x] * 9, self.branches_of(q, u).values())))
+                + (f" {counted(left, 'time')} next to zeros of divisors or beyond dead centres are left out." if left
+                   else "")
+                + places)
         verdict = "NOT EQUAL: " + "; ".join(c.what for c in wrong) + "." if wrong else (
+            "No time is left at which they can be compared." if left == len(t) else
             "The run states no error of its own." if all(not row[-1] for row in table) else
             f"No difference is larger than {OF_ERROR:g} times the run's own error or its accuracy.")
         head = ["", "unit", "largest of the run", "largest difference", "the run's own error"]
         curves = [Paragraph(f"{text} {verdict}"), Table(head, table), *curves]
         return Section("Joint forces over the input, beside a run", curves), wrong
-
-    def _passes(self, name: str, t: Any, x: Any, sign: Any) -> str:
-        """Sentences on the change points that a run passes, by its values of the input and of the sign of a branch."""
-        b, letter, off = self.branches[name], self.latex[name], self.off_change_points(x)
-        flips = [f"{t[i + 1]:.4g}" for i in np.flatnonzero(sign[1:] != sign[:-1])]
-        told = (f" The run goes through a change point just before t = {', '.join(flips)} s, where ${letter}$ changes its sign."
-                if flips else "")
-        other = np.flatnonzero(off & (sign != self.branch_at(b, x)))
-        if len(other):
-            told += (f" From t = {t[other[0]]:.4g} s on it is on the branch ${letter} = {sign[other[0]]:g}$, which the loop does"
-                     " not reach by going through its change points: there the smallest disturbance decides, here an error of the"
-                     " run.")
-        return told
-
-
-def _curve(x: Any, item: str, line: Any, dots: Any, turns: bool) -> Drawing:
-    """A force over the input: a line, and the run's values as rings."""
-    wide, high, order = 560.0, 200.0, np.argsort(x)
-    low, top = float(np.min(x)), float(max(np.max(line[np.isfinite(line)]), np.max(dots)) or 1.0)
-    size = float(np.ptp(x)) or 1.0
-    drawing = Drawing(wide, high, f"force of {item} over the input")
-    place = [((v - low) / size * wide, high * (1 - f / top))
-             for v, f in zip(x[order], line[order], strict=True) if np.isfinite(f)]
-    drawing.line([(0, 0), (0, high), (wide, high)], "#999")
-    drawing.line(place, "#0072b2", 1.5)
-    for i in order[:: max(1, len(x) // 40)]:
-        a, b = (x[i] - low) / size * wide, high * (1 - dots[i] / top)
-        drawing.line([(a + 3 * np.cos(w), b + 3 * np.sin(w)) for w in np.linspace(0, 2 * np.pi, 13)], "#d55e00")
-    drawing.text(0, -8, f"{top:.4g} N", "start")
-    drawing.text(wide, high + 18, f"{low + size:.4g} {'rad' if turns else 'm'}", "end")
-    drawing.text(0, high + 18, f"{low:.4g}", "start")
-    drawing.fit()
-    return drawing
