@@ -312,3 +312,21 @@ def test_curves_are_drawn_in_order_of_time(scene, duration, within):
         assert all((np.diff(line[:, 0]) > 0).all() for line in lines) or not within
         bends = [np.sum(np.diff(line[1:, 1]) * np.diff(line[:-1, 1]) < 0) for line in lines]
         assert sum(bends) < len(r.t) / 10
+
+
+@pytest.mark.parametrize("start", [0.9, 1.0, 1.1])
+def test_round_off_beside_a_change_point_is_no_difference(start):
+    """The places at which the sheet compares lie next to the change point; a formula that is wrong is told there too."""
+    page, blocks = pages(prepare(slider_crank(0.2, 0.2, start, 3 * mb.t)))
+    assert not failed(page.printed(blocks))
+    states = page.on_input()
+    n = next(i for i, (name, _) in enumerate(page.formulas) if name.startswith("S"))
+    page.formulas[n] = (page.formulas[n][0], page.formulas[n][1] * se.RealDouble(1.001))
+    assert failed(page.read_at(numbered([page.motion(), *page.blocks()]), *states)[0])
+
+
+def test_a_divisor_is_next_to_zero_by_its_terms():
+    """All positions of a parallelogram drawn flat have small determinants: differences of products of which the largest
+    determinant is a hundredth."""
+    flat = four_bar([(0, 0), (0.3, 0), (0.9, 0), (0.6, 0)], angle=3 * mb.t)
+    assert "comparisons hold" in mb.report(flat).to_markdown()

@@ -13,7 +13,7 @@ from mbdae.inputs import timed
 from mbdae.notation import counted
 from mbdae.reports.mechanisms import curve, passed
 from mbdae.reports.mechanisms.dyads import Dyads
-from mbdae.reports.page import Check, Printed, Wanted
+from mbdae.reports.page import BOUND, Check, Printed, Wanted
 from mbdae.reports.reading import key_of
 from mbdae.reports.scene_forces import RUN
 from mbdae.reports.states import POINTS, residual
@@ -25,6 +25,7 @@ from mbdae.system.model.nodes import Instance, Node
 from mbdae.system.prepare import Prepared
 
 AROUND = 1e-3  #: part of the range of the input left out about a change point, where what divides by the distance is noise
+LOST = 4  #: a power of a root, by its terms: what joint forces by the input keep of their digits, divided by it as rates are
 OF_ERROR = 3.0  #: part of a run's own error by which formulas and run may differ: it is an estimate
 ROUND_OFF = 1e-9  #: least error of a run without an accuracy, part of the largest force
 MOTION = "the positions, velocities and accelerations of the scene"
@@ -122,10 +123,12 @@ class OverInput(Dyads):
         printed, alone = Printed(known, wanted, len(t)), Printed(known, {}, len(t))
         checks = [*printed.read(blocks), *printed.undivided(blocks)]
         alone.read(blocks)
+        kept = np.min([np.abs(self.at_states(e, q, u)) for e in self.roots.values()], axis=0, initial=1.0)
+        part, of = np.minimum(1.0, BOUND / np.finfo(float).eps * kept**LOST), alone.stated
         for latex, w in wanted.items():
             if w.source == RUN:
-                got = np.broadcast_to(alone.value(key_of(latex)), (len(t),))
-                checks.append(Check(f"${latex}$ by the input alone, {RUN}", residual(got[alone.stated], w.values[alone.stated])))
+                off = np.broadcast_to(alone.value(key_of(latex)), (len(t),)) - w.values
+                checks.append(Check(f"${latex}$ by the input alone, {RUN}", residual((w.values + part * off)[of], w.values[of])))
         return checks, alone
 
     # -- the page
@@ -308,8 +311,8 @@ class OverInput(Dyads):
                                    f"own error is {error:.2g} {unit}", float("inf")))
             if letter == "F":
                 curves.append(Picture(curve(x, period, under, item, np.where(of, np.linalg.norm(own, axis=1), np.nan), size),
-                                      f"Force of {escaped(item)} over ${self.latex['in']}${within}: line, the printed formulas; rings,"
-                                      " the sensor of the run."))
+                                      f"Force of {escaped(item)} over ${self.latex['in']}${within}: line, the printed formulas;"
+                                      " rings, the sensor of the run."))
         left = int(np.sum(~of))
         text = (f"The printed formulas at the {len(t)} times of a run, by the input and its rates there, and the run's sensors."
                 + (f" {counted(left, 'time')} next to zeros of divisors or beyond dead centres are left out." if left
