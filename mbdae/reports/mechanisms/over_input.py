@@ -199,21 +199,31 @@ class OverInput(Dyads):
             found.append(float(low))
         return found
 
+    def _open(self, at: Any) -> Any:
+        """Numbers of the values of the input at which a loop does not close."""
+        closes = np.all([np.isfinite(v) for v in self.along(at).values()], axis=0)
+        return np.flatnonzero(~closes & self.off_change_points(at))
+
     def dead_centres(self) -> list[Block]:
         """Table of the places over one turn where a dyad is at a dead centre or change point, and where what is joined to the
         ground stands still."""
         at, rows, formulas = np.union1d(self.turn(), self.lowest), list[tuple[float, str]](), dict(self.formulas)
-        low, high, off = at[0], at[-1], self.off_change_points(at)
-        closes = np.all([np.isfinite(v) for v in self.along(at).values()], axis=0) | ~off
-        if not self.input.turn and not closes.all():  # what lies beyond the first dead centres is not reached
-            before, open_ = at < self.start_of(self.inputs[0]), np.flatnonzero(~closes)
-            first, last = max(open_[before[open_]], default=0), min(open_[~before[open_]], default=len(at))
-            at, off = at[first : last + 1], off[first : last + 1]
+        start, period, open_ = self.start_of(self.inputs[0]), self.period(), self._open(at)
+        (low, high), closes = at[[0, -1]], not len(open_)
+        if not closes:  # what lies beyond the first dead centres is not reached
+            at = np.union1d(at - period, at)
+            open_ = self._open(at)
+            first, last = max(open_[at[open_] < start], default=0), min(open_[at[open_] >= start], default=len(at))
+            at = at[first : last + 1]
+        off = self.off_change_points(at)
         for name, dead in self.limits.items():
             under = next(e for e in (formulas[name], *formulas[name].args) if e.is_Pow).args[0]
             rows += [(x, f"dead centre: {dead}; the input goes no further")
                      for x in self._crossings(lambda table, e=under: self._of(table, e), at[off])]
-            rows += self._meetings(f"br{name[1:]}", dead)
+        if not closes:
+            low, high = max([at[0], *(x for x, _ in rows if x < start)]), min([at[-1], *(x for x, _ in rows if x > start)])
+        for name, dead in self.limits.items():
+            rows += [(x + n, what) for x, what in self._meetings(f"br{name[1:]}", dead) for n in {0.0, -period * (not closes)}]
         rows += [(x, f"dead centre: {dead}") for name, dead in self.apart.items() if dead
                  for x in self._crossings(lambda table, name=name: table[name], at[off])]
         for link in self.links:
@@ -225,8 +235,10 @@ class OverInput(Dyads):
         unit, x = ("rad" if self.input.turn else "m"), self.latex[str(self.inputs[0])]
         over = {0: "", 1: "one turn, ", 2: "two turns, after which it is on its first branch again, "}[
             round(self.period() / (2 * np.pi))] + f"${x}$ from {low:.6g} to {high:.6g} {unit}"
-        told = (f"The loops close at every value of the input over {over}." if closes.all() else
-                f"The loops do not close at every value of the input; looked at over {over}:")
+        told = (f"The loops close at every value of the input over {over}." if closes else
+                f"The loops do not close at every value of the input. Reachable from the start: ${x}$ from {low:.6g} to"
+                f" {high:.6g} {unit}.")
+        rows = [(v, what) for v, what in rows if closes or low <= v <= high]
         table = [Table([f"${x}$ [{unit}]", "what is there"], [[f"{v:.6f}", what] for v, what in sorted(rows)])] if rows else []
         return [Paragraph(told), *table]
 
