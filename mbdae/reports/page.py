@@ -27,7 +27,8 @@ from mbdae.symbolic.outputs import fingerprint
 BOUND = 1e-10  #: largest relative difference that is attributed to round-off
 KERNEL, DERIVED, MOVED = "the compiled kernel", "the derived equations", "a complex step along a motion of the bodies"
 BALANCE = "the energy balance of a run"
-#: part of its largest value below which a divisor counts as 0: what is divided by it loses up to four of sixteen digits above
+#: part of its largest value, or of its largest term, below which a divisor counts as 0: above, what is divided by it loses up to
+#: four of sixteen digits
 NEXT_TO_ZERO = 1e-4
 SYMBOLS = ["symbol", "unit", "meaning"]  #: headings of a table of symbols
 #: tokens that occur in formulas but in no single symbol
@@ -77,6 +78,7 @@ class Printed:
         self.used: set[Key] = set()
         self.seen: set[Key] = set()
         self.checks: list[Check] = []
+        self.terms: dict[Key, float] = {}  #: largest term of the formula of a defined symbol
         self.conditions: list[Key] = []  #: what the page says to differ from 0
 
     def read(self, blocks: Sequence[Block]) -> list[Check]:
@@ -107,7 +109,8 @@ class Printed:
 
     def _defined(self, left: Key, line: Key) -> Any:
         self.used.add(left)
-        return self._value(line)
+        found, self.terms[left] = self._value(line), self.outer
+        return found
 
     def value(self, line: Key) -> Any:
         """Values of a symbol or formula at the points, which `read` has made known."""
@@ -117,7 +120,7 @@ class Printed:
         with np.errstate(all="ignore"):
             reader = LatexReader(line, self.symbols, self.points)
             found = reader.whole()
-        self.largest = reader.largest
+        self.largest, self.outer = reader.largest, reader.outer
         return found
 
     def _check(self, equation: Equation, left: Key, rest: list[tuple[str, Key]]) -> None:
@@ -148,7 +151,7 @@ class Printed:
         found = np.ones(self.points, dtype=bool)
         for key in self.conditions:
             value = np.abs(np.broadcast_to(self.value(key), (self.points,)))
-            found &= value > NEXT_TO_ZERO * np.max(value, where=np.isfinite(value), initial=0.0)
+            found &= value > NEXT_TO_ZERO * np.max(value, where=np.isfinite(value), initial=self.terms.get(key, 0.0))
         return found
 
     def undivided(self, blocks: Sequence[Block]) -> list[Check]:

@@ -105,7 +105,7 @@ class LatexReader:
 
     def __init__(self, line: Sequence[str], symbols: Symbols, points: int) -> None:
         self.line, self.symbols, self.points, self.i = tuple(line), symbols, points, 0
-        self.largest = 0.0  #: largest absolute value of all terms read
+        self.largest = self.outer = 0.0  #: largest absolute value of all terms read, and of those of the sum read last
 
     def whole(self) -> Array:
         """The value of the whole formula; UnreadError where something is left over."""
@@ -132,15 +132,15 @@ class LatexReader:
 
     def sum(self) -> Any:
         """Value of a sum of signed terms."""
-        total: Any = None
+        total, outer = None, 0.0
         while total is None or self.peek() in ("+", "-"):
             sign = self.take() if self.peek() in ("+", "-") else "+"
-            term = self.product()
-            term = term if sign == "+" else -term
-            self.largest = max(self.largest, float(np.max(np.abs(term), initial=0.0)))
+            term = self.product() if sign == "+" else -self.product()
+            self.largest = max(self.largest, outer := max(outer, float(np.max(abs(term), where=np.isfinite(term), initial=0.0))))
             if total is not None and np.ndim(total) != np.ndim(term) and not (isinstance(total, int) or isinstance(term, int)):
                 raise self._fault_of_mbdae("two terms of a sum are not both numbers, both vectors or both matrices")
             total = term if total is None else total + term
+        self.outer = outer
         return total
 
     def product(self) -> Any:

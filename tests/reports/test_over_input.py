@@ -243,6 +243,8 @@ def test_a_wrong_formula_is_seen(scene, step):
         name, e = page.formulas[n]
         if e == 0 or name[0] == "c" or name not in {kept for _, kept, _ in page.kept()}:  # c: axes, some of them times 0
             continue
+        if name == "Y2" and "X2" not in dict(page.formulas):  # of both arguments of an atan2 a factor: its sign alone counts
+            continue
         states = page.on_input()
         page.formulas[n] = (name, e * se.RealDouble(1.001) + se.RealDouble(1.7e-3))
         blocks = numbered([page.motion(), *page.blocks()])

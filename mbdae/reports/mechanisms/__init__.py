@@ -1,5 +1,5 @@
 """Scenes on paper: the solution of their rows, and mechanisms over one coordinate. Here: mechanisms drawn in any plane, as such
-of the plane z = 0."""
+of the plane z = 0; curves over the input, and the dead centres and change points that a run passes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.documents.blocks import escaped
+from mbdae.documents.blocks import Drawing, escaped
 from mbdae.scene.components import Beam
 from mbdae.scene.record import item_name, signature_of
 from mbdae.system.prepare import Prepared, prepare
+
+NEXT = 0.1  #: a root is next to 0 at this part of its terms: what is divided by its square has 100 times the errors of a run
 
 
 class InPlane:
@@ -103,3 +105,59 @@ class RunInPlane(dict[str, Any]):
     def __init__(self, forces: Any, t: Any, states: Any, result: Any) -> None:
         super().__init__(forces)
         self.t, self._states, self.error, self.accuracy = t, states, result.error, result.accuracy
+
+
+def curve(x: Any, period: float, under: str, item: str, force: Any, dots: Any) -> Drawing:
+    """A force over the input, in the order of time: a line, and the run's values as rings. period: range of the input that is
+    shown, 0 for all of it; under: what is written under it."""
+    wide, high = 560.0, 200.0
+    low = float(np.min(x))
+    pieces = np.floor((x - low) / period) if period else np.zeros(len(x))
+    at, size = x - period * pieces, period or float(np.ptp(x)) or 1.0
+    top = float(max(np.max(force[np.isfinite(force)], initial=0.0), np.max(dots)) or 1.0)
+    drawing = Drawing(wide, high, f"force of {item} over the input")
+    place = np.column_stack([(at - low) / size * wide, high * (1 - force / top)])
+    drawing.line([(0, 0), (0, high), (wide, high)], "#999")
+    ends = np.flatnonzero((pieces[1:] != pieces[:-1]) | (np.isfinite(force[1:]) != np.isfinite(force[:-1]))) + 1
+    for piece in np.split(place, ends):
+        if len(piece) > 1 and np.isfinite(piece).all():
+            drawing.line([(float(a), float(b)) for a, b in piece], "#0072b2", 1.5)
+    for i in range(0, len(x), max(1, len(x) // 40)):
+        a, b = (at[i] - low) / size * wide, high * (1 - dots[i] / top)
+        drawing.line([(a + 3 * np.cos(w), b + 3 * np.sin(w)) for w in np.linspace(0, 2 * np.pi, 13)], "#d55e00")
+    drawing.text(0, -8, f"{top:.4g} N", "start")
+    drawing.text(wide, high + 18, f"{low + size:.4g}", "end")
+    drawing.text(wide / 2, high + 18, under)
+    drawing.text(0, high + 18, f"{low:.4g}", "start")
+    drawing.fit()
+    return drawing
+
+
+def passed(page: Any, t: Any, x: Any, rate: Any, q: Any, u: Any) -> tuple[Any, str]:
+    """At which times of a run (nt,) a closure is next to a place where its roots meet, or on the other root than its formula; and
+    sentences on the dead centres, where the input turns back, and the change points that it passes. x, rate: of the input."""
+    left, told = np.zeros(len(t), dtype=bool), ""
+    signs = page.branches_of(q, u)
+    for name, where in page.limits.items():
+        root, branch = page.at_states(page.roots[name], q, u), f"br{name[1:]}"
+        sign = signs.get(branch, np.where(root >= 0, 1.0, -1.0))
+        flips = sign[1:] != sign[:-1]
+        turns = flips & (rate[1:] * rate[:-1] <= 0)
+        through, back = (", ".join(f"{v:.4g}" for v in t[1:][at]) for at in (flips & ~turns, turns))
+        if back:
+            told += (f" The run passes a dead centre just before t = {back} s, where {where}; beyond it the loop is on its other"
+                     " branch.")
+        if branch not in page.branches:
+            left |= root <= NEXT
+            told += " The formulas are compared where it is on its first branch." * bool(back)
+            continue
+        b, letter = page.branches[branch], page.latex[branch]
+        left |= np.abs(root) <= NEXT
+        if through:
+            told += f" The run goes through a change point just before t = {through} s, where ${letter}$ changes its sign."
+        other = np.flatnonzero(page.off_change_points(x) & (sign != page.branch_at(b, x)))
+        if len(other) and not back:
+            told += (f" From t = {t[other[0]]:.4g} s on it is on the branch ${letter} = {sign[other[0]]:g}$, which the loop does"
+                     " not reach by going through its change points: there the smallest disturbance decides, here an error of the"
+                     " run.")
+    return left, told

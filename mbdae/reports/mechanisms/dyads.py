@@ -53,6 +53,7 @@ class Dyads(Links):
 
     def __init__(self, prepared: Prepared) -> None:
         self.limits: dict[str, str] = {}  #: roots that vanish at a dead centre, and what this is
+        self.roots: dict[str, Expr] = {}  #: these by the bodies, over the root of their terms: negative beyond a dead centre
         self.branches: dict[str, Branch] = {}  #: of closures with change points, by the symbols of their signs
         self.lowest: list[float] = []  #: values of the input where what is under a root is least
         self.dyads = self.solves = 0
@@ -160,7 +161,7 @@ class Dyads(Links):
             self.constants[str(branch)] = 1.0
             self.branches[str(branch)] = Branch(side, start, changes, touches, period)
             S = branch * S
-        self.limits[f"S{n}"] = dead
+        self.limits[f"S{n}"], self.roots[f"S{n}"] = dead, start * side / se.sqrt(terms)
         return self.follow(f"S{n}", S), se.Integer(start)
 
     def _change_points(self, under: Expr, terms: Expr) -> tuple[list[float], list[float], float]:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section, Table, escaped
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, escaped
 from mbdae.inputs import timed
 from mbdae.notation import counted
+from mbdae.reports.mechanisms import curve, passed
 from mbdae.reports.mechanisms.dyads import Dyads
-from mbdae.reports.page import Check, Printed, Wanted
+from mbdae.reports.page import BOUND, Check, Printed, Wanted
 from mbdae.reports.reading import key_of
 from mbdae.reports.scene_forces import RUN
 from mbdae.reports.states import POINTS, residual
@@ -24,6 +25,7 @@ from mbdae.system.model.nodes import Instance, Node
 from mbdae.system.prepare import Prepared
 
 AROUND = 1e-3  #: part of the range of the input left out about a change point, where what divides by the distance is noise
+LOST = 4  #: a power of a root, by its terms: what joint forces by the input keep of their digits, divided by it as rates are
 OF_ERROR = 3.0  #: part of a run's own error by which formulas and run may differ: it is an estimate
 ROUND_OFF = 1e-9  #: least error of a run without an accuracy, part of the largest force
 MOTION = "the positions, velocities and accelerations of the scene"
@@ -121,10 +123,12 @@ class OverInput(Dyads):
         printed, alone = Printed(known, wanted, len(t)), Printed(known, {}, len(t))
         checks = [*printed.read(blocks), *printed.undivided(blocks)]
         alone.read(blocks)
+        kept = np.min([np.abs(self.at_states(e, q, u)) for e in self.roots.values()], axis=0, initial=1.0)
+        part, of = np.minimum(1.0, BOUND / np.finfo(float).eps * kept**LOST), alone.stated
         for latex, w in wanted.items():
             if w.source == RUN:
-                got = np.broadcast_to(alone.value(key_of(latex)), (len(t),))
-                checks.append(Check(f"${latex}$ by the input alone, {RUN}", residual(got[alone.stated], w.values[alone.stated])))
+                off = np.broadcast_to(alone.value(key_of(latex)), (len(t),)) - w.values
+                checks.append(Check(f"${latex}$ by the input alone, {RUN}", residual((w.values + part * off)[of], w.values[of])))
         return checks, alone
 
     # -- the page
@@ -195,21 +199,31 @@ class OverInput(Dyads):
             found.append(float(low))
         return found
 
+    def _open(self, at: Any) -> Any:
+        """Numbers of the values of the input at which a loop does not close."""
+        closes = np.all([np.isfinite(v) for v in self.along(at).values()], axis=0)
+        return np.flatnonzero(~closes & self.off_change_points(at))
+
     def dead_centres(self) -> list[Block]:
         """Table of the places over one turn where a dyad is at a dead centre or change point, and where what is joined to the
         ground stands still."""
         at, rows, formulas = np.union1d(self.turn(), self.lowest), list[tuple[float, str]](), dict(self.formulas)
-        low, high, off = at[0], at[-1], self.off_change_points(at)
-        closes = np.all([np.isfinite(v) for v in self.along(at).values()], axis=0) | ~off
-        if not self.input.turn and not closes.all():  # what lies beyond the first dead centres is not reached
-            before, open_ = at < self.start_of(self.inputs[0]), np.flatnonzero(~closes)
-            first, last = max(open_[before[open_]], default=0), min(open_[~before[open_]], default=len(at))
-            at, off = at[first : last + 1], off[first : last + 1]
+        start, period, open_ = self.start_of(self.inputs[0]), self.period(), self._open(at)
+        (low, high), closes = at[[0, -1]], not len(open_)
+        if not closes:  # what lies beyond the first dead centres is not reached
+            at = np.union1d(at - period, at)
+            open_ = self._open(at)
+            first, last = max(open_[at[open_] < start], default=0), min(open_[at[open_] >= start], default=len(at))
+            at = at[first : last + 1]
+        off = self.off_change_points(at)
         for name, dead in self.limits.items():
             under = next(e for e in (formulas[name], *formulas[name].args) if e.is_Pow).args[0]
             rows += [(x, f"dead centre: {dead}; the input goes no further")
                      for x in self._crossings(lambda table, e=under: self._of(table, e), at[off])]
-            rows += self._meetings(f"br{name[1:]}", dead)
+        if not closes:
+            low, high = max([at[0], *(x for x, _ in rows if x < start)]), min([at[-1], *(x for x, _ in rows if x > start)])
+        for name, dead in self.limits.items():
+            rows += [(x + n, what) for x, what in self._meetings(f"br{name[1:]}", dead) for n in {0.0, -period * (not closes)}]
         rows += [(x, f"dead centre: {dead}") for name, dead in self.apart.items() if dead
                  for x in self._crossings(lambda table, name=name: table[name], at[off])]
         for link in self.links:
@@ -221,8 +235,10 @@ class OverInput(Dyads):
         unit, x = ("rad" if self.input.turn else "m"), self.latex[str(self.inputs[0])]
         over = {0: "", 1: "one turn, ", 2: "two turns, after which it is on its first branch again, "}[
             round(self.period() / (2 * np.pi))] + f"${x}$ from {low:.6g} to {high:.6g} {unit}"
-        told = (f"The loops close at every value of the input over {over}." if closes.all() else
-                f"The loops do not close at every value of the input; looked at over {over}:")
+        told = (f"The loops close at every value of the input over {over}." if closes else
+                f"The loops do not close at every value of the input. Reachable from the start: ${x}$ from {low:.6g} to"
+                f" {high:.6g} {unit}.")
+        rows = [(v, what) for v, what in rows if closes or low <= v <= high]
         table = [Table([f"${x}$ [{unit}]", "what is there"], [[f"{v:.6f}", what] for v, what in sorted(rows)])] if rows else []
         return [Paragraph(told), *table]
 
@@ -287,13 +303,17 @@ class OverInput(Dyads):
         t, (q, u, s) = result.t, result._states
         printed, table, curves, wrong = self.read_at(blocks, t, q, u, s)[1], list[list[str]](), list[Block](), list[Check]()
         x = np.real(printed.value(key_of(self.latex[str(self.inputs[0])])))
-        at = x % (2 * np.pi) if self.input.turn else x
+        near, places = passed(self, t, x, np.real(printed.value(key_of(self.latex[str(self.inputs[1])]))), q, u)
+        of = printed.stated & ~near
+        period = self.period() if np.ptp(x) > self.period() else 0.0
+        within = f", within {'one turn' if period < 7 else 'two turns'}" if period else ""
+        under = f"{self.input.coordinate}{within} [{'rad' if self.input.turn else 'm'}]"
         for letter, item in dict.fromkeys((letter, item) for letter, item, _ in self.on_l):
             name, unit = ("force", "N") if letter == "F" else ("torque", "N m")
             told, own = getattr(result[item], name), np.zeros((len(t), 3))
             for i in (i for i in range(3) if (letter, item, i) in self.on_l):
                 own[:, i] = np.real(np.broadcast_to(printed.value(key_of(self._force(letter, item, i))), (len(t),)))
-            off = float(np.max(np.linalg.norm(own - told, axis=1)[printed.stated], initial=0.0))
+            off = float(np.max(np.linalg.norm(own - told, axis=1)[of], initial=0.0))
             size, error = np.linalg.norm(told, axis=1), result.error(f"{item}.{name}")
             least = (result.accuracy.asked or ROUND_OFF) * float(np.max(size))
             table.append([f"{name} of {escaped(item)}", unit, f"{np.max(size):.6g}", f"{off:.2g}",
@@ -302,49 +322,18 @@ class OverInput(Dyads):
                 wrong.append(Check(f"the {name} of {escaped(item)} over the input is {off:.2g} {unit} off that of the run, whose "
                                    f"own error is {error:.2g} {unit}", float("inf")))
             if letter == "F":
-                curves.append(Picture(_curve(at, item, np.linalg.norm(own, axis=1), size, self.input.turn != 0),
-                                      f"Force of {escaped(item)} over ${self.latex['in']}$: line, the printed formulas; rings,"
-                                      " the sensor of the run."))
-        left = int(np.sum(~printed.stated))
+                curves.append(Picture(curve(x, period, under, item, np.where(of, np.linalg.norm(own, axis=1), np.nan), size),
+                                      f"Force of {escaped(item)} over ${self.latex['in']}${within}: line, the printed formulas;"
+                                      " rings, the sensor of the run."))
+        left = int(np.sum(~of))
         text = (f"The printed formulas at the {len(t)} times of a run, by the input and its rates there, and the run's sensors."
-                + (f" {counted(left, 'time')} next to zeros of divisors are left out." if left else "")
-                + "".join(map(self._passes, self.branches, [t] * 9, [x] * 9, self.branches_of(q, u).values())))
+                + (f" {counted(left, 'time')} next to zeros of divisors or beyond dead centres are left out." if left
+                   else "")
+                + places)
         verdict = "NOT EQUAL: " + "; ".join(c.what for c in wrong) + "." if wrong else (
+            "No time is left at which they can be compared." if left == len(t) else
             "The run states no error of its own." if all(not row[-1] for row in table) else
             f"No difference is larger than {OF_ERROR:g} times the run's own error or its accuracy.")
         head = ["", "unit", "largest of the run", "largest difference", "the run's own error"]
         curves = [Paragraph(f"{text} {verdict}"), Table(head, table), *curves]
         return Section("Joint forces over the input, beside a run", curves), wrong
-
-    def _passes(self, name: str, t: Any, x: Any, sign: Any) -> str:
-        """Sentences on the change points that a run passes, by its values of the input and of the sign of a branch."""
-        b, letter, off = self.branches[name], self.latex[name], self.off_change_points(x)
-        flips = [f"{t[i + 1]:.4g}" for i in np.flatnonzero(sign[1:] != sign[:-1])]
-        told = (f" The run goes through a change point just before t = {', '.join(flips)} s, where ${letter}$ changes its sign."
-                if flips else "")
-        other = np.flatnonzero(off & (sign != self.branch_at(b, x)))
-        if len(other):
-            told += (f" From t = {t[other[0]]:.4g} s on it is on the branch ${letter} = {sign[other[0]]:g}$, which the loop does"
-                     " not reach by going through its change points: there the smallest disturbance decides, here an error of the"
-                     " run.")
-        return told
-
-
-def _curve(x: Any, item: str, line: Any, dots: Any, turns: bool) -> Drawing:
-    """A force over the input: a line, and the run's values as rings."""
-    wide, high, order = 560.0, 200.0, np.argsort(x)
-    low, top = float(np.min(x)), float(max(np.max(line[np.isfinite(line)]), np.max(dots)) or 1.0)
-    size = float(np.ptp(x)) or 1.0
-    drawing = Drawing(wide, high, f"force of {item} over the input")
-    place = [((v - low) / size * wide, high * (1 - f / top))
-             for v, f in zip(x[order], line[order], strict=True) if np.isfinite(f)]
-    drawing.line([(0, 0), (0, high), (wide, high)], "#999")
-    drawing.line(place, "#0072b2", 1.5)
-    for i in order[:: max(1, len(x) // 40)]:
-        a, b = (x[i] - low) / size * wide, high * (1 - dots[i] / top)
-        drawing.line([(a + 3 * np.cos(w), b + 3 * np.sin(w)) for w in np.linspace(0, 2 * np.pi, 13)], "#d55e00")
-    drawing.text(0, -8, f"{top:.4g} N", "start")
-    drawing.text(wide, high + 18, f"{low + size:.4g} {'rad' if turns else 'm'}", "end")
-    drawing.text(0, high + 18, f"{low:.4g}", "start")
-    drawing.fit()
-    return drawing
