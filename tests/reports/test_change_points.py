@@ -134,7 +134,7 @@ def test_a_run_through_a_change_point(scene):
     assert "No difference is larger" in section.blocks[0].text
     page.branches_of = lambda q, u: {name: np.ones(len(q)) for name in page.branches}
     section, wrong = page.beside(r, blocks)
-    assert {check.what.split(" over the input")[0] for check in wrong} >= {"the force of B", "the force of C"}
+    assert "the torque of A" in {check.what.split(" over the input")[0] for check in wrong}  # of forces the run may tell no more
     assert "NOT EQUAL" in section.blocks[0].text
     if scene is parallelogram:
         assert "comparisons hold" in (text := mb.report(r).to_markdown())
