@@ -41,7 +41,7 @@ class Linearization(OnMesh, Modes[Mode]):
     `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K` (freedoms, freedoms): the equations
     M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes and
     named by `basis_names`; columns of `basis` are orthonormal, no coordinates of joints (`Scene.tree` has M of these).
-    With beams `mesh` names the mesh, and `mesh_error` (modes,) is the error of the eigenvalues that this mesh causes.
+    With beams `mesh` names the mesh; `mesh_error` (modes,): error of the eigenvalues by it and by modes of reduced bodies.
 
     errors (modes,): bounds of the errors of the eigenvalues that rounding causes, 1/s. stable: False where a real part exceeds
     its error, or a motion lowers the energy; True where all are at most 0, by their numbers or by the structure of the
@@ -137,11 +137,11 @@ class Linearization(OnMesh, Modes[Mode]):
                          f"{mode.growth:>11.4g}  {self.errors[i]:>8.1e}  {participants(mode)}")
         lines.append(f"errors: of the roots, 1/s, by rounding; stable: {'not decided' if self.stable is None else self.stable}")
         lines += [OUT_OF_PLANE[self.out_of_plane]] if self._plane else []
-        return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
+        return "\n".join(lines + ([self._on_mesh] if self._on_mesh else []))
 
     def __repr__(self) -> str:
         return (f"<Linearization of '{self.prepared.model.scene.name}'{self._plane}, in the frame of '{self.frame}': "
-                f"{counted(len(self.modes), 'mode')}{', ' * bool(self.mesh)}{self._on_mesh}>")
+                f"{counted(len(self.modes), 'mode')}{', ' * bool(self._on_mesh)}{self._on_mesh}>")
 
 
 @naming_arguments

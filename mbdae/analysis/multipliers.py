@@ -163,11 +163,11 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         if len(self.fast_growth):
             lines.append("largest growth of motions too fast for the steps, in the mean of the period: {:.5g} 1/s, error {:.1e}"
                          .format(*max(zip(self.fast_growth, self.fast_errors, strict=True))))
-        return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
+        return "\n".join(lines + ([self._on_mesh] if self._on_mesh else []))
 
     def __repr__(self) -> str:
         return (f"<Floquet of '{self.prepared.model.scene.name}'{self._plane}, period {self.period:.9g} s: "
-                f"{counted(len(self.multipliers), 'multiplier')}{', ' * bool(self.mesh)}{self._on_mesh}>")
+                f"{counted(len(self.multipliers), 'multiplier')}{', ' * bool(self._on_mesh)}{self._on_mesh}>")
 
 
 def on_circle(multipliers: Complex, errors: Array) -> NDArray[np.bool_]:

@@ -241,13 +241,18 @@ class OnMesh:
         beams = [line.beam for line in self.prepared.model.lines]
         return {beam.name: (tuple(int(n) for n in np.atleast_1d(beam.elements)), beam.order) for beam in beams}
 
+    @property
+    def _reduced(self) -> list[str]:
+        """Names of reduced bodies."""
+        return [c.k.name for c in self.prepared.model.scene.connections if getattr(c.joint, "reduced", None) is not None]
+
     @cached_property
     def mesh_error(self) -> Array | None:
-        """The error that the mesh of beams causes in each of `roots`, relative to the root: its difference from the same analysis
-        with elements of one order more (twice as many elements where the order is the highest), which is made when this is read.
-        NaN for a root without counterpart on the finer mesh; None without beams. Raises OptionError for the state of a run, which
-        exists on the run's mesh only."""
-        if not self.prepared.model.lines:
+        """The error that the mesh of beams, and modes that reduced bodies leave out, cause in each of `roots`, relative to the
+        root: its difference from the same analysis with elements of one order more (twice as many elements where the order is the
+        highest) and more than twice as many modes, which is made when this is read. NaN for a root without counterpart there;
+        None without such bodies. Raises OptionError for the state of a run, which exists on the run's mesh only."""
+        if not (self.mesh or self._reduced):
             return None
         if self._again is None:
             raise OptionError("mesh_error: the state of a run has no counterpart on a finer mesh: linearise about "
@@ -272,14 +277,17 @@ class OnMesh:
 
     @property
     def _on_mesh(self) -> str:
-        """The mesh and its error in words; "" without beams."""
-        if not self.mesh:
-            return ""
+        """The mesh, and modes of reduced bodies, with their error in words; "" without either."""
         beams = ", ".join(f"'{name}' {counted(sum(elements), 'element')} of order {order}"
                           for name, (elements, order) in self.mesh.items())
+        kept = ", ".join(f"'{name}'" for name in self._reduced)
+        whose = ", ".join([*([f"mesh of {beams}"] if beams else []), *([f"modes kept of {kept}"] if kept else [])])
+        if not whose:
+            return ""
         if "mesh_error" in vars(self):
-            return f"mesh of {beams}: relative error of at most {np.nanmax(vars(self)['mesh_error'], initial=0.0):.1e}"
-        return f"mesh of {beams}: its error is not covered{' (.mesh_error measures it)' if self._again is not None else ''}"
+            return f"{whose}: relative error of at most {np.nanmax(vars(self)['mesh_error'], initial=0.0):.1e}"
+        measures = " (.mesh_error measures it)" if self._again is not None else ""
+        return f"{whose}: {'their' if kept else 'its'} error is not covered{measures}"
 
 
 def repeated(again: Callable[..., Any], at: Any) -> Callable[[SceneData], Any] | None:

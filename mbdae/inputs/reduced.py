@@ -32,8 +32,9 @@ else:
                                                            "stresses_by_modes")
 
 #: largest displacement by a mode, over the size of a body, that is not told: where a cantilever's end deflects by 14 % of its
-#: length, its mode displaces by 5.4 % and the deflection is 1.4 % off; at a tenth of that load by 0.54 % and 0.013 %
-SMALL = 0.04
+#: length, its mode displaces by 5.4 % and the deflection is 1.4 % off; at a tenth of that load by 0.54 % and 0.013 %. What is
+#: left out of positions is SQUARE times the square of that, or less (cantilevers under loads at the end: .6 to 1.1 times)
+SMALL, SQUARE = 0.04, 1.5
 #: angular velocity of a body, over its lowest angular frequency with an interface held, that is not told: by the square of this,
 #: 1 %, centrifugal forces stiffen a rotating blade, which its matrices do not say
 SLOW = 0.1
@@ -136,9 +137,18 @@ class ReducedBody(NamesAttributes):
                 found.append((float(np.sqrt(max(values[0], 0)) / (2 * np.pi)), float(stiffness)))
         return min(found)
 
+    def left_out_of(self, prepared: Any, item: Any, q: Array) -> float:
+        """About the largest displacement of the second order that small deformations leave out at positions q (k, nq), m."""
+        return float(SQUARE * np.max(self.by_modes(prepared, item, q)) ** 2 / self.size)
+
+    def by_modes(self, prepared: Any, item: Any, q: Array) -> Array:
+        """(k,) largest displacements by a mode at positions q (k, nq), m; item: that of its modes in the scene."""
+        nodes = [prepared.model.coordinate_node(item.name, mode).q for mode in item.scalars[: len(self.modal_mass)]]
+        return np.asarray(np.max(np.abs(q[:, nodes]), axis=1, initial=0))
+
     def doubts(self, result: Any, item: Any) -> list[str]:
         """What a run, or a state, may have left out, a sentence each; item: that of its modes in the scene."""
-        scalars, run, found = item.scalars[: len(self.modal_mass)], result.solution, []
+        run, found = result.solution, []
 
         def above(sizes: Array, bound: float) -> list[tuple[str, float, float]]:
             """Where sizes are above a bound: when first, the largest, and this over the bound."""
@@ -146,11 +156,13 @@ class ReducedBody(NamesAttributes):
             when = "at t = {:.6g} s: " if len(run.t) > 1 else ""
             return [(when.format(result.t[i]), float(np.max(sizes)), float(np.max(sizes)) / bound) for i in first]
 
-        nodes = [result.prepared.model.coordinate_node(item.name, mode).q for mode in scalars]
-        sizes, bound = np.max(np.abs(result.q[:, nodes]), axis=1, initial=0), SMALL * self.size
+        sizes, bound = self.by_modes(result.prepared, item, result.q), SMALL * self.size
+        known = result.info and result.info.accuracy
+        if known and known.asked is not None and known.mesh is not None:  # verified: what was measured is within the accuracy
+            bound = min(bound, float(np.sqrt(known.asked * result.prepared.length * self.size / SQUARE)))
         found += [f"{when}a mode displaces by up to {most:.3g} m, more than {bound:.3g} m: the body moves as with small "
-                  f"deformations, whose error is then about 1 % or more and grows with the square; use s.beam, or several bodies"
-                  for when, most, _ in above(sizes, bound)]
+                  f"deformations, which leaves out about {SQUARE * most**2 / self.size:.1g} m of displacements and grows with "
+                  f"their square; use s.beam, or several bodies" for when, most, _ in above(sizes, bound)]
         if len(self.bends):
             return found
         speed, bound = np.linalg.norm(result[item.k.name].angular_velocity, axis=1), SLOW * 2 * np.pi * self.lowest_held

@@ -20,11 +20,13 @@ from mbdae.notation import counted
 from mbdae.process import unchanging
 from mbdae.results.errors import Errors
 from mbdae.results.quantities import named
+from mbdae.results.states import states_of
 from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
 from mbdae.values import number, option, shown, text
 
 LEAST_ACCURACY = 1e-12  #: smallest accuracy that may be asked for
-WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
+WORDS = ("motion", "reactions", "mesh", "deformation")  #: the errors of a run
 #: why an error is not known where the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
 NO_RUN_BESIDE = "not estimated: no second run for comparison was completed"
@@ -49,6 +51,8 @@ class Accuracy:
     that reduced bodies leave out; None where it was not measured.
     meshes: where that error, or that of a quantity asked for, misses the accuracy: by name of a beam the elements and order of
     the first mesh with which both were measured to be within it, {"rod": {"elements": 4, "order": 3}}; else empty.
+    deformation: error of positions, over the scene's length, by what reduced bodies leave out as with small deformations, their
+    second order: about 1.5 times the square of the largest displacement by a mode, over the body's size; None without any.
     `covers` names the errors within the accuracy asked, `not_covered` the others with the reason.
     """
 
@@ -64,6 +68,7 @@ class Accuracy:
     found_amplification: Callable[[], float | None] | float | None = field(default=None, compare=False)
     of: Mapping[Any, float | None] = field(default_factory=dict)
     meshes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    deformation: float | None = None
 
     @property
     def motion(self) -> float | None:
@@ -90,8 +95,10 @@ class Accuracy:
     @property
     def lacks(self) -> str:
         """What the errors of motion, reactions, peaks and all that is read do not contain: "mesh" (the elements of beams, the
-        modes that reduced bodies leave out) where it was not measured, by verify=True; else ""."""
-        return "mesh" if self.has_mesh and self.mesh is None else ""
+        modes that reduced bodies leave out) where it was not measured, by verify=True; "second order of deformations" of reduced
+        bodies (see `deformation`); both; or ""."""
+        of_mesh = ["mesh"] if self.has_mesh and self.mesh is None else []
+        return " and the ".join([*of_mesh, *(["second order of deformations"] if self.deformation else [])])
 
     @property
     def met(self) -> bool | None:
@@ -104,8 +111,8 @@ class Accuracy:
 
     @property
     def covers(self) -> frozenset[str]:
-        """Which of "motion", "reactions", "mesh" and the quantities asked for are within the accuracy asked. Scenes without
-        elastic bodies have no mesh: "mesh" is neither here nor in `not_covered`."""
+        """Which of "motion", "reactions", "mesh", "deformation" and the quantities asked for are within the accuracy asked.
+        "mesh" is neither here nor in `not_covered` where a scene has no elastic bodies, "deformation" where no reduced ones."""
         return frozenset(self._errors) - frozenset(self.not_covered)
 
     @property
@@ -123,8 +130,11 @@ class Accuracy:
 
     @property
     def _errors(self) -> dict[str, float | None]:
-        """The errors by name: "motion", "reactions", in a scene with elastic bodies "mesh", and what was asked for."""
-        return {"motion": self.motion, "reactions": self.reactions} | ({"mesh": self.mesh} if self.has_mesh else {}) | {
+        """The errors by name: "motion", "reactions", in a scene with elastic bodies "mesh", with reduced ones "deformation", and
+        what was asked for."""
+        of_bodies = ({"mesh": self.mesh} if self.has_mesh else {}) | ({} if self.deformation is None else
+                                                                      {"deformation": self.deformation})
+        return {"motion": self.motion, "reactions": self.reactions} | of_bodies | {
             named(key): error for key, error in self.of.items()}
 
     @property
@@ -140,13 +150,22 @@ class Accuracy:
         return {"asked": self.asked, "estimated": self.estimated, "verified": self.verified, "mesh": self.mesh,
                 "has_mesh": self.has_mesh, "unknown": dict(self.unknown), "found_reactions": self.reactions,
                 "found_amplification": self.amplification, "of": {named(key): error for key, error in self.of.items()},
-                "meshes": {name: dict(mesh) for name, mesh in self.meshes.items()}}
+                "meshes": {name: dict(mesh) for name, mesh in self.meshes.items()}, "deformation": self.deformation}
 
     def __repr__(self) -> str:
         told = (f"{name}={value:.2g}" for name, value in (("asked", self.asked), ("estimated", self.estimated),
                 ("verified", self.verified), *self._errors.items()) if value is not None and name != "motion")
         reasons = "".join(f"\n  {word}: not covered: {why}" for word, why in self.not_covered.items())
         return f"<Accuracy {', '.join((*told, self.brief))}>{reasons}"
+
+
+def second_order(prepared: Prepared, run: Solution) -> float | None:
+    """`Accuracy.deformation` of a run."""
+    bodies = [(c, c.joint.reduced) for c in prepared.model.scene.connections if getattr(c.joint, "reduced", None) is not None]
+    if not bodies:
+        return None
+    q = states_of(prepared, run, run.t).q
+    return float(max(body.left_out_of(prepared, c, q) for c, body in bodies) / prepared.length)
 
 
 def against_mesh(meshes: Mapping[str, Mapping[str, Any]]) -> str:

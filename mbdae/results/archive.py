@@ -319,7 +319,7 @@ def _elements(value: Any, where: str) -> None:
 _TEXTS, _SHARE = _many(_text), _optional(_real(0.0, finite=False, known=False))
 _STATS = {f.name: _whole() if f.type == "int" else _each(_whole()) if f.name == "unresolved" else _real(0.0, finite=False)
           for f in fields(Stats)}
-_ACCURACY = {"mesh": _SHARE, "has_mesh": _flag, "unknown": _each(_text), "found_reactions": _SHARE,
+_ACCURACY = {"mesh": _SHARE, "deformation": _SHARE, "has_mesh": _flag, "unknown": _each(_text), "found_reactions": _SHARE,
              "found_amplification": _optional(_real(0.0, finite=False)), "of": _each(_SHARE),
              "meshes": _each(_record({"elements": _elements, "order": _whole(1)}))}
 _INFO = {

@@ -25,7 +25,7 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, check_times
 from mbdae.integrators.stored_runs import keeping_runs
 from mbdae.laws.bodies import ORDERS, Modes
-from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy, against_mesh
+from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy, against_mesh, second_order
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
 from mbdae.results.stored_parts import apart
@@ -291,7 +291,7 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
         forces.asked, forces.remedy = asked, against_mesh(found.meshes) if found.of_mesh > accuracy else rounded
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, prepared.model.elastic, unknown, forces,
-                    Amplified(run.solution), meshes=found.meshes)
+                    Amplified(run.solution), meshes=found.meshes, deformation=second_order(prepared, run.solution))
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:
