@@ -562,3 +562,10 @@ def test_a_peak_that_the_modes_leave_wrong_asks_for_more_modes() -> None:
     estimate = r.accuracy.errors.of_peak(r, deflection, peak.value, peak.t)
     assert 0.9 * peak.error < estimate.mesh <= peak.error
     assert r.accuracy.met
+
+
+def test_a_state_of_reduced_bodies_alone_is_compared_with_more_modes() -> None:
+    s = mb.Scene("held")
+    s.reduced_body("beam", reduced(0))
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    assert s.equilibrium().accuracy.unknown["mesh"] == "not measured: compare with more modes of reduced bodies"
