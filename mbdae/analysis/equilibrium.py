@@ -18,6 +18,7 @@ from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
 from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments, warn
 from mbdae.integrators.solution import Solution, Stats
+from mbdae.laws.bodies import Modes
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
@@ -35,26 +36,20 @@ from mbdae.values import array, flag, function, option, optional, shown
 #: smallest step of the load factor, relative to the load factor reached (or to 1e-4 where that is larger); where a shorter one
 #: would be needed, raising the loads ends with an EquilibriumError
 SMALLEST_STEP = 1e-6
-#: largest displacement that the tangent predicts for a load step in a scene without beams, in the scene's length and rad; longer
-#: steps, which may skip a limit point, are shortened
-REACH = 0.1
-#: largest displacement that the tangent predicts for a load step in a scene with beams, in the scene's length and rad; it may be
-#: larger than REACH, because such steps are checked by the tangents at both ends
-BENT = 0.7
+#: largest displacement that the tangent predicts for a load step, in the scene's length and rad, without and with beams; longer
+#: steps, which may skip a limit point, are shortened. With beams they are checked by the tangents at both ends
+REACH, BENT = 0.1, 0.7
 #: largest distance of a load step from the step that a tangent predicts, relative to the latter; beyond it the step is halved
 NEAR = 0.3
 TRUST = 0.5  #: first and largest step of the search for a stable state, in the scene's length and rad
 STOP_IT = "stop that motion with a joint, or give it a spring"
 ASIDE = 0.02  #: displacement from an unstable state, in the scene's length and rad, at which the search for a stable one begins
-#: sum of all steps of the search for a stable state, in the scene's length and rad, beyond which the search is given up
-FAR = 30.0
+FAR = 30.0  #: sum of all steps of that search, in the scene's length and rad, beyond which it is given up
 SEARCHES = 200  #: largest number of corrections of the search for a stable state, which is given up after them
 #: a state at rest is refused where a redundant row is violated (m or rad) by more than this times the scene's length (m), or
 #: times 1 where that length is below 1
 OFF = 1e-6
 SOLVED = "not estimated: the equations are solved until `residual` of the state at rest remains"
-CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
-           "mesh": "not measured: compare with beams of one order more"}  #: texts of `accuracy` of the result
 Progress = Callable[[float, int], None]  #: called with the load factor reached and the corrections so far
 
 
@@ -102,6 +97,9 @@ class Equilibrium(Result):
         or, without a spring, the angle at the start."""
         followed = self.prepared.mechanics.followed.get((item.name, name))
         return super()._start_value(item, name) if followed is None else float(self._states[2][0, followed])
+
+    def _between(self, t: Any, instant: bool = False) -> Result:
+        raise OptionError("an equilibrium has one state, no peak or mean over a time: read its value, e.value(...)")
 
     def save(self, path: Any) -> None:
         raise OptionError(f"an equilibrium has one instant and is not stored: save a run that starts from it "
@@ -183,8 +181,10 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
     stats = Stats(steps=0, newton_iterations=point.iterations)
     rest = Instant("Newton", point.y[None], point.yp[None])
     solution = Solution(t, rest.y, rest.yp, None, stats, rest, statics.system.names, True, rest)
-    known = Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=CLAIMED)
-    info = RunInfo(rest, statics.system.label, known, stats)
+    modes = any(isinstance(c.laws[0], Modes) for c in prepared.model.scene.connections)
+    finer = " and ".join(["beams of one order more"] * bool(prepared.model.lines) + ["more modes of reduced bodies"] * modes)
+    unknown = {"motion": SOLVED, "reactions": SOLVED, "mesh": f"not measured: compare with {finer}"}
+    info = RunInfo(rest, statics.system.label, Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=unknown), stats)
     result = Equilibrium(replace(prepared, start=start), solution, info, t)
     result.point, result.kinds = point, statics.kinds
     result.frame, result.load_factor, result.iterations = statics.rest.frame.name, point.load_factor, point.iterations

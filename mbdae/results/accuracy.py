@@ -18,7 +18,7 @@ from mbdae.errors import ListsAttributes, OptionError, unknown_name
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
 from mbdae.process import unchanging
-from mbdae.results.errors import Errors
+from mbdae.results.errors import AGAINST_MESH, Errors
 from mbdae.results.quantities import named
 from mbdae.results.states import states_of
 from mbdae.system.base import Array
@@ -171,8 +171,7 @@ def second_order(prepared: Prepared, run: Solution) -> float | None:
 def against_mesh(meshes: Mapping[str, Mapping[str, Any]]) -> str:
     """What helps against the error of a mesh; meshes: `Accuracy.meshes`."""
     found = ", ".join(f"{name} elements={mesh['elements']}, order={mesh['order']}" for name, mesh in meshes.items())
-    return (f"give {found}, measured to be within the accuracy" if found else
-            "give beams more elements or a higher order, and reduced bodies more modes")
+    return f"give {found}, measured to be within the accuracy in the motion and in what was asked for" if found else AGAINST_MESH
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import FURTHER, LATE, AtTimes, OtherRun, at_the_same_times, wrenches
 from mbdae.results.contacts import averaged, fallen, largest
-from mbdae.results.quantities import Quantity, difference, differences, magnitudes, moves, named, unit_of, value, without_value
+from mbdae.results.quantities import Estimate, Quantity, absent, difference, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.states import states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -40,25 +40,9 @@ MEETING, NEAR = 0.3, 0.05
 #: tightens 7 times, where both end a step in the same moment
 FAR = 0.15
 NEARLY = 5.0  #: the closer run is made for the error of all reactions too where that is up to so many times the accuracy
+AGAINST_MESH = "give beams more elements or a higher order, and reduced bodies more modes"
 #: errors of functions that read what other runs do not have
 UNREADABLE = (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError)
-
-
-class Estimate(NamedTuple):
-    """error: of a quantity, absolute, in its unit, rounding at least; size: what it is relative to; limit: that of rounding."""
-
-    error: float
-    size: float
-    limit: float = 0.0
-
-    @property
-    def relative(self) -> float:
-        """The error over the size; 0 where it is rounding."""
-        return 0.0 if self.error <= self.limit else self.error / self.size if self.size > 0 else np.inf
-
-    def beyond(self, asked: float) -> bool:
-        """Whether the error is above the accuracy asked."""
-        return not self.error <= max(asked * self.size, self.limit)
 
 
 @dataclass(eq=False)
@@ -77,15 +61,16 @@ class Errors:
     wanted: tuple[Quantity, ...] = ()  #: those that the run was asked for, which are relative to their own size
     _known: dict[Any, Estimate | None] = field(default_factory=dict, repr=False)
     endless: dict[str, float] = field(default_factory=dict, repr=False)  #: quantity that is not finite at a time, s: no error
-    remedy: str = ""  #: where a smaller accuracy is none: against the error of the mesh, or of round-off
+    remedy: str = ""  #: where a smaller accuracy is none: against the error of round-off
+    against_mesh: str = AGAINST_MESH
 
     def __post_init__(self) -> None:
         self.others = at_the_same_times(self.others)
 
     def __getstate__(self) -> dict[str, Any]:
         """What `pickle` keeps: runs and what was told; errors are computed again when they are read."""
-        return {name: vars(self)[name] for name in ("prepared", "solution", "others", "asked", "told", "reactions")} | {
-            "closer": None, "_known": {}, "endless": {}}
+        return {name: vars(self)[name] for name in ("prepared", "solution", "others", "asked", "told", "reactions", "remedy",
+                                               "against_mesh")} | {"closer": None, "_known": {}, "endless": {}}
 
     # -- reactions
 
@@ -186,7 +171,7 @@ class Errors:
             for other in self._shown:
                 both = self._both(result, other)
                 own, beside = (value(one, quantity) for one in both)
-                if (at_time := without_value(result, quantity, [(other.times, one) for one in (own, beside)])) is not None:
+                if (at_time := absent(result, quantity, [(other.times, one) for one in (own, beside)])) is not None:
                     self.endless.setdefault(named(quantity), at_time)
                     return None
                 top = float(np.max(magnitudes(own), initial=0.0))
@@ -199,8 +184,8 @@ class Errors:
                     found.append((other, part(other, other.times[at], own[at], beside[at])))
         except UNREADABLE:
             return None
-        limit = ROUNDED * self._typical(unit)
-        return Estimate(max(together(found), limit), max(known, self._scale(result, quantity, unit)), limit) if found else None
+        size, limit = max(known, self._scale(result, quantity, unit)), ROUNDED * self._typical(unit)
+        return Estimate(max(together(found), limit), size, limit, by_mesh(found)) if found else None
 
     def _estimated_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
         """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks."""
@@ -213,9 +198,9 @@ class Errors:
         if not found or over_time is None:
             return None
         followed = any(other.kind == "closer" and other.times[-1] >= t for other in self.others)
-        error = together(found) if followed else max(together(found), MEETING * over_time.error)
-        limit = ROUNDED * self._typical(unit)
-        return Estimate(max(error, limit), max(size, self._scale(result, quantity, unit)), limit)
+        meeting, limit = 0.0 if followed else MEETING, ROUNDED * self._typical(unit)
+        error, mesh = max(together(found), meeting * over_time.error), max(by_mesh(found), meeting * over_time.mesh)
+        return Estimate(max(error, limit), max(size, self._scale(result, quantity, unit)), limit, mesh)
 
     def _at_peak(self, result: Any, quantity: Quantity, size: float, t: float, other: OtherRun) -> float:
         """The difference of another run that counts for the peak of this one."""
@@ -311,7 +296,7 @@ class Errors:
             share, of = f"{100 * found.error / found.size:.2g} % of ", f"{found.error:.2g}{f' {unit}' if unit else ''}"
             error = f"an error of about {of} in its {read}, {share}its largest value there" if read else (
                 f"an error of about {of}, {share}its largest value")
-        remedy = self._remedy(asked)
+        remedy = self._remedy(asked, found)
         if found is None and name in self.endless:
             remedy = f"it is infinite or no number at t = {self.endless[name]:.6g} s; read a quantity that is finite all along"
         self.told[key] = f"{name} has {error}, where the accuracy {asked:g} was asked: {remedy}"
@@ -321,18 +306,31 @@ class Errors:
     def _leaves_out(self) -> bool:  # whether the run may leave out vibrations
         return any(other.kind == "window" for other in self.others)
 
-    def _remedy(self, asked: float) -> str:
-        smaller = f"accuracy={asked / 10:.0e}"
-        if self.remedy or self.prepared.contacts:
-            return self.remedy or (f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or "
-                                   f"ask for {smaller}")
-        if self._leaves_out and not self.prepared.model.elastic:
-            return (f"the run leaves out fast vibrations of stiff springs, which hardly move anything and carry forces; name it "
-                    f"in of=[...], with which steps follow them where that takes less than a second, or ask for {smaller}")
-        if self._leaves_out:
-            return (f"the run leaves out fast elastic vibrations, which hardly move them and carry forces; ask for "
-                    f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")
-        return f"ask for {smaller}"
+    def _remedy(self, asked: float, found: Estimate | None) -> str:
+        """What lessens an error: what is against its larger part, that of the mesh or that in time, and against the other too
+        where that alone is above the accuracy."""
+        smaller, meshes = f"ask for accuracy={asked / 10:.0e}", found is not None and found.mesh > found.error / 2
+        if found is not None and meshes:
+            rest = found._replace(error=found.error - found.mesh).beyond(asked)
+            smaller = f"{self.against_mesh}{f'; and {smaller}' if rest else ''}"
+        elif self.remedy:
+            return self.remedy
+        elif found is not None and found._replace(error=found.mesh).beyond(asked):
+            smaller = f"{smaller}; and {self.against_mesh}"
+        if self.prepared.contacts:
+            return f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or {smaller}"
+        if self._leaves_out and not meshes:
+            if not self.prepared.model.elastic:
+                return (f"the run leaves out fast vibrations of stiff springs, which hardly move anything and carry forces; name "
+                        f"it in of=[...], with which steps follow them where that takes less than a second, or {smaller}")
+            return (f"the run leaves out fast elastic vibrations, which hardly move them and carry forces; {smaller}, or take "
+                    "form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")
+        return smaller
+
+
+def by_mesh(found: Iterable[tuple[OtherRun, float]]) -> float:
+    """The part of the error of a run that the one on a finer mesh shows."""
+    return float(max((other.share * apart for other, apart in found if other.kind == "mesh"), default=0.0))
 
 
 def together(found: Iterable[tuple[OtherRun, float]]) -> float:

@@ -55,12 +55,31 @@ def value(result: Any, quantity: Quantity) -> Array:
     return np.asarray(found, dtype=float)
 
 
-def without_value(result: Any, quantity: Quantity, read: Iterable[tuple[Array, Array]]) -> float | None:
+def absent(result: Any, quantity: Quantity, read: Iterable[tuple[Array, Array]]) -> float | None:
     """The first time, s, at which a quantity is infinite or no number, in a result or in what was read of it: times (k,) and
     values (k, ...); None where it is finite all along."""
     with result._silently():
         own = result.t, value(result, quantity)
     return min((float(t) for times, values in (own, *read) for t in times[~np.isfinite(magnitudes(values))][:1]), default=None)
+
+
+class Estimate(NamedTuple):
+    """error: of a quantity, absolute, in its unit, rounding at least; size: what it is relative to; limit: that of rounding;
+    mesh: the part of the error that a finer mesh shows."""
+
+    error: float
+    size: float
+    limit: float = 0.0
+    mesh: float = 0.0
+
+    @property
+    def relative(self) -> float:
+        """The error over the size; 0 where it is rounding."""
+        return 0.0 if self.error <= self.limit else self.error / self.size if self.size > 0 else np.inf
+
+    def beyond(self, asked: float) -> bool:
+        """Whether the error is above the accuracy asked."""
+        return not self.error <= max(asked * self.size, self.limit)
 
 
 def magnitudes(values: Array) -> Array:

@@ -211,7 +211,7 @@ class Result(OfRun, RunStates, ListsAttributes):
     def peak(self, quantity: Quantity, t: Any = None) -> Peak:
         """The largest magnitude of a quantity (see `value`), between the result's times too, with its time: `.value`, `.t`, and
         the error of the value, `.error`. t: (begin, end), s, between which it is sought; by default the result's times."""
-        return peak(self._between(t), quantity)
+        return peak(self._between(t, True), quantity)
 
     def mean(self, quantity: Quantity, t: Any = None) -> Mean:
         """The mean of a quantity (see `value`) over the times t = (begin, end), s, by default the result's: `.value`, of a vector
@@ -223,14 +223,13 @@ class Result(OfRun, RunStates, ListsAttributes):
         """The root of the mean square of the magnitude of a quantity over the times t = (begin, end), s; see `mean`."""
         return mean(self._between(t), quantity, 2)
 
-    def _between(self, t: Any) -> Result:
-        """The run at two times (begin, end), s; itself for None."""
-        if t is None:
-            return self
-        ends = option("t", t, sequence, "give two times of the run in s, (begin, end)", each=number)
-        if len(ends) != 2 or not ends[0] < ends[1]:
-            raise OptionError(f"t = {shown(t)} is no interval: give two times of the run in s, (begin, end), begin < end")
-        return self(ends)
+    def _between(self, t: Any, instant: bool = False) -> Result:
+        """The run at two times (begin, end), s; for None at the least and the largest of the result's. instant: or at one."""
+        whole = np.unique(self.t)[[0, -1]].tolist() if t is None and len(self.t) else t
+        ends = option("t", whole, sequence, "give two times of the run in s, (begin, end)", each=number)
+        if len(ends) != 2 or not (ends[0] < ends[1] or (t is None and instant)):
+            raise OptionError(f"t = {shown(whole)} is no interval: give two times of the run in s, (begin, end), begin < end")
+        return self if t is None and ends == self.t[[0, -1]].tolist() else self(ends)
 
     def to_dataframe(self, *sensors: Quantity, **further: Quantity) -> Any:
         """Quantities (see `value`) as a pandas.DataFrame over the time in s, vectors by component; every sensor where none is

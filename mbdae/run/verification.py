@@ -230,14 +230,13 @@ CONTINUED = "not measured: the run continues another one on the same mesh, whose
 
 @dataclass(frozen=True)
 class Verified:
-    """What verify=True found. motion: largest difference from a run of another method; mesh, of_mesh: from a run on a finer mesh
-    of the beams, in motion and in what was asked for; meshes: elements and order that serve; reactions, finer: states of these
-    two runs, by which reactions are compared; unknown: {error: why it is not known}; runs: number of runs made."""
+    """What verify=True found. motion: largest difference from a run of another method; mesh: from a run on a finer mesh of the
+    beams; meshes: elements and order that serve; reactions, finer: states of these two runs, by which reactions are compared;
+    unknown: {error: why it is not known}; runs: number of runs made."""
 
     motion: float | None = None
     reactions: tuple[OtherRun, ...] = ()
     mesh: float | None = None
-    of_mesh: float = 0.0
     meshes: dict[str, Any] = field(default_factory=dict)
     finer: tuple[OtherRun, ...] = ()
     unknown: dict[str, str] = field(default_factory=dict)
@@ -259,7 +258,7 @@ def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, a
         return replace(found, unknown=found.unknown | {"mesh": f"not measured: the run on a finer mesh failed: {error}"})
     within = max(mesh, of) <= accuracy or not any(isinstance(body, Beam) for body in prepared.model.scene.bodies)
     meshes, runs = ({}, 0) if within else mesh_that_serves(same, run.solver, asked, accuracy, finer)
-    return replace(found, mesh=mesh, of_mesh=of, meshes=meshes, finer=(finer,), runs=found.runs + 1 + runs)
+    return replace(found, mesh=mesh, meshes=meshes, finer=(finer,), runs=found.runs + 1 + runs)
 
 
 def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, asked: Asked) -> Verified:
@@ -288,7 +287,7 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     if forces is not None:
         at_limit = any(tolerance <= run.limit * (1 + 1e-9) for tolerance, _ in run.told[-1:])
         rounded = ROUNDED.format(run.limit, run.solver.label) if at_limit else ""
-        forces.asked, forces.remedy = asked, against_mesh(found.meshes) if found.of_mesh > accuracy else rounded
+        forces.asked, forces.remedy, forces.against_mesh = asked, rounded, against_mesh(found.meshes)
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, prepared.model.elastic, unknown, forces,
                     Amplified(run.solution), meshes=found.meshes, deformation=second_order(prepared, run.solution))

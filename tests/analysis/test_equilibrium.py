@@ -342,3 +342,22 @@ def test_many_bodies_rest_too() -> None:
         s.revolute(f"J{i}", above, link, at=(0, -0.1 * i))
         above = link
     assert np.linalg.norm(s.equilibrium()["J0"].force) == pytest.approx(140 * 9.81, rel=1e-9)
+
+
+@pytest.mark.parametrize("read", ["peak", "mean", "rms"])
+def test_one_state_has_no_peak_and_no_mean(read: str) -> None:
+    s = mb.Scene("hanging", gravity=(0, -9.81, 0))
+    s.revolute("pin", s.ground, s.link("rod", (0, 0), (0, -1), mass=2.0), at=(0, 0))
+    e = s.equilibrium()
+    for quantity, span in (("pin.force", None), (lambda r: r["pin"].force[:, 1], None), ("pin.force", (0, 1))):
+        with pytest.raises(mb.OptionError, match=r"an equilibrium has one state.*read its value, e\.value"):
+            getattr(e, read)(quantity, span)
+    r = s.simulate(0.1)
+    if read == "peak":  # at one time it is the value there
+        assert r(0.05).peak("pin.force").value == pytest.approx(2 * 9.81)
+    else:
+        with pytest.raises(mb.OptionError, match="is no interval"):
+            getattr(r(0.05), read)("pin.force")
+    # from the least time to the largest, in whatever order they were asked for
+    back, forth = (getattr(one, read)("rod.position", t).value for one, t in ((r([0.08, 0.02]), None), (r, (0.02, 0.08))))
+    np.testing.assert_allclose(back, forth)

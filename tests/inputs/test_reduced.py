@@ -578,3 +578,29 @@ def test_a_page_shows_every_mode_how_it_moves_and_why_there_are_so_many() -> Non
     assert not any(isinstance(block, Picture) for block in mb.report(alone).blocks)
     with pytest.raises(mb.OptionError, match="takes no options"):
         mb.report(body, kept=True)
+
+
+def test_a_peak_that_the_modes_leave_wrong_asks_for_more_modes() -> None:
+    """The motion is within the accuracy, as it is over the beam's length; nearly the whole error of the deflection is that of
+    the modes, and a smaller accuracy would leave it."""
+    s = mb.Scene("struck")
+    s.reduced_body("beam", reduced(0), damping=0.05)
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (0, 20.0 * sympy.sin(300 * mb.t), 0))
+    r = s.simulate(0.01, accuracy=1e-3, verify=True)
+
+    def deflection(r: Any) -> Any:
+        return r["beam.tip"].position[:, 1]
+
+    with pytest.warns(mb.AccuracyWarning, match="deflection has an error .* reduced bodies more modes$"):
+        peak = r.peak(deflection)
+    estimate = r.accuracy.errors.of_peak(r, deflection, peak.value, peak.t)
+    assert 0.9 * peak.error < estimate.mesh <= peak.error
+    assert r.accuracy.met
+
+
+def test_a_state_of_reduced_bodies_alone_is_compared_with_more_modes() -> None:
+    s = mb.Scene("held")
+    s.reduced_body("beam", reduced(0))
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    assert s.equilibrium().accuracy.unknown["mesh"] == "not measured: compare with more modes of reduced bodies"
