@@ -105,6 +105,9 @@ def read_fe(path: Any, mass: Any = None, nodes: Any = None, E: float | None = No
             raise OptionError(f"mass = None: give the file of the mass matrix beside the stiffness {where.name}")
         M, K = (_read(p, lambda p: sp.csc_matrix(mmread(p))) for p in (Path(mass), where))
         return FiniteElementModel(M, K, _places(nodes, where, None))
+    if kind not in package("meshio").extension_to_filetypes:
+        raise OptionError(f"path = {shown(str(where))}: '{kind}' is no kind of file that is read: give CalculiX's .sti, "
+                          f"Nastran's .pch, Matrix Market's .mtx, or a mesh that meshio reads, such as .msh, .inp, .vtk, .bdf")
     young = option("E", E, number, "give Young's modulus, Pa: a mesh alone has no stiffness", above=0)
     rho = option("density", density, number, "give the density, kg/m^3: a mesh alone has no mass", above=0)
     poisson = option("nu", 0.3 if nu is None else nu, number, "give Poisson's ratio, up to 0.499", above=-1, most=0.499)

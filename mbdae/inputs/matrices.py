@@ -209,11 +209,6 @@ class Scaled:
         return np.asarray(D * self.factors.solve(np.ascontiguousarray(D * b)))
 
 
-def sizes_of(matrix: Any) -> str:
-    """Its rows and columns in words."""
-    return f"{matrix.shape[0]} by {matrix.shape[1]}"
-
-
 def symmetric(name: str, given: Any) -> Any:
     """The matrix as CSC, symmetric and finite."""
     if not issparse(given):
@@ -222,13 +217,21 @@ def symmetric(name: str, given: Any) -> Any:
             raise OptionError(f"{name} has {given.ndim} dimensions: give a square matrix, full or SciPy sparse")
     found = sp.csc_matrix(given, dtype=float)
     if found.shape[0] != found.shape[1] or not found.shape[0]:
-        raise OptionError(f"{name} is {sizes_of(found)}: give a square matrix, full or SciPy sparse")
+        raise OptionError(f"{name} is {' by '.join(map(str, found.shape))}: give a square matrix, full or SciPy sparse")
     if not np.all(np.isfinite(found.data)):
         raise OptionError(f"{name} has entries that are not finite")
     off, size = abs(found - found.T), float(abs(found).max())
     if size == 0 or off.max() > ROUNDED * size:
-        raise OptionError(f"{name} is {'zero' if size == 0 else 'not symmetric'}: give the whole symmetric matrix, not a half")
+        raise OptionError(f"{name} is {'zero: all its entries are 0' if size == 0 else f'not symmetric: {one_sided(found)}'}")
     return sp.csc_matrix((found + found.T) / 2)
+
+
+def one_sided(matrix: Any) -> str:
+    """Where a matrix is least symmetric, in words."""
+    if not (sp.triu(matrix, 1).nnz and sp.tril(matrix, -1).nnz):
+        return "give the whole symmetric matrix, not a half"
+    i, j = sorted(divmod(int(abs(matrix - matrix.T).argmax()), matrix.shape[0]))
+    return f"its entries [{i}, {j}] and [{j}, {i}], counted from 0, are {matrix[i, j]:g} and {matrix[j, i]:g}"
 
 
 def signed_factors(matrix: Any) -> Any:

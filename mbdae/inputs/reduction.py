@@ -13,11 +13,11 @@ from mbdae.inputs.matrices import (
     DENSE,
     ROUNDED,
     Scaled,
+    one_sided,
     pivots_of,
     refuse_negative,
     refuse_soft,
     signed_factors,
-    sizes_of,
     symmetric,
 )
 from mbdae.values import Array, BadValueError, array, option, sequence, shown, whole
@@ -49,6 +49,11 @@ def rigid_motions(nodes: Array, about: Array, freedoms: int) -> Array:
     return out.reshape(-1, 6)
 
 
+def sizes_of(matrix: Any) -> str:
+    """Its rows and columns in words."""
+    return f"{matrix.shape[0]} by {matrix.shape[1]}"
+
+
 class FiniteElements:
     """The matrices as given, checked; inner: (all, inner) the freedoms of nodes of no interface; held: (all, 6 interfaces) the
     rigid motions of the interfaces."""
@@ -66,7 +71,7 @@ class FiniteElements:
         self.size = float(np.linalg.norm(np.ptp(self.nodes, axis=0)))
         self.names, self.members = self._interfaces(interfaces)
         self.places = [self.nodes[m].mean(axis=0) for m in self.members]
-        self._check_rigid()
+        self._check_rigid(sp.csc_matrix(K, dtype=float))
         self.held, self.inner = self._split()
 
     def _interfaces(self, given: Any) -> tuple[list[str], list[Any]]:
@@ -81,14 +86,17 @@ class FiniteElements:
                 raise OptionError(f"{of}: '<body>.{name}' is an item of reduced bodies, as 'modes', 'inertia 1', 'rows 1' and "
                                   f"'interface ...' are: give another name")
             try:
-                found = sequence(numbers, whole, least=0, most=len(self.nodes) - 1)
+                mask = np.ndim(numbers) == 1 and np.asarray(numbers).dtype == bool and len(numbers) == len(self.nodes)
+                found = sequence(np.flatnonzero(numbers) if mask else numbers, whole, least=0, most=len(self.nodes) - 1)
             except BadValueError as reason:
-                raise OptionError(f"{of} = {reason}; give numbers of nodes, 0 to {len(self.nodes) - 1}") from None
+                raise OptionError(f"{of} = {reason}; give numbers of nodes, 0 to {len(self.nodes) - 1}, or True or False for "
+                                  f"each of the {len(self.nodes)} nodes") from None
             if not found:
                 raise OptionError(f"{of} has no nodes: give the numbers of its nodes, from 0")
             for node in found:
                 if node in seen:
-                    raise OptionError(f"{of} has the node {node}, which interface '{seen[node]}' has too: a node moves with one "
+                    raise OptionError(f"{of} has the node {node} twice: name it once" if seen[node] == name else
+                                      f"{of} has the node {node}, which interface '{seen[node]}' has too: a node moves with one "
                                       f"interface")
                 seen[node] = name
             if self.freedoms == 3:
@@ -99,8 +107,8 @@ class FiniteElements:
             members.append(np.array(found))
         return list(given), members
 
-    def _check_rigid(self) -> None:
-        """Refuse matrices that are not those of a free body whose nodes are where they are said to be."""
+    def _check_rigid(self, given: Any) -> None:
+        """Refuse matrices that are not those of a free body whose nodes are where they are said to be. given: K as it was."""
         center = self.nodes.mean(axis=0)
         R = rigid_motions(self.nodes, center, self.freedoms)
         for name, matrix in (("M", self.M), ("K", self.K)):
@@ -116,6 +124,8 @@ class FiniteElements:
                               f"in the order {order}, node by node, or freedoms were left out")
         forces, sizes = abs(self.K @ R), abs(self.K) @ abs(R)
         wrong = forces > ROUNDED * np.max(sizes, axis=0)
+        if np.any(wrong & (forces <= (1 + ROUNDED) * (abs(given - given.T) @ abs(R)) / 2)):
+            raise OptionError(f"K is not symmetric: {one_sided(given)}")
         if wrong[:, :3].any():
             where = self._freedom(int(np.argmax(wrong[:, :3].any(axis=1))))
             raise OptionError(f"K resists rigid translations, first at {where}: give K without supports, with rows in the order "

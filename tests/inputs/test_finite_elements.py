@@ -235,3 +235,9 @@ def test_sets_are_named_where_one_is_not_there(tmp_path: Path) -> None:
                          (lambda x: x, "return 45 of True and False")):
         with pytest.raises(mb.OptionError, match=words.replace("(", r"\(")):
             model.reduced({"root": where})
+
+
+def test_a_file_of_no_known_kind_is_refused_before_its_material_is_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "beam.py").write_text("E = 2e11")
+    with pytest.raises(mb.OptionError, match=r"'\.py' is no kind of file that is read"):
+        mb.read_fe(tmp_path / "beam.py")

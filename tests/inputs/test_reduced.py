@@ -94,7 +94,15 @@ NEGATIVE = sp.csc_matrix(M + sp.csc_matrix(([-5e-3, -5e-3], ([9, 15], [15, 9])),
     ((*APART, {"a": [0]}), "mechanism"), ((*APART, {"a": [0], "b": [3]}), "motions that are not rigid have no stiffness"),
     ((M, K, NODES, {"a": []}), "interfaces['a'] has no nodes"), ((M, K, NODES, {"a": [5]}), "0 to 4"),
     ((M, K, NODES, {"a": [0], "b": [0]}), "which interface 'a' has too"), ((M, K, NODES, None), "interfaces = None"),
-    ((M, sp.triu(K), NODES, {"a": [0]}), "K is not symmetric"), ((M, K, NODES, {"a": [0]}, 99), "modes = 99"),
+    ((M, sp.triu(K), NODES, {"a": [0]}), "K is not symmetric: give the whole symmetric matrix, not a half"),
+    ((M, K + sp.csc_matrix(([1e-3 * K[2, 2]], ([2], [8])), K.shape), NODES, {"a": [0]}),
+     "K is not symmetric: its entries [2, 8] and [8, 2]"),
+    ((M, K + sp.csc_matrix(([2e-5 * K[2, 2]], ([2], [8])), K.shape), NODES, {"a": [0]}),
+     "K is not symmetric: its entries [2, 8] and [8, 2]"),
+    ((0 * M, K, NODES, {"a": [0]}), "M is zero: all its entries are 0"),
+    ((M, K, NODES, {"a": [0, 0]}), "interfaces['a'] has the node 0 twice: name it once"),
+    ((M, K, NODES, {"a": [True, False]}), "or True or False for each of the 5 nodes"),
+    ((M, K, NODES, {"a": [0]}, 99), "modes = 99"),
     ((*beam_matrices(40), {"a": [0]}, None, False, False, None, 1e-15), "give accelerations=True and up_to=, a larger accuracy"),
     ((M, K, NODES, {"a": [0]}, 2, "all"), "accelerations = 'all'"), ((M, K, NODES, {"a": [0]}, 2, False, 3), "stiffening = 3"),
     ((M, K, NODES, {"a": [0]}, 1, False, lambda u, v: u[:3]), "give a function that returns 30 forces"),
@@ -604,3 +612,20 @@ def test_a_state_of_reduced_bodies_alone_is_compared_with_more_modes() -> None:
     s.reduced_body("beam", reduced(0))
     s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
     assert s.equilibrium().accuracy.unknown["mesh"] == "not measured: compare with more modes of reduced bodies"
+
+
+def test_an_interface_is_given_by_numbers_or_by_a_mask_of_all_nodes() -> None:
+    M, K, nodes = beam_matrices(4)
+    for mask in (nodes[:, 0] == 0, (nodes[:, 0] == 0).tolist()):
+        body = mb.ReducedBody.craig_bampton(M, K, nodes, {"root": mask}, 2)
+        np.testing.assert_array_equal(body.interfaces["root"], nodes[0])
+
+
+def test_a_recursive_scene_is_not_told_to_be_made_recursive() -> None:
+    s = mb.Scene("held")
+    s.reduced_body("beam", reduced(0))
+    s.revolute("hinge", s.ground, "beam.root", at=(0, 0, 0), axis=(0, 0, 1))
+    with pytest.raises(mb.OptionError, match=r"use mb.GGL\(\), or s.recursive\(\)"):
+        s.simulate(0.01, form=mb.ODE())
+    with pytest.raises(mb.OptionError, match=r"use mb.GGL\(\)$"):
+        s.recursive().simulate(0.01, form=mb.ODE())
