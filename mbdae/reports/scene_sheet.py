@@ -280,7 +280,7 @@ def modes_page(body: ReducedBody) -> Document:
     """Which modes a reduced body has, how each moves, and pictures of them."""
     rows = [[str(i + 1), f"{f:.4g}", *_moves(body, i)] for i, f in enumerate(body.frequencies.tolist())]
     held = ", ".join(f"{f:.4g}" for f in body.held_frequencies.tolist()) or "none"
-    least = 1e-12 * max(float(np.max(np.abs(place))) for place in body.interfaces.values())  # below it is round-off
+    least = 1e-12 * float(np.max(np.abs(body.nodes)))  # below it is round-off
     places = [[name, *(f"{x if abs(x) > least else 0.0:.4g}" for x in place)] for name, place in body.interfaces.items()]
     text = ("These are frequencies of the body that flies freely; as mounted in a scene it has others, which `s.linearize()` "
             "lists. A coordinate of a mode is the largest displacement of a node by it, m. Modes of vibration that were kept, "

@@ -629,3 +629,9 @@ def test_a_recursive_scene_is_not_told_to_be_made_recursive() -> None:
         s.simulate(0.01, form=mb.ODE())
     with pytest.raises(mb.OptionError, match=r"use mb.GGL\(\)$"):
         s.recursive().simulate(0.01, form=mb.ODE())
+
+
+def test_a_page_shows_no_round_off_as_a_place() -> None:
+    M, K, nodes = beam_matrices(4)
+    body = mb.ReducedBody.craig_bampton(M, K, nodes + np.array([0.0, -5.6e-19, 0.0]), {"root": [0], "tip": [4]}, 0)
+    assert "e-19" not in mb.report(body).to_markdown()
