@@ -54,6 +54,9 @@ def own_forces(d: Derived) -> list[tuple[Target, Expr]]:
     return [] if isinstance(d.law, Element) or not d.force else reaction(d)
 
 
+ROUNDED = 1e-13  #: a multiplier that is smaller than this times the largest one of its state is round-off of their solution
+
+
 class Velocity(NamedTuple):
     """A velocity of a body: subscript, letter of the position, letter of the inertia."""
 
@@ -260,6 +263,8 @@ class SceneEquations:
         """Values of all letters by their LaTeX, and the multipliers (nt, m), at states of the scene. z: stresses of its beams,
         by default those that follow from the strains."""
         change, multipliers = self.m.accelerations(t, q, u, s, z)
+        sizes = np.abs(multipliers)
+        multipliers = np.where(sizes > ROUNDED * np.max(sizes, axis=1, initial=0.0, keepdims=True), multipliers, 0.0)
         load, known = self.m.load(t, q, u, s, z), dict[str, Any]()
         for at in dict.fromkeys(j for i in self.rows for j in (i, *self.mass[i])):
             v = self.velocities[at]
