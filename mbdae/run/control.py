@@ -251,7 +251,7 @@ class Search:
         asked = closer(replace(self.asked, max_residuals=most), self.solver, self._count, self._kept)
         try:
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                if rests(run := self.tight.run(self.system, asked), self.measure) or not in_the_same_steps(run, self.made[-1][1]):
+                if not in_the_same_steps(run := self.tight.run(self.system, asked), self.made[-1][1]) or rests(run, self.measure):
                     return run
                 longest = Bound(-math.inf, asked.t_end, CLOSER * float(np.max(np.diff(run.t))) / (asked.share or 1.0))
                 return self.tight.run(self.system, replace(asked, bounds=(*asked.bounds, longest)))
