@@ -18,7 +18,7 @@ from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
 from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments, warn
 from mbdae.integrators.solution import Solution, Stats
-from mbdae.laws.bodies import Modes
+from mbdae.laws.bodies import with_modes
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
@@ -181,7 +181,7 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
     stats = Stats(steps=0, newton_iterations=point.iterations)
     rest = Instant("Newton", point.y[None], point.yp[None])
     solution = Solution(t, rest.y, rest.yp, None, stats, rest, statics.system.names, True, rest)
-    modes = any(isinstance(c.laws[0], Modes) for c in prepared.model.scene.connections)
+    modes = bool(with_modes(prepared.model.scene.connections))
     finer = " and ".join(["beams of one order more"] * bool(prepared.model.lines) + ["more modes of reduced bodies"] * modes)
     unknown = {"motion": SOLVED, "reactions": SOLVED, "mesh": f"not measured: compare with {finer}"}
     info = RunInfo(rest, statics.system.label, Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=unknown), stats)

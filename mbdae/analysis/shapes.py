@@ -17,6 +17,7 @@ from mbdae.analysis.equilibrium import Equilibrium, equilibrium
 from mbdae.analysis.frame import attitude
 from mbdae.errors import ListsAttributes, OptionError
 from mbdae.laws.beam import table
+from mbdae.laws.bodies import with_modes
 from mbdae.notation import counted
 from mbdae.results.beams import foot
 from mbdae.run.verification import with_finer_beams
@@ -244,7 +245,7 @@ class OnMesh:
     @property
     def _reduced(self) -> list[str]:
         """Names of reduced bodies."""
-        return [c.k.name for c in self.prepared.model.scene.connections if getattr(c.joint, "reduced", None) is not None]
+        return [c.k.name for c in with_modes(self.prepared.model.scene.connections)]
 
     @cached_property
     def mesh_error(self) -> Array | None:

@@ -5,7 +5,7 @@ expressions of sensors that controllers, events and loads read.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -240,6 +240,11 @@ class Modes(Joint):
 
     def remarks(self) -> list[str]:
         return [self.reduced.summary]
+
+
+def with_modes(connections: Iterable[Any]) -> list[Any]:
+    """Those connections of a scene that keep the modes of its reduced bodies."""
+    return [c for c in connections if isinstance(c.joint, Modes)]
 
 
 def _names(count: int, bends: int) -> list[str]:

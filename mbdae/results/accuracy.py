@@ -16,6 +16,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, unknown_name
 from mbdae.integrators.solution import Solution, Stats
+from mbdae.laws.bodies import with_modes
 from mbdae.notation import counted
 from mbdae.process import unchanging
 from mbdae.results.errors import AGAINST_MESH, Errors
@@ -161,11 +162,11 @@ class Accuracy:
 
 def second_order(prepared: Prepared, run: Solution) -> float | None:
     """`Accuracy.deformation` of a run."""
-    bodies = [(c, c.joint.reduced) for c in prepared.model.scene.connections if getattr(c.joint, "reduced", None) is not None]
-    if not bodies:
+    kept = with_modes(prepared.model.scene.connections)
+    if not kept:
         return None
     q = states_of(prepared, run, run.t).q
-    return float(max(body.left_out_of(prepared, c, q) for c, body in bodies) / prepared.length)
+    return float(max(c.joint.reduced.left_out_of(prepared, c, q) for c in kept) / prepared.length)
 
 
 def against_mesh(meshes: Mapping[str, Mapping[str, Any]]) -> str:

@@ -19,6 +19,7 @@ import math
 import numpy as np
 
 from mbdae.deferred import median
+from mbdae.laws.bodies import with_modes
 from mbdae.results.accuracy import Accuracy, against_mesh
 from mbdae.results.result import Result
 from mbdae.run.amplification import decided_by_round_off
@@ -274,9 +275,8 @@ def past_their_domain(result: Result) -> list[str]:
             seen = getattr(result[c.name], name)
             if (below := np.flatnonzero(np.any(seen < -PAST * result.prepared.length, axis=1))).size:
                 found.append(f"{c.kind} '{c.name}', at t = {result.t[below[0]]:.6g} s: {words}")
-        if (body := getattr(c.joint, "reduced", None)) is not None:
-            found += [f"reduced body '{c.k.name}', {words}" for words in body.doubts(result, c)]
-    return found
+    return found + [f"reduced body '{c.k.name}', {words}" for c in with_modes(result.prepared.model.scene.connections)
+                    for words in c.joint.reduced.doubts(result, c)]
 
 
 def missed(known: Accuracy, run: Controlled) -> list[str]:

@@ -24,7 +24,7 @@ from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, check_times
 from mbdae.integrators.stored_runs import keeping_runs
-from mbdae.laws.bodies import ORDERS, Modes
+from mbdae.laws.bodies import ORDERS, with_modes
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy, against_mesh, second_order
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
@@ -120,7 +120,7 @@ def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> 
     lines = {line.beam.name: line for line in fine.model.lines}
     apart = [_along(line, q_a, lines[line.beam.name], q_b, coarse.length) for line in coarse.model.lines]
     nodes = {node.name: node for node in fine.model.nodes}
-    reduced = [c for c in coarse.model.scene.connections if isinstance(c.laws[0], Modes)]
+    reduced = with_modes(coarse.model.scene.connections)
     apart += [float(np.max(np.linalg.norm(_places(coarse, c.name, q_a) - _places(fine, c.name, q_b), axis=2))) / coarse.length
               for c in reduced]
     modal = {c.name for c in reduced} | {c.l.name for c in coarse.model.scene.connections if c.kind == "inertia"}

@@ -10,7 +10,15 @@ import numpy as np
 from mbdae.deferred import later
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.inputs.reduced import ReducedBody
-from mbdae.laws.bodies import ORDERS, InertiaPoint, InterfaceOfBody, ModalElasticity, Modes, SecondDisplacement, modes_of_body
+from mbdae.laws.bodies import (
+    ORDERS,
+    InertiaPoint,
+    InterfaceOfBody,
+    ModalElasticity,
+    SecondDisplacement,
+    modes_of_body,
+    with_modes,
+)
 from mbdae.notation import counted
 from mbdae.scene import reading
 from mbdae.scene.components import Beam, BeamLoad, Body, Classical, Connection
@@ -323,7 +331,7 @@ def _on_curve(curve: Any, point: Array, s: float, width: float) -> float:
 
 def enter_more_modes(scene: BeamStatements) -> None:
     """Give every reduced body, of a copy of a scene, modes beyond its own."""
-    for item in [c for c in scene.connections if isinstance(c.laws[0], Modes)]:
+    for item in with_modes(scene.connections):
         own = [c for c in scene.connections if c is item or (c.k is item.k and isinstance(c.laws[0], InertiaPoint))]
         inertia = [c.l for c in own if c.kind == "inertia"]
         scene.connections[:] = [c for c in scene.connections if c not in own]

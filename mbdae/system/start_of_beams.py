@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.deferred import eigh, sp, splu
+from mbdae.laws.bodies import with_modes
 from mbdae.system.base import Array
 from mbdae.system.changes import cheapest, largest_violation
 from mbdae.system.model.nodes import rotation_of
@@ -234,7 +235,7 @@ def strainless(m: Mechanics, time: Array, q: Array, moved: Array, units: Array) 
             rigid[node.u + n : node.u + n + turning, 3:] = R[3 - turning :]
         own = rigid[at]
         rows.append(moved[at] - own @ (np.linalg.pinv(own) @ moved[at]))
-    modes = {c.name for c in m.model.scene.joints if getattr(c.joint, "reduced", None) is not None}
+    modes = {c.name for c in with_modes(m.model.scene.connections)}
     rows += [moved[n.u][None] for n in m.model.nodes if n.joint in modes]
     return allowed_by(np.vstack(rows), units)
 
