@@ -250,8 +250,7 @@ class ODE(Form):
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         if not rows:
             return None
-        recursive = any(joint.kept and joint.kind != "reduced body" for joint in model.scene.joints)
-        trees = "" if recursive else ", or s.recursive() if its joints form a tree"
+        trees = "" if any(joint.recursive for joint in model.scene.joints) else ", or s.recursive() if its joints form a tree"
         return (f"form ODE needs a scene without constraints, this one has {counted(len(rows), 'constraint row')} (such as "
                 f"{rows[0].name}): use mb.GGL(){trees}")
 

@@ -64,7 +64,7 @@ ELSEWHERE = {
     "System.renewed": "interface",
     "System.restarted": "interface", "System.numbers": "interface", "System.dense_parts": "between modules",
     "System.linear_stages": "between modules",
-    "System.doubt": "between modules",
+    "System.doubt": "between modules", "ReducedBody.by_modes": "between modules", "ReducedBody.left_out_of": "between modules",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface", "Stepped.with_step": "between modules",
     "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules",
     "RunStates.coordinate_at": "between modules", "RunStates.observed": "between modules",

@@ -102,8 +102,10 @@ def test_recursive_makes_a_spanning_tree_and_keeps_what_closes_it() -> None:
 
 
 def test_ode_form_names_the_row_that_is_left() -> None:
-    with pytest.raises(mb.OptionError, match=r"has 2 constraint rows \(such as D\.x\): use mb\.GGL\(\), or s\.recursive\(\)"):
+    with pytest.raises(mb.OptionError, match=r"has 2 constraint rows \(such as D\.x\): use mb\.GGL\(\)$"):
         four_bar("auto", R).simulate(0.1, form=mb.ODE())
+    with pytest.raises(mb.OptionError, match=r"use mb\.GGL\(\), or s\.recursive\(\) if its joints form a tree"):
+        four_bar("auto", mb.Classical()).simulate(0.1, form=mb.ODE())
     with pytest.raises(mb.OptionError, match=r"this system \(GGL\) has multipliers of constraints"):
         four_bar("auto", R).simulate(0.1, solver=mb.CVODE(), form=mb.GGL())
     assert four_bar("auto", R).simulate(0.1, solver=mb.CVODE()).info.form == "Index1"
