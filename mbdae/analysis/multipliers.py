@@ -155,9 +155,14 @@ class Floquet(OnMesh, Modes[FloquetMode]):
                 f"{2 * np.pi / self.period:.5g} rad/s")
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
         for i, mode in enumerate(self.modes):
+            if mode.error >= 1:
+                continue
             mu = f"{mode.multiplier.real:.6g}" + (f"{mode.multiplier.imag:+.6g}i" if mode.multiplier.imag else "")
             numbers = f"{i + 1:>4}  {mode.growth:>11.5g}  {mode.error:>8.1e}  {mode.angular_frequency:>11.5g}"
             lines.append(f"{numbers}  {mu:>24}  {participants(mode)}")
+        if lost := sum(mode.error >= 1 for mode in self.modes):
+            lines.append(f"not listed: {counted(lost, 'mode')} with errors of 1 and more: next to 0 beside the largest, these die "
+                         f"out within a period")
         if self.unresolved:
             lines.append(f"not listed: {counted(self.unresolved, 'multiplier')} of motions too fast for {self.steps} steps")
         if len(self.fast_growth):

@@ -40,10 +40,10 @@ SHARE = 0.2  #: part of the accuracy that the error of the shooting may be; the 
 PERIOD = 1e-8  #: largest relative error of a period that is found
 #: changes of the start that change the end by less than ALIKE of the largest lead to other periodic motions, and so do those by
 #: less than 100 times the error of the motion of which half as many steps show FALLS times as much; one of which the share TUNES
-#: is of the period leads to other periods
-ALIKE, TUNES, FALLS = 1e-7, 1e-4, 4.0
+#: is of the period leads to other periods; each of them has a multiplier that is not farther from 1 than ONE
+ALIKE, TUNES, FALLS, ONE = 1e-7, 1e-4, 4.0, 0.1
 UNFOLLOWED = "the motion over one period cannot be followed in steps of one pattern, as its jumps do not stay where they were: {}"
-FINE = 1e-8  #: accuracy of multipliers
+FINE, TIGHTER = 1e-8, 1e-2  #: smallest accuracy of multipliers, and theirs over that asked of the motion
 WAITS = (2, 8, 32)  #: numbers of periods that a motion is followed where no correction helps
 #: spans, in characteristic times, over which the return of an autonomous motion is sought, in turn, the later ones where those
 #: before took at most SLOW steps; it has returned where it is nearer to its last state than this part of its size
@@ -83,8 +83,8 @@ class Periodic(Result):
     @cached_property
     def floquet(self) -> Floquet:
         """The multipliers with their modes and errors."""
-        off = self.accuracy.estimated or 0.0
-        return multipliers_of(self.prepared.model.scene, self.period, (self, float(self.t[0])), None, FINE, off)
+        off, fine = self.accuracy.estimated or 0.0, max(FINE, TIGHTER * (self.accuracy.asked or 0.0))
+        return multipliers_of(self.prepared.model.scene, self.period, (self, float(self.t[0])), None, fine, off)
 
     @property
     def multipliers(self) -> Any:
@@ -115,8 +115,9 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
     start: a Result (its end), (Result, t) or an equilibrium near the motion; by default the start of the scene. accuracy: of the
     motion, and of the quantities `of`, as in `simulate`.
     Raises SteadyError where no such motion is found, where it does not repeat, or where it has contacts that no step follows."""
-    length = optional("period", _number(period), number, "give the time in s after which loads and drives repeat, or None for "
-                      "a scene without any, whose period is found", above=0)
+    stated = float(with_values(period)) if numbers_in(period) else period
+    length = optional("period", stated, number, "give the time in s after which loads and drives repeat, or None for a scene "
+                      "without any, whose period is found", above=0)
     accuracy = option("accuracy", accuracy, number, "give the error of the motion, a number from 1e-9 to 0.01", least=1e-9,
                       most=1e-2)
     refuse_sampled(scene, "periodic")
@@ -130,11 +131,6 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
     made.stated = period
     give_back(prepared, key)
     return made
-
-
-def _number(period: Any) -> Any:
-    """An expression of named numbers as a number."""
-    return float(with_values(period)) if numbers_in(period) else period
 
 
 @dataclass(frozen=True)
@@ -229,11 +225,15 @@ class _Search(Shooting):
     def _beside(self, coarse: Shot, fine: Shot, error: float) -> Array:
         """Changes (k, departures and share of the period) of the start that lead to other periodic motions: their size in the
         matrix is that of rounding, or falls with the steps like their errors, where that of a motion alone stays."""
-        _, sizes, rows = np.linalg.svd(self.matrix(fine)[0])
-        near = sizes <= max(ALIKE, 100 * error) * sizes[0]
+        k = len(fine.residual)
+        if not k:  # all is prescribed
+            return np.zeros((0, 1))
+        matrix = self.matrix(fine)[0]
+        _, sizes, rows = np.linalg.svd(matrix)
+        most = int(np.sum(np.abs(np.linalg.eigvals(matrix[:k, :k])) <= ONE)) - self.free
+        near = (sizes <= max(ALIKE, 100 * error) * sizes[0]) & (np.arange(len(sizes)) >= len(sizes) - most)
         if np.all(sizes[near] <= ALIKE * sizes[0]):
             return np.asarray(rows[near])
-        k = len(fine.residual)
         changes = rows[near].T.copy()
         changes[:k] = coarse.directions.Q.T @ fine.directions.Q @ changes[:k]
         falls = np.linalg.norm(self.matrix(coarse)[0] @ changes, axis=0) > FALLS * sizes[near]

@@ -77,7 +77,7 @@ def test_a_peak_just_before_a_jump() -> None:
     found = r.peak("p.drive")
     assert found.value == pytest.approx(4.0, rel=1e-6)
     assert 0.49 < found.t <= 0.999
-    assert "4.00000 +- 4e-11 N at t = " in repr(found)
+    assert "4.00000000000 +- 4e-11 N at t = " in repr(found)
 
 
 def test_data_frames(r: Any) -> None:

@@ -171,7 +171,8 @@ def test_a_mean_outlives_the_shock_of_the_start(ringing: mb.Result) -> None:
 
 
 @pytest.mark.parametrize(("value", "error", "shown"), [
-    (26.6018, 0.02, "26.60 +- 0.02"), (26.6018, 3e-7, "26.6018 +- 3e-07"), (110.667, 122.0, "111 +- 120"), (4.0, 0.0, "4"),
+    (26.6018, 0.02, "26.60 +- 0.02"), (26.6018123, 3e-7, "26.6018123 +- 3e-07"), (1594.996586, 1e-4, "1594.9966 +- 0.0001"),
+    (110.667, 122.0, "111 +- 120"), (4.0, 0.0, "4"),
     (0.001234, 2e-5, "0.00123 +- 2e-05"), (1.0, None, "1"), (31234.5, 12.0, "31230 +- 10"), (0.0, 1e-3, "0.00 +- 0.001"),
 ])
 def test_values_are_printed_with_the_digits_that_their_error_leaves(value: float, error: float | None, shown: str) -> None:
