@@ -161,8 +161,8 @@ class Floquet(OnMesh, Modes[FloquetMode]):
             numbers = f"{i + 1:>4}  {mode.growth:>11.5g}  {mode.error:>8.1e}  {mode.angular_frequency:>11.5g}"
             lines.append(f"{numbers}  {mu:>24}  {participants(mode)}")
         if lost := sum(mode.error >= 1 for mode in self.modes):
-            lines.append(f"not listed: {counted(lost, 'mode')} with errors of 1 and more: next to 0 beside the largest, these die "
-                         f"out within a period")
+            lines.append(f"not listed: {counted(lost, 'mode')} with errors of 1 and more, which die out within a period: next to "
+                         "the largest their multipliers are 0")
         if self.unresolved:
             lines.append(f"not listed: {counted(self.unresolved, 'multiplier')} of motions too fast for {self.steps} steps")
         if len(self.fast_growth):

@@ -38,7 +38,8 @@ MEANS = {
     "invariance": "energy, power, coordinates and rows, which a rigid motion of all bodies together must not change",
     "power": "the power of the forces, against the change of energy and the losses, which must not be negative",
     "inertia": "the power and the moment of inertia forces, against the changes of kinetic energy and angular momentum",
-    "singular states": "values and derivatives as drawn, at a quarter turn and at half a turn, which must be finite",
+    "singular states": "values and derivatives as drawn, at a quarter turn and at half a turn, which must be finite; a law that "
+                       'has none there says so: undefined_at returns ("points together",), ("half turn",) or both',
     "planar = spatial": f"the equations in the plane, against those in space{_DERIVED}",
     "motion": "rows, coordinates, ties and branches, against the motion that the joint states",
 }
@@ -273,7 +274,7 @@ def _angular_momentum(case: Case, values: Values, b: Frame, u: Array) -> Array:
 
 
 def singular(case: Case) -> Iterator[Measured]:
-    """Finite values and derivatives as drawn, at a quarter turn and at half a turn; error 1 where they are not."""
+    """Finite values and derivatives as drawn, at a quarter turn and at half a turn; error inf where they are not."""
     split = case.linearised
     if isinstance(case.d.law, Element) or not split.targets:
         return
@@ -281,13 +282,15 @@ def singular(case: Case) -> Iterator[Measured]:
     for name, angle in (("as drawn", 0.0), ("quarter turn", np.pi / 2), ("half turn", np.pi), ("half turn back", -np.pi)):
         if "half turn" in excluded and abs(angle) == np.pi:
             continue
-        values = case.states.special(angle, "points together" not in excluded)
+        together = "points together" not in excluded
+        values = case.states.special(angle, together)
+        state = f'{name}{", the points of both sides together" * together}'
         with np.errstate(all="ignore"):
             for kernel, inputs in ((split.residual, split.residual_inputs), (split.jacobian, split.jacobian_inputs)):
                 if kernel.expressions:
                     finite = np.isfinite(case.run(kernel, columns(inputs.symbols, values)))
                     what = "values" if kernel is split.residual else "derivatives"
-                    yield f"{what} {name}, which are not all finite,", 0.0 if finite.all() else 1.0
+                    yield f"{what} {state}", 0.0 if finite.all() else np.inf
 
 
 def planar(case: Case) -> Iterator[Measured]:
