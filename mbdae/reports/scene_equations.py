@@ -54,7 +54,7 @@ def own_forces(d: Derived) -> list[tuple[Target, Expr]]:
     return [] if isinstance(d.law, Element) or not d.force else reaction(d)
 
 
-ROUNDED = 1e-13  #: a multiplier that is smaller than this times the largest one of its state is round-off of their solution
+ROUNDED = 1e-13  #: part of the largest multiplier of a state below which a difference is round-off of their solution
 
 
 class Velocity(NamedTuple):
@@ -226,6 +226,11 @@ class SceneEquations:
         """Unit of a multiplier of the rows."""
         return unit(self.said[self.latex[str(multiplier)]].unit or "1")
 
+    def sizes(self) -> dict[str, float]:
+        """Sizes that lengths and their products have in a scene of this length, and pure numbers, by the LaTeX of the letter."""
+        powers = {latex: unit(said.unit or "1").powers for latex, said in self.said.items()}
+        return {latex: self.prepared.length ** p[0] for latex, p in powers.items() if not any(p[1:])}
+
     # -- forces by the multipliers
 
     def _forces_on_l(self) -> dict[tuple[str, str, int], Expr]:
@@ -263,8 +268,6 @@ class SceneEquations:
         """Values of all letters by their LaTeX, and the multipliers (nt, m), at states of the scene. z: stresses of its beams,
         by default those that follow from the strains."""
         change, multipliers = self.m.accelerations(t, q, u, s, z)
-        sizes = np.abs(multipliers)
-        multipliers = np.where(sizes > ROUNDED * np.max(sizes, axis=1, initial=0.0, keepdims=True), multipliers, 0.0)
         load, known = self.m.load(t, q, u, s, z), dict[str, Any]()
         for at in dict.fromkeys(j for i in self.rows for j in (i, *self.mass[i])):
             v = self.velocities[at]

@@ -16,7 +16,7 @@ from mbdae.reports.letters import unit_text
 from mbdae.reports.mechanisms.solution import Coefficients, SolvedTogether, TakenOut, determinant, divided_by, less, solved, total
 from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash
 from mbdae.reports.reading import key_of
-from mbdae.reports.scene_equations import SHORT, Said, SceneEquations
+from mbdae.reports.scene_equations import ROUNDED, SHORT, Said, SceneEquations
 from mbdae.reports.states import POINTS as STATES
 from mbdae.reports.states import value
 from mbdae.reports.units import Unit, unit
@@ -290,8 +290,7 @@ class ClosedForms(SceneEquations, Page):
     def printed(self, blocks: list[Block]) -> list[Check]:
         """Checks of the equations at random states, and at such states with others next to zeros of the divisors, against the
         multipliers of the scene."""
-        states = self.states()
-        checks, zeros = self.read(blocks, *self.values(*states)), next_to_zeros(self, blocks)
+        checks, zeros = self.read(blocks, *self.values(*(states := self.states()))), next_to_zeros(self, blocks)
         if zeros is None:
             return checks
         both = [np.concatenate([a, b]) for a, b in zip(states, zeros, strict=True)]
@@ -301,7 +300,8 @@ class ClosedForms(SceneEquations, Page):
 
     def read(self, blocks: list[Block], known: dict[str, Any], multipliers: Any) -> list[Check]:
         """Checks of the equations against given multipliers (nt, m), and that every divisor has its condition."""
-        printed = Printed(known, self.forces_wanted(known, multipliers), len(multipliers))
+        noise = ROUNDED * np.max(np.abs(multipliers), axis=1, initial=0.0)
+        printed = Printed(known, self.forces_wanted(known, multipliers), len(multipliers), self.sizes(), noise)
         return [*printed.read(blocks), *printed.undivided(blocks)]
 
     def forces_wanted(self, known: dict[str, Any], multipliers: Any) -> dict[str, Wanted]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.documents.blocks import Drawing, escaped
+from mbdae.results.errors import together
 from mbdae.scene.components import Beam
 from mbdae.scene.record import item_name, signature_of
 from mbdae.system.prepare import Prepared, prepare
@@ -100,11 +101,11 @@ class InPlane:
 
 
 class RunInPlane(dict[str, Any]):
-    """Joint forces of a run by joint, in axes of a plane, with its times, states, errors and accuracy."""
+    """Joint forces of a run by joint, in axes of a plane, with its times, states and accuracy; whole: the run in space."""
 
     def __init__(self, forces: Any, t: Any, states: Any, result: Any) -> None:
         super().__init__(forces)
-        self.t, self._states, self.error, self.accuracy = t, states, result.error, result.accuracy
+        self.t, self._states, self.whole, self.accuracy = t, states, result, result.accuracy
 
 
 def curve(x: Any, period: float, under: str, item: str, force: Any, dots: Any) -> Drawing:
@@ -131,6 +132,27 @@ def curve(x: Any, period: float, under: str, item: str, force: Any, dots: Any) -
     drawing.text(0, high + 18, f"{low:.4g}", "start")
     drawing.fit()
     return drawing
+
+
+def errors_within(result: Any, quantity: str, pieces: list[Any]) -> list[float] | None:
+    """A run's own error of a quantity in every piece of its times (nt,), s; None where it states none."""
+    errors, seen = result.accuracy.errors, list[Any]()
+    if errors is None or errors.of(result, quantity) is None:
+        return None
+
+    def part(other: Any, t: Any, own: Any, beside: Any) -> float:
+        seen.append((other, t, np.linalg.norm(beside - own, axis=1)))
+        return 0.0
+
+    least, found = errors._estimated(result, quantity, part).error, list[float]()
+    for first, last in ((piece[0], piece[-1]) for piece in pieces):
+        apart = []
+        for other, t, off in seen:
+            there = (t >= first) & (t <= last) if other.kind != "window" else np.ones(len(t), dtype=bool)
+            there = there if there.any() else np.arange(len(t)) == np.argmin(np.abs(t - (first + last) / 2))
+            apart.append((other, float(np.max(off[there]))))
+        found.append(max(together(apart), least))
+    return found
 
 
 def passed(page: Any, t: Any, x: Any, rate: Any, q: Any, u: Any) -> tuple[Any, str]:
