@@ -105,14 +105,19 @@ class SceneEquations:
         self.on_l = self._forces_on_l()
 
     def _refuse(self) -> None:
-        model = self.prepared.model
-        joints = "its joints have no constraint rows" if model.scene.joints else "the scene has no joints"
-        reasons = {joints: not self.m.m, "its reactions are not unique": bool(self.prepared.rank.dropped),
-                   "friction follows from the reactions": bool(self.m.reactive),
-                   f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}
-        for reason, holds in reasons.items():
-            if holds:
-                raise ValueError(reason)
+        """Raise ValueError, with the reason, where no equations of the scene are printed."""
+        if not self.m.m:
+            joints = self.prepared.model.scene.joints
+            raise ValueError("its joints have no constraint rows" if joints else "the scene has no joints")
+        if self.m.m > LARGEST_SCENE:
+            raise ValueError(f"it has more than {LARGEST_SCENE} multipliers")
+
+    def _refuse_forces(self) -> None:
+        """Raise ValueError, with the reason, where the rows do not give the multipliers."""
+        if self.prepared.rank.dropped:
+            raise ValueError("its reactions are not unique")
+        if self.m.reactive:
+            raise ValueError("friction follows from the reactions")
 
     def letter(self, name: str, latex: str, unit_: str, meaning: str) -> Expr:
         """A new symbol with its LaTeX, unit and meaning."""

@@ -9,10 +9,11 @@ import pytest
 import symengine as se
 
 import mbdae as mb
-from mbdae.documents.blocks import Picture, Section, Table, every, numbered
+from mbdae.documents.blocks import Equation, Picture, Section, Table, every, numbered
 from mbdae.reports.mechanisms import InPlane
 from mbdae.reports.mechanisms.legs import mechanism
 from mbdae.reports.page import Check
+from mbdae.reports.scene_sheet import Sheet
 from mbdae.system.prepare import prepare
 
 UPRIGHT = np.eye(3)[:2]  # axes of the drawing in space
@@ -220,8 +221,16 @@ def test_mechanisms_in_any_plane(axes, layers, g):
 
 
 def test_where_there_is_no_motion_over_the_input_the_sheet_says_why():
-    text = mb.report(slider_crank(rod=2.5, friction=mb.Coulomb(0.3, 1e-3))).to_markdown()
-    assert "It is printed with the joint forces, of which there is no closed form: friction follows from the reactions." in text
+    """And with friction in a joint what its joint forces lack: its motion is printed and checked."""
+    sheet = Sheet(slider_crank(rod=2.5, friction=mb.Coulomb(0.3, 1e-3)))
+    motion, _, forces, checks = sheet.closed()
+    assert forces.blocks[0].text.startswith("They have no closed form: friction follows from the reactions.")
+    assert len(checks.blocks[1].rows) == 26
+    assert "comparisons hold" in checks.blocks[0].text
+    assert all(r"\lambda" not in e.latex for e in every(Equation, [motion]))
+    held = sheet.prepared.mechanics.accelerations
+    sheet.prepared.mechanics.accelerations = lambda *a: (held(*a)[0] * (1 + 1e-9), held(*a)[1])
+    assert "NOT EQUAL" in sheet.closed()[3].blocks[0].text
     s = mb.Scene("stacked")
     one, two = (s.rigid_body(name, 1.0, (0.1, 0.1, 0.1), at=at) for name, at in (("one", (1, 0, 0)), ("two", (2, 0, 0.5))))
     s.revolute("A", s.ground, one, at=(0, 0, 0), angle=mb.t)

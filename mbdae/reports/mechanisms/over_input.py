@@ -167,8 +167,8 @@ class OverInput(Dyads):
                     f" by which the sign {signs} of its branch changes.") * bool(signs)
         text = (f"The input is the {escaped(self.input.coordinate)} ${x}$ of {escaped(self.input.item)}, 0 as drawn, with its"
                 f" rates ${dx}$ and ${ddx}$. Every body follows from it without iteration. Rates are the derivatives of the"
-                " formulas, and of the closure where a loop closes; $f$ are the forces of the other laws at this motion."
-                f"{centres}")
+                " formulas, and of the closure where a loop closes"
+                f"{'' if self.without else '; $f$ are the forces of the other laws at this motion'}.{centres}")
         return Section("Motion over the input", [Paragraph(text), *blocks, *self.dead_centres()])
 
     # -- one turn of the input
