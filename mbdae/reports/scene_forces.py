@@ -130,9 +130,11 @@ class ClosedForms(SceneEquations, Page):
             return [Section("Symbols and their values at the start", [self.numbers()]), Section("Joint forces", [why])]
         balance, solution, forces = self.balance(), self.solution(), self.forces()
         numbers = self.numbers()
+        turns = [letter for letter in (r"\theta", r"\psi") if any(v.letter == letter for v in self.velocities.values())]
         told = (
-            "For every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$"
-            " is inertia minus all forces other than reactions; the multipliers $\\lambda$ of the joints enter with their arms."
+            f"For every body the balance of forces along $x$, $y${'' if self.prepared.model.planar else ', $z$'}"
+            + f" and of moments about its centre (${'$, $'.join(turns)}$)" * bool(turns)
+            + ": $p$ is inertia less all forces but reactions; the multipliers $\\lambda$ of the joints enter with their arms."
             + r" Moments $\psi$ are about the axes of the body in which its inertia $J$ is stated, and $f^\psi$ contains the"
               r" gyroscopic moment $-\omega\times J\,\omega$." * any(v.letter == r"\psi" for v in self.velocities.values())
         )

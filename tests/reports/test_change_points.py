@@ -93,7 +93,8 @@ def test_a_stroke_through_a_change_point():
     (branch,) = page.branches.values()
     start = 2 * np.cos(0.4)
     np.testing.assert_allclose(branch.changes, [-start], atol=1e-6)
-    assert [what[:12] for _, what in told(page) if "lie on one line" in what] == ["dead centre:", "change point", "dead centre:"]
+    dead = "dead centre: A, B and C lie on one line"
+    assert [what.split(";")[0] for _, what in told(page)] == [dead, "change point: A and C coincide", dead]
     at = np.linspace(-start - 1.5, -start + 1.5, 50)
     crank = page.along(at)[f"x{next(n for n in page.prepared.model.nodes if n.name == 'crank').u + 2}"]
     np.testing.assert_allclose(0.4 + crank, np.arccos((start + at) / 2), atol=1e-9)
@@ -113,6 +114,9 @@ def test_change_points_are_named():
     assert "two turns, after which it is on its first branch again" in page.dead_centres()[0].text
     np.testing.assert_allclose([x for x, what in told(page) if "change point" in what], np.pi * np.array([1, 3]) - 1, atol=1e-6)
     assert not mechanism(prepare(slider_crank(rod=1.2))).branches
+    found = told(pages(prepare(closed_chain((1.0, 1.0, 1.0, 1.0), 0.8, angle=mb.t)))[0])  # a rhombus, which folds in two ways
+    assert [what.split(";")[0] for _, what in found] == ["change point: B, C and D lie on one line",
+                                                         "change point: B and D coincide"]
 
 
 def test_a_gap_narrower_than_the_places_looked_at_is_found():

@@ -15,6 +15,7 @@ from mbdae.scene.record import item_name, signature_of
 from mbdae.system.prepare import Prepared, prepare
 
 NEXT = 0.1  #: a root is next to 0 at this part of its terms: what is divided by its square has 100 times the errors of a run
+MET = 1e-4  #: joints that are closer than this part of the scene's length at a change point, found to about 1e-7, coincide there
 
 
 class InPlane:
@@ -132,6 +133,22 @@ def curve(x: Any, period: float, under: str, item: str, force: Any, dots: Any) -
     drawing.text(0, high + 18, f"{low:.4g}", "start")
     drawing.fit()
     return drawing
+
+
+def meetings(page: Any, name: str, where: str) -> list[tuple[float, str]]:
+    """The change points of a branch with what is there; where: in words where its roots meet. At some its joints do."""
+    if name not in page.branches:
+        return []
+    b, letter, n, found = page.branches[name], page.latex[name], name[2:], list[tuple[float, str]]()
+    turns = range(round(page.period() / b.period)) if b.period else (0,)
+    for x in b.points:
+        at = page.along([x])
+        met = name in page.met and np.hypot(at[f"D{n}_0"], at[f"D{n}_1"])[0] < MET * page.prepared.length
+        goes = f"the loop goes through, and ${letter}$ changes its sign" if x in b.changes else "it stays on its own"
+        what = (f"change point: {page.met[name] if met else where}; both branches of the loop meet here, {goes}; joint forces are"
+                " not determined here and may grow without bound beside it")
+        found += [(x + turn * b.period, what) for turn in turns]
+    return found
 
 
 def errors_within(result: Any, quantity: str, pieces: list[Any]) -> list[float] | None:

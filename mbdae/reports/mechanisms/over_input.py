@@ -11,7 +11,7 @@ import symengine as se
 from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, escaped
 from mbdae.inputs import timed
 from mbdae.notation import counted
-from mbdae.reports.mechanisms import NEXT, curve, errors_within, passed
+from mbdae.reports.mechanisms import NEXT, curve, errors_within, meetings, passed
 from mbdae.reports.mechanisms.dyads import Dyads
 from mbdae.reports.page import BOUND, NEXT_TO_ZERO, Check, Printed, Wanted
 from mbdae.reports.reading import key_of
@@ -226,7 +226,7 @@ class OverInput(Dyads):
         if not closes:
             low, high = max([at[0], *(x for x, _ in rows if x < start)]), min([at[-1], *(x for x, _ in rows if x > start)])
         for name, dead in self.limits.items():
-            rows += [(x + n, what) for x, what in self._meetings(f"br{name[1:]}", dead) for n in {0.0, -period * (not closes)}]
+            rows += [(x + n, what) for x, what in meetings(self, f"br{name[1:]}", dead) for n in {0.0, -period * (not closes)}]
         rows += [(x, f"dead centre: {dead}") for name, dead in self.apart.items() if dead
                  for x in self._crossings(lambda table, name=name: table[name], at[off])]
         for link in self.links:
@@ -244,17 +244,6 @@ class OverInput(Dyads):
         rows = [(v, what) for v, what in rows if closes or low <= v <= high]
         table = [Table([f"${x}$ [{unit}]", "what is there"], [[f"{v:.6f}", what] for v, what in sorted(rows)])] if rows else []
         return [Paragraph(told), *table]
-
-    def _meetings(self, name: str, where: str) -> list[tuple[float, str]]:
-        """The change points of a branch with what is there."""
-        if name not in self.branches:
-            return []
-        b, what = self.branches[name], f"change point: {where}; both branches of the loop meet here, "
-        through = f"{what}the loop goes through, and ${self.latex[name]}$ changes its sign; "
-        forces = "joint forces are not determined here and may grow without bound beside it"
-        turns = range(round(self.period() / b.period)) if b.period else (0,)
-        return [(x + n * b.period, told + forces) for n in turns for told, points in
-                ((through, b.changes), (f"{what}it stays on its own; ", b.touches)) for x in points]
 
     def _shown(self, link: Any) -> bool:
         """Whether it is said where the coordinate of a joint turns back."""
