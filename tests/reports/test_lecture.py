@@ -84,6 +84,9 @@ def test_other_laws_keep_their_derivation_without_tables():
         assert "All " in text
         assert "sha256" not in text
         assert "\n| symbol |" not in text
+        numbers = [e.number for e in every(Equation, mb.report(name, level="lecture").blocks)]
+        assert numbers == [*range(1, len(numbers) + 1)]  # what is left out leaves no gaps
+        assert name != "gear" or r"\mathbf{x}_k" not in text  # it has no frames, and no words on them
     with pytest.raises(mb.OptionError, match="level = 'short' is not one of 'full', 'lecture'"):
         mb.report("gear", level="short")
 
