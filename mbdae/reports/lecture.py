@@ -345,6 +345,6 @@ def taught(full: Document, further: list[Block]) -> Document:
             out += [*further, Paragraph(f"{text} {said}")]
         elif isinstance(block, Section) and any(isinstance(b, Section) and b.title == "Numeric check" for b in block.blocks):
             out.append(Section(block.title, taught(Document(block.title, block.blocks), []).blocks, block.level))
-        elif not (isinstance(block, Section) and block.title in _LEFT_OUT):
+        elif getattr(block, "title", "") not in _LEFT_OUT and "Other statements: " not in getattr(block, "text", ""):
             out.append(block)
     return Document(full.title, numbered(out))
