@@ -97,7 +97,7 @@ mtable.cases mtd, mtable.aligned mtd { text-align: left; }
 .equation .tex { margin: 0; } .equation .tex[open] { flex-basis: 100%; }
 .equation .lines { flex: 1 1 0; min-width: 0; overflow-x: auto; overflow-y: hidden; }
 .equation .line { padding: .14rem 0 .14rem 1.4rem; text-indent: -1.4rem; line-height: 1.9; }
-.equation .line math { text-indent: 0; }
+.equation .line math { text-indent: 0; margin: .2em 0; }
 .equation .number { color: #555; font-variant-numeric: tabular-nums; }
 .note { color: #444; font-size: .9rem; margin-left: 1.2rem; }
 .scroll { overflow-x: auto; max-width: 100%; margin: .8rem 0; }

@@ -206,11 +206,11 @@ class _Limit(NamedTuple):
 
 
 class JointStop(OnCoordinate):
-    """Elastic stops at the limits of the joint's coordinate c: one-sided springs with dampers.
+    """Elastic stops at the limits of the joint's coordinate: one-sided springs with dampers.
 
-    The coordinate is past a limit by p = c - upper, or p = lower - c. Where p > 0, the force max(0, stiffness p + damping dp/dt)
-    pushes it back; nothing acts elsewhere. V = stiffness p^2 / 2. As the coordinate returns, the force ends before p = 0, since
-    the damper would then make the stop pull; the energy V left at that instant is lost.
+    The coordinate c is past a limit by p = c - upper, or p = lower - c. Where p > 0, the force max(0, stiffness p + damping
+    dp/dt) pushes it back; nothing acts elsewhere. V = stiffness p^2 / 2. As the coordinate returns, the force ends before p =
+    0, since the damper would then make the stop pull; the energy V left at that instant is lost.
 
     An impact of an effective mass or inertia m under this force alone lasts 2 a / w, and the speed at its end is exp(-2 z a)
     times that of entry; w = sqrt(stiffness / m), z = damping / (2 m w), a = arccos(z) / sqrt(1 - z^2), or

@@ -40,10 +40,11 @@ AXES = (
     " drawn. A vector $\\mathbf{a}$ fixed to a body changes by"
     " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$."
 )
-CONVENTION = AXES + (
-    " The equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} + \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots ="
+SIDE = (
+    "The equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} + \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots ="
     " \\mathbf{0}$: forces listed here stand on the left-hand side, what acts on a body is the opposite."
 )
+ABOUT_EFFORTS = "$h$ are the factors of the virtual changes of the coordinates: on the joints of these acts the opposite."
 RULE = "every vector fixed to a body changes by $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$"
 REGROUPED = (
     "$\\mathbf{a}\\cdot(\\mathbf{b}\\times\\mathbf{c}) = \\mathbf{b}\\cdot(\\mathbf{c}\\times\\mathbf{a})$, sorted by virtual"
@@ -126,7 +127,8 @@ class JointReport(LawPage):
         pages: list[tuple[Any, list[Block]]] = [(self, [*sections, *none]), *further]
         trees = [page for page, _ in pages if isinstance(page, RecursivePage)]
         tail: list[Block] = [provenance(self.d, planar), *([origin(trees)] if trees else [])]
-        return document(title_of_joint(self.s), head, pages, CONVENTION, tail)
+        convention = f"{AXES} {SIDE}" if self.s.sides else SIDE  # a coupling of coordinates has no frames
+        return document(title_of_joint(self.s), head, pages, convention, tail)
 
     def _solutions(self) -> list[Section]:
         return [Section("Solution set and branches", solution_set(self))] if self.s.sides and self.s.rows else []
@@ -152,9 +154,10 @@ class JointReport(LawPage):
         rule, blocks = self.s.variation, list[Block]()
         changes = {name: rule.scalar(e) for name, e in self.s.rows.items()}
         for i, (name, change) in enumerate(changes.items()):
-            named = self.lines(rf"\delta c_{below(name)} = {self.writer.scalar(change)}", note=RULE if i == 0 else "")
-            sorted_ = f"= {self._sorted(name)}"
-            blocks += [named[0], Equation(sorted_, note=REGROUPED if i == 0 else ""), *named[1:], *self.definitions()]
+            rule_, regrouped = (RULE, REGROUPED) if i == 0 and self.s.sides else ("", "")
+            named = self.lines(rf"\delta c_{below(name)} = {self.writer.scalar(change)}", note=rule_)
+            sorted_ = [Equation(f"= {self._sorted(name)}", note=regrouped)] if self.s.sides else []
+            blocks += [named[0], *sorted_, *named[1:], *self.definitions()]
         if self.s.speeds:
             lines = (rf"\delta c_{below(name)} = {self._sorted(name)}" for name in self.s.speeds)
             blocks += self.told("Virtual displacements satisfy the rows of velocities as velocities do, without the terms that "
@@ -181,8 +184,8 @@ class JointReport(LawPage):
         work += [rf"{effort(name)}\,{w.scalar(virtual[symbol])}" for name, symbol in self.s.coordinates.items()]
         lines = [self.line(letter, totals[side][i]) for letter, side, i in self.letters()]
         lines += [self.line(effort(name), e) for name, e in self._efforts().items()]
-        text = ABOUT_FORCES
-        if self.s.coordinates:
+        text = ABOUT_FORCES if self.s.sides else ABOUT_EFFORTS
+        if self.s.coordinates and self.s.sides:
             text += " The equation of a massless coordinate is $h = 0$ with springs, dampers and loads added."
         if self.s.turning:
             text += " The equation of a massless free rotation: its moment vanishes."
@@ -228,8 +231,8 @@ class JointReport(LawPage):
         second = {row: rate.scalar(e) for row, e in (rates | self.s.speeds).items()}
         text = ("The factors of the virtual displacements in the variation are the rows of the Jacobian $\\mathbf{G}$; rows"
                 " as in the constraint, columns as in the velocities beside it:")
-        bias = ("$\\ddot c = \\mathbf{G}\\dot{\\mathbf{u}} + \\gamma$, where $\\gamma$ contains no acceleration of a centre and"
-                " no angular acceleration:")
+        lacks = "no acceleration of a centre and no angular acceleration" if self.s.sides else "no second rate of a coordinate"
+        bias = f"$\\ddot c = \\mathbf{{G}}\\dot{{\\mathbf{{u}}}} + \\gamma$, where $\\gamma$ contains {lacks}:"
         blocks = [Paragraph(text), *self._jacobian()]
         if rates:
             blocks += self.told("The same rates by the motion of the bodies:",

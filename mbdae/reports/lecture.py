@@ -14,7 +14,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.documents import Document
-from mbdae.documents.blocks import Block, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Paragraph, Section, Table, numbered
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import effort_unit, unit_text, worded
 from mbdae.reports.page import BOTH, DERIVED, KERNEL, below, described, document, effort, made_from
@@ -345,6 +345,6 @@ def taught(full: Document, further: list[Block]) -> Document:
             out += [*further, Paragraph(f"{text} {said}")]
         elif isinstance(block, Section) and any(isinstance(b, Section) and b.title == "Numeric check" for b in block.blocks):
             out.append(Section(block.title, taught(Document(block.title, block.blocks), []).blocks, block.level))
-        elif not (isinstance(block, Section) and block.title in _LEFT_OUT):
+        elif getattr(block, "title", "") not in _LEFT_OUT and "Other statements: " not in getattr(block, "text", ""):
             out.append(block)
-    return Document(full.title, out)
+    return Document(full.title, numbered(out))

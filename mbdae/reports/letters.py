@@ -38,8 +38,8 @@ class Letter:
 
     @property
     def row(self) -> list[str]:
-        """The row of the letter in a table of symbols."""
-        return [f"${self.latex}$", unit_text(self.unit), worded(self.meaning)]
+        """The row of the letter in a table of symbols; what an absent parameter does is no part of equations that have it."""
+        return [f"${self.latex}$", unit_text(self.unit), worded(re.sub(r"; None: [^;]*", "", self.meaning))]
 
 
 #: left-hand sides of printed equations: beginning of the LaTeX, unit (empty: the page knows it), meaning

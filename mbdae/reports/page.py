@@ -1,5 +1,4 @@
-"""Pages of a report: printed blocks, and the check that reads every displayed equation back from its LaTeX and compares it with
-the equations that are integrated."""
+"""Pages of a report: printed blocks, and the check that reads each equation back from its LaTeX and compares it."""
 
 from __future__ import annotations
 
@@ -66,18 +65,19 @@ class Printed:
     """Displayed equations of some sections, read back from their LaTeX.
 
     known: values of given symbols; wanted: required values of left-hand sides. Every other left-hand side is a definition,
-    which some checked equation has to use. A printed condition "x \\ne 0" takes points next to zeros of x out of all checks."""
+    which some checked equation has to use. A printed condition "x \\ne 0" takes points next to zeros of x out of all checks, by
+    its values, its terms, and sizes of symbols: all terms may be small. noise: difference, at each point, that is round-off."""
 
-    def __init__(self, known: Mapping[str, Any], wanted: Mapping[str, Wanted], points: int = POINTS) -> None:
+    def __init__(self, known: Mapping[str, Any], wanted: Mapping[str, Wanted], points: int = POINTS,
+                 sizes: Mapping[str, float] | None = None, noise: Any = 0.0) -> None:
+        self.noise, self.sizes = noise, {key_of(latex): size for latex, size in (sizes or {}).items()}
         self.points, self.wanted = points, {key_of(latex): (latex, w) for latex, w in wanted.items()}
         self.symbols = Symbols({latex: value for latex, value in known.items() if latex not in wanted})
         for key, (_, w) in self.wanted.items():
             if w.values is not None:
                 self.symbols.add(key, np.asarray(w.values))
         self.defined: dict[Key, Equation] = {}
-        self.used: set[Key] = set()
-        self.seen: set[Key] = set()
-        self.checks: list[Check] = []
+        self.used, self.seen, self.checks = set[Key](), set[Key](), list[Check]()
         self.terms: dict[Key, float] = {}  #: largest term of the formula of a defined symbol
         self.conditions: list[Key] = []  #: what the page says to differ from 0
 
@@ -100,7 +100,7 @@ class Printed:
         for left, equation in self.defined.items():
             if left not in self.used:
                 self._failed(equation, "is defined, and no equation that has a value uses it")
-        missing = [name for key, (name, _) in self.wanted.items() if key not in self.seen]
+        missing = (name for key, (name, _) in self.wanted.items() if key not in self.seen)
         return [*self.checks, *(Check(f"{name} is displayed", float("inf")) for name in missing)]
 
     def _defines(self, left: Key, rest: list[tuple[str, Key]]) -> bool:
@@ -118,8 +118,7 @@ class Printed:
 
     def _value(self, line: Key) -> Any:
         with np.errstate(all="ignore"):
-            reader = LatexReader(line, self.symbols, self.points)
-            found = reader.whole()
+            found = (reader := LatexReader(line, self.symbols, self.points)).whole()
         self.largest, self.outer = reader.largest, reader.outer
         return found
 
@@ -128,16 +127,17 @@ class Printed:
         name, wanted = self.wanted.get(left, ("", BOTH))
         self.seen.add(left)
         for relation, part in rest:
-            if part in _ZEROS and len(rest) > 1:
-                continue  # "= 0" is a condition on the solution, not an identity
             if RELATIONS.get(relation) == "<":
                 break
+            if part in _ZEROS and len(rest) > 1:  # a condition on the solution, not an identity
+                continue
             try:
                 want = self._value(left) if wanted.values is None else wanted.values
                 terms = max(1.0, self.largest) if wanted.values is None else 1.0
                 got = self._value(part)
                 size = np.broadcast_shapes(np.shape(got), np.shape(want))
-                got, want = (np.broadcast_to(value, size) / terms for value in (got, want))
+                got, want = np.broadcast_to(got, size), np.broadcast_to(want, size) / terms
+                got = np.where(np.abs(got - want * terms) <= self.noise, want, got / terms)
                 error = residual(got[self.stated], want[self.stated]) if size else residual(got, want)
             except (UnreadError, ValueError) as found:
                 self._failed(equation, f"cannot be read: {found}")
@@ -150,8 +150,9 @@ class Printed:
         """(points,) whether no divisor is next to a zero that the page names."""
         found = np.ones(self.points, dtype=bool)
         for key in self.conditions:
-            value = np.abs(np.broadcast_to(self.value(key), (self.points,)))
-            found &= value > NEXT_TO_ZERO * np.max(value, where=np.isfinite(value), initial=self.terms.get(key, 0.0))
+            v = np.abs(np.broadcast_to(self.value(key), (self.points,)))
+            least = max(self.terms.get(key, 0.0), self.sizes.get(key, 0.0))
+            found &= v > NEXT_TO_ZERO * np.max(v, where=np.isfinite(v), initial=least)
         return found
 
     def undivided(self, blocks: Sequence[Block]) -> list[Check]:
@@ -164,8 +165,8 @@ class Printed:
                                        float("inf")))
         return found
 
-    def _failed(self, equation: Equation, why: str) -> None:
-        self.checks.append(Check(f"({equation.number}) {why}".replace("$", ""), float("inf")))
+    def _failed(self, e: Equation, why: str) -> None:
+        self.checks.append(Check(f"({e.number}) {why}".replace("$", ""), float("inf")))
 
 
 def divisors(line: Key) -> list[Key]:

@@ -54,7 +54,7 @@ def own_forces(d: Derived) -> list[tuple[Target, Expr]]:
     return [] if isinstance(d.law, Element) or not d.force else reaction(d)
 
 
-ROUNDED = 1e-13  #: a multiplier that is smaller than this times the largest one of its state is round-off of their solution
+ROUNDED = 1e-13  #: part of the largest multiplier of a state below which a difference is round-off of their solution
 
 
 class Velocity(NamedTuple):
@@ -105,14 +105,19 @@ class SceneEquations:
         self.on_l = self._forces_on_l()
 
     def _refuse(self) -> None:
-        model = self.prepared.model
-        joints = "its joints have no constraint rows" if model.scene.joints else "the scene has no joints"
-        reasons = {joints: not self.m.m, "its reactions are not unique": bool(self.prepared.rank.dropped),
-                   "friction follows from the reactions": bool(self.m.reactive),
-                   f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}
-        for reason, holds in reasons.items():
-            if holds:
-                raise ValueError(reason)
+        """Raise ValueError, with the reason, where no equations of the scene are printed."""
+        if not self.m.m:
+            joints = self.prepared.model.scene.joints
+            raise ValueError("its joints have no constraint rows" if joints else "the scene has no joints")
+        if self.m.m > LARGEST_SCENE:
+            raise ValueError(f"it has more than {LARGEST_SCENE} multipliers")
+
+    def _refuse_forces(self) -> None:
+        """Raise ValueError, with the reason, where the rows do not give the multipliers."""
+        if self.prepared.rank.dropped:
+            raise ValueError("its reactions are not unique")
+        if self.m.reactive:
+            raise ValueError("friction follows from the reactions")
 
     def letter(self, name: str, latex: str, unit_: str, meaning: str) -> Expr:
         """A new symbol with its LaTeX, unit and meaning."""
@@ -226,6 +231,11 @@ class SceneEquations:
         """Unit of a multiplier of the rows."""
         return unit(self.said[self.latex[str(multiplier)]].unit or "1")
 
+    def sizes(self) -> dict[str, float]:
+        """Sizes that lengths and their products have in a scene of this length, and pure numbers, by the LaTeX of the letter."""
+        powers = {latex: unit(said.unit or "1").powers for latex, said in self.said.items()}
+        return {latex: self.prepared.length ** p[0] for latex, p in powers.items() if not any(p[1:])}
+
     # -- forces by the multipliers
 
     def _forces_on_l(self) -> dict[tuple[str, str, int], Expr]:
@@ -263,8 +273,6 @@ class SceneEquations:
         """Values of all letters by their LaTeX, and the multipliers (nt, m), at states of the scene. z: stresses of its beams,
         by default those that follow from the strains."""
         change, multipliers = self.m.accelerations(t, q, u, s, z)
-        sizes = np.abs(multipliers)
-        multipliers = np.where(sizes > ROUNDED * np.max(sizes, axis=1, initial=0.0, keepdims=True), multipliers, 0.0)
         load, known = self.m.load(t, q, u, s, z), dict[str, Any]()
         for at in dict.fromkeys(j for i in self.rows for j in (i, *self.mass[i])):
             v = self.velocities[at]

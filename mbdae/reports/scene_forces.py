@@ -10,13 +10,21 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, escaped, every
-from mbdae.errors import MbdaeError
+from mbdae.documents.blocks import Block, Paragraph, Section, Table, escaped
 from mbdae.reports.letters import unit_text
-from mbdae.reports.mechanisms.solution import Coefficients, SolvedTogether, TakenOut, determinant, divided_by, less, solved, total
-from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash
-from mbdae.reports.reading import key_of
-from mbdae.reports.scene_equations import SHORT, Said, SceneEquations
+from mbdae.reports.mechanisms.solution import (
+    Coefficients,
+    SolvedTogether,
+    TakenOut,
+    determinant,
+    divided_by,
+    less,
+    next_to_zeros,
+    solved,
+    total,
+)
+from mbdae.reports.page import Check, Page, Printed, Wanted, short_hash
+from mbdae.reports.scene_equations import ROUNDED, SHORT, Said, SceneEquations
 from mbdae.reports.states import POINTS as STATES
 from mbdae.reports.states import value
 from mbdae.reports.units import Unit, unit
@@ -25,87 +33,16 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.prepare import Prepared
 
-# -- States of a scene next to the zeros of the divisors of its closed forms, found along lines through random positions
-
-
-LINES, POINTS, MOST = 6, 40, 4  #: lines through the start, points on each, and largest number of zeros that are approached
-REFINED = 12  #: times that the piece of a line around a zero is cut to a tenth: round-off
-TURN = 6.0  #: rad; bodies turn by about so much along a line
-STEPS = (1e-9, 1e-6, 1e-3)  #: distances from a zero of the states, parts of the line
-
-
-def next_to_zeros(page: Any, blocks: list[Block]) -> tuple[Any, Any, Any, Any] | None:
-    """Times, positions, velocities and internal states, as `SceneEquations.values` takes them, next to zeros of divisors that
-    change sign along some line; None where none does."""
-    keys = list(dict.fromkeys(d for e in every(Equation, blocks) for d in divisors(key_of(e.latex))))
-    line = _Line(page)
-
-    def signs(at: Any) -> Any:
-        """(keys, lines, points) values of the divisors."""
-        return np.array([np.real(v).reshape(at.shape) for v in _values(page, blocks, keys, line.states(at))])
-
-    try:
-        at = np.tile(np.linspace(0, 1, POINTS), (LINES, 1))
-        found = signs(at)
-        places = np.argwhere(found[..., 1:] * found[..., :-1] < 0)[:MOST]
-        ends = []
-        for key, i, j in places:
-            low, high = at[i, j], at[i, j + 1]
-            for _ in range(REFINED):
-                grid = np.tile(np.linspace(low, high, 11), (LINES, 1))
-                v = signs(grid)[key, i]
-                first = int(np.argmax(v[1:] * v[:-1] <= 0))
-                low, high = grid[i, first], grid[i, first + 1]
-            ends.append((i, low))
-    except (MbdaeError, np.linalg.LinAlgError):
-        return None  # the mechanics of the scene has no accelerations on some of the lines
-    if not ends:
-        return None
-    steps = np.array([sign * step for step in (0.0, *STEPS) for sign in (1, -1)])
-    parts = [line.one(i, low + steps) for i, low in ends]
-    return tuple(np.concatenate(p) for p in zip(*parts, strict=True))  # type: ignore[return-value]
-
-
-class _Line:
-    """Lines through random positions of a scene."""
-
-    def __init__(self, page: Any) -> None:
-        self.page, self.start = page, page.prepared.start
-        rng, m = np.random.default_rng(12), page.prepared.model
-        size = np.full(len(self.start.q), 0.3 * page.prepared.length)
-        for node in m.nodes:
-            nq, n = node.kind.sizes[0], node.kind.translations
-            size[node.q + n : node.q + nq] = 1.0 if node.kind.by_quaternion else TURN
-        self.directions = size * rng.normal(size=(LINES, len(size)))
-        self.u = rng.normal(size=len(self.start.u))
-
-    def one(self, i: int, at: Any) -> tuple[Any, Any, Any, Any]:
-        """States on the line i at the places `at`, 0 to 1."""
-        n = len(at)
-        q = self.start.q + at[:, None] * self.directions[i]
-        t, u = np.full(n, self.start.t), np.tile(self.u, (n, 1))
-        return t, *self.page.m.admissible(t, q, u), np.tile(self.start.s, (n, 1))
-
-    def states(self, at: Any) -> tuple[Any, ...]:
-        """States on all lines at the places (lines, points)."""
-        return tuple(np.concatenate(p) for p in zip(*(self.one(i, row) for i, row in enumerate(at)), strict=True))
-
-
-def _values(page: Any, blocks: list[Block], keys: list[Any], states: tuple[Any, ...]) -> list[Any]:
-    """Values of printed formulas at states of the scene."""
-    known, multipliers = page.values(*states)
-    known |= {page.latex[str(s)]: multipliers[:, i] for i, s in enumerate(page.unknowns)}
-    printed = Printed(known, {}, len(multipliers))
-    printed.read(blocks)
-    return [printed.value(key) for key in keys]
-
-
 NOISE = 1e-13  #: a value of this part of the largest of its unit is round-off
 RUN = "the multipliers of the scene at random states"
 
 
 class ClosedForms(SceneEquations, Page):
-    """The joint forces of a scene as formulas. Raises ValueError, with the reason, where a scene has none."""
+    """The joint forces of a scene as formulas. Raises ValueError, with the reason, where a scene has none; with MOVES, where
+    there is more to print, the reason is in `without`."""
+
+    MOVES = False
+    without = ""
 
     def __init__(self, prepared: Prepared) -> None:
         super().__init__(prepared)
@@ -113,7 +50,13 @@ class ClosedForms(SceneEquations, Page):
         self.coefficients: dict[str, list[list[Expr]]] = {}  #: those of such rows, by their first multiplier
         efforts, bodies = {at: str(v.effort) for at, v in self.velocities.items()}, {at: v.balance for at, v in
                                                                                      self.velocities.items()}
-        self.steps = solved(self.rows, self._number, efforts, bodies, self._taken, self._drawn)
+        try:
+            self._refuse_forces()
+            self.steps = solved(self.rows, self._number, efforts, bodies, self._taken, self._drawn)
+        except ValueError as reason:
+            if not self.MOVES:
+                raise
+            self.without = str(reason)
 
     @cached_property
     def _at_start(self) -> dict[str, Any]:
@@ -182,11 +125,16 @@ class ClosedForms(SceneEquations, Page):
 
     def blocks(self) -> list[Block]:
         """Sections: letters with values, equations of the bodies, solution, forces on the bodies l, laws."""
+        if self.without:
+            why = Paragraph(f"They have no closed form: {self.without}. A run has them by its sensors.")
+            return [Section("Symbols and their values at the start", [self.numbers()]), Section("Joint forces", [why])]
         balance, solution, forces = self.balance(), self.solution(), self.forces()
         numbers = self.numbers()
+        turns = [letter for letter in (r"\theta", r"\psi") if any(v.letter == letter for v in self.velocities.values())]
         told = (
-            "For every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$"
-            " is inertia minus all forces other than reactions; the multipliers $\\lambda$ of the joints enter with their arms."
+            f"For every body the balance of forces along $x$, $y${'' if self.prepared.model.planar else ', $z$'}"
+            + f" and of moments about its centre (${'$, $'.join(turns)}$)" * bool(turns)
+            + ": $p$ is inertia less all forces but reactions; the multipliers $\\lambda$ of the joints enter with their arms."
             + r" Moments $\psi$ are about the axes of the body in which its inertia $J$ is stated, and $f^\psi$ contains the"
               r" gyroscopic moment $-\omega\times J\,\omega$." * any(v.letter == r"\psi" for v in self.velocities.values())
         )
@@ -290,8 +238,9 @@ class ClosedForms(SceneEquations, Page):
     def printed(self, blocks: list[Block]) -> list[Check]:
         """Checks of the equations at random states, and at such states with others next to zeros of the divisors, against the
         multipliers of the scene."""
-        states = self.states()
-        checks, zeros = self.read(blocks, *self.values(*states)), next_to_zeros(self, blocks)
+        if self.without:
+            return []
+        checks, zeros = self.read(blocks, *self.values(*(states := self.states()))), next_to_zeros(self, blocks)
         if zeros is None:
             return checks
         both = [np.concatenate([a, b]) for a, b in zip(states, zeros, strict=True)]
@@ -301,7 +250,8 @@ class ClosedForms(SceneEquations, Page):
 
     def read(self, blocks: list[Block], known: dict[str, Any], multipliers: Any) -> list[Check]:
         """Checks of the equations against given multipliers (nt, m), and that every divisor has its condition."""
-        printed = Printed(known, self.forces_wanted(known, multipliers), len(multipliers))
+        noise = ROUNDED * np.max(np.abs(multipliers), axis=1, initial=0.0)
+        printed = Printed(known, self.forces_wanted(known, multipliers), len(multipliers), self.sizes(), noise)
         return [*printed.read(blocks), *printed.undivided(blocks)]
 
     def forces_wanted(self, known: dict[str, Any], multipliers: Any) -> dict[str, Wanted]:
@@ -320,7 +270,7 @@ class ClosedForms(SceneEquations, Page):
         start = self.prepared.start
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
         values = {latex: float(v[0]) for latex, v in known.items()}
-        values |= {self.latex[str(s)]: float(x) for s, x in zip(self.unknowns, multipliers[0], strict=True)}
+        values |= {self.latex[str(s)]: float(x) for s, x in zip(self.unknowns, multipliers[0], strict=False)}
         values |= {self.latex[name]: x for name, x in self.constants.items()}
         size, time, rows = self.prepared.length, self.prepared.time, list[list[str]]()
         largest = {"rad/s": 1 / time, "rad/s^2": time**-2, "1": 1.0, "m": size, "m/s": size / time, "m/s^2": size / time**2}

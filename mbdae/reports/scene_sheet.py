@@ -54,19 +54,25 @@ class Sheet:
     def closed(self) -> list[Section]:
         """Motion over the input, equations of the bodies and joint forces in closed form with their checks; or the reason why
         there is none."""
-        run, told = self.run, list[Block]()
+        run, told, over = self.run, list[Block](), None
         try:
             over = mechanism(self.prepared)
+            why = over.without
         except ValueError as reason:
-            try:
+            why = str(reason)
+        try:
+            if why:
                 flat = InPlane(self.prepared)
-                over, told = mechanism(flat.prepared), [Paragraph(flat.told)]
-            except ValueError as other:
-                return self._without(str(reason), str(other))
-            run = run and flat.run(run)
+                level = mechanism(flat.prepared)
+                if over is None or not level.without:
+                    over, told, run = level, [Paragraph(flat.told)], run and flat.run(run)
+        except ValueError as other:
+            if over is None:
+                return self._without(why, str(other))
+        assert over is not None
         motion = over.motion()
         blocks = numbered([Section(motion.title, [*told, *motion.blocks]), *over.blocks()])
-        beside, wrong = over.beside(run, blocks) if run is not None else (None, [])
+        beside, wrong = over.beside(run, blocks) if run is not None and not over.without else (None, [])
         return [*blocks, *([beside] if beside else []), checks_section([*over.printed(blocks), *wrong])]  # type: ignore[list-item]
 
     def _without(self, why: str, other: str) -> list[Section]:
@@ -75,8 +81,8 @@ class Sheet:
         try:
             page = ClosedForms(self.prepared)
         except ValueError as reason:
-            told = f"It is printed with the joint forces, of which there is no closed form: {reason}.{also}"
             joints = Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])
+            told = f"There is no closed form of it: {why}.{also}"
             return [*([Section("Motion over the input", [Paragraph(told)])] if self.scene.joints else []), joints]
         blocks = numbered(page.blocks())
         motion = Section("Motion over the input", [Paragraph(f"There is no closed form of it: {why}.{also}")])

@@ -79,11 +79,16 @@ def test_other_joints_are_taught_with_all_that_they_use(name):
 
 
 def test_other_laws_keep_their_derivation_without_tables():
-    for name in ("pointspring", "gear", "lugre", "rigidbody"):
+    for name in ("pointspring", "gear", "lugre", "rigidbody", "jointstop", "clearancerevolute"):
         text = mb.report(name, level="lecture").to_markdown()
         assert "All " in text
         assert "sha256" not in text
         assert "\n| symbol |" not in text
+        assert "None" not in text
+        assert "Other statements" not in text
+        numbers = [e.number for e in every(Equation, mb.report(name, level="lecture").blocks)]
+        assert numbers == [*range(1, len(numbers) + 1)]  # what is left out leaves no gaps
+        assert name != "gear" or r"\mathbf{x}_k" not in text  # it has no frames, and no words on them
     with pytest.raises(mb.OptionError, match="level = 'short' is not one of 'full', 'lecture'"):
         mb.report("gear", level="short")
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import pytest
 
 import mbdae as mb
+from mbdae.documents.blocks import Table, every, numbered
+from mbdae.reports.mechanisms.legs import mechanism
+from mbdae.system.prepare import prepare
 
 UP, ALONG = (0, -9.81, 0), (0, 0, -9.81)
 
@@ -95,3 +98,26 @@ def test_a_joint_without_rows_is_refused() -> None:
 
     with pytest.raises(mb.LawError, match="Nothing states no rows"):
         mb.report(Nothing)
+
+
+def test_a_quantity_has_one_letter():
+    """The factors of couplings, in the motion and in the balances. And of bodies in space the axes of their moments are told."""
+    s = mb.Scene("train", gravity=(0, -9.81, 0))
+    sun, carrier, planet = (s.rigid_body(name, 1.0, (0.1, 0.1, 0.1), at=at) for name, at in
+                            (("sun", (0, 0)), ("carrier", (0.05, 0)), ("planet", (0.3, 0.01))))
+    s.revolute("S", s.ground, sun, at=(0, 0), angle=10 * mb.t)
+    s.revolute("K", s.ground, carrier, at=(0, 0))
+    s.revolute("P", carrier, planet, at=(0.3, 0))
+    s.couple("ring", {"K": 4.0, "P": 2.5})
+    s.couple("mesh", {"S": 3.0, "K": -2.0, "P": 0.5})
+    page = mechanism(prepare(s))
+    blocks = numbered([page.motion(), *page.blocks()])
+    assert all(check.holds for check in page.printed(blocks))
+    meanings = [row[3] for row in next(t for t in every(Table, blocks) if t.head[0] == "symbol").rows]
+    factors = [words for words in meanings if words.startswith("factor") and "$" not in words]
+    assert len(factors) == len({*factors}) == 5
+    text = " ".join(block.text for section in page.blocks() for block in section.blocks if hasattr(block, "text"))
+    assert "gyroscopic" not in text
+    s = mb.Scene("arm", gravity=(0, 0, -9.81))
+    s.revolute("A", s.ground, s.rigid_body("arm", 1.0, (0.1, 0.2, 0.3), at=(0.5, 0, 0)), at=(0, 0, 0), axis=(0, 1, 0.2))
+    assert r"contains the gyroscopic moment $-\omega\times J\,\omega$" in mb.report(s).to_markdown()

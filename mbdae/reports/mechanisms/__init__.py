@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from mbdae.documents.blocks import Drawing, escaped
+from mbdae.results.errors import together
 from mbdae.scene.components import Beam
 from mbdae.scene.record import item_name, signature_of
 from mbdae.system.prepare import Prepared, prepare
 
 NEXT = 0.1  #: a root is next to 0 at this part of its terms: what is divided by its square has 100 times the errors of a run
+MET = 1e-4  #: joints that are closer than this part of the scene's length at a change point, found to about 1e-7, coincide there
 
 
 class InPlane:
@@ -100,11 +102,11 @@ class InPlane:
 
 
 class RunInPlane(dict[str, Any]):
-    """Joint forces of a run by joint, in axes of a plane, with its times, states, errors and accuracy."""
+    """Joint forces of a run by joint, in axes of a plane, with its times, states and accuracy; whole: the run in space."""
 
     def __init__(self, forces: Any, t: Any, states: Any, result: Any) -> None:
         super().__init__(forces)
-        self.t, self._states, self.error, self.accuracy = t, states, result.error, result.accuracy
+        self.t, self._states, self.whole, self.accuracy = t, states, result, result.accuracy
 
 
 def curve(x: Any, period: float, under: str, item: str, force: Any, dots: Any) -> Drawing:
@@ -131,6 +133,43 @@ def curve(x: Any, period: float, under: str, item: str, force: Any, dots: Any) -
     drawing.text(0, high + 18, f"{low:.4g}", "start")
     drawing.fit()
     return drawing
+
+
+def meetings(page: Any, name: str, where: str) -> list[tuple[float, str]]:
+    """The change points of a branch with what is there; where: in words where its roots meet. At some its joints do."""
+    if name not in page.branches:
+        return []
+    b, letter, n, found = page.branches[name], page.latex[name], name[2:], list[tuple[float, str]]()
+    turns = range(round(page.period() / b.period)) if b.period else (0,)
+    for x in b.points:
+        at = page.along([x])
+        met = name in page.met and np.hypot(at[f"D{n}_0"], at[f"D{n}_1"])[0] < MET * page.prepared.length
+        goes = f"the loop goes through, and ${letter}$ changes its sign" if x in b.changes else "it stays on its own"
+        what = (f"change point: {page.met[name] if met else where}; both branches of the loop meet here, {goes}; joint forces are"
+                " not determined here and may grow without bound beside it")
+        found += [(x + turn * b.period, what) for turn in turns]
+    return found
+
+
+def errors_within(result: Any, quantity: str, pieces: list[Any]) -> list[float] | None:
+    """A run's own error of a quantity in every piece of its times (nt,), s; None where it states none."""
+    errors, seen = result.accuracy.errors, list[Any]()
+    if errors is None or errors.of(result, quantity) is None:
+        return None
+
+    def part(other: Any, t: Any, own: Any, beside: Any) -> float:
+        seen.append((other, t, np.linalg.norm(beside - own, axis=1)))
+        return 0.0
+
+    least, found = errors._estimated(result, quantity, part).error, list[float]()
+    for first, last in ((piece[0], piece[-1]) for piece in pieces):
+        apart = []
+        for other, t, off in seen:
+            there = (t >= first) & (t <= last) if other.kind != "window" else np.ones(len(t), dtype=bool)
+            there = there if there.any() else np.arange(len(t)) == np.argmin(np.abs(t - (first + last) / 2))
+            apart.append((other, float(np.max(off[there]))))
+        found.append(max(together(apart), least))
+    return found
 
 
 def passed(page: Any, t: Any, x: Any, rate: Any, q: Any, u: Any) -> tuple[Any, str]:

@@ -55,6 +55,7 @@ class Dyads(Links):
         self.limits: dict[str, str] = {}  #: roots that vanish at a dead centre, and what this is
         self.roots: dict[str, Expr] = {}  #: these by the bodies, over the root of their terms: negative beyond a dead centre
         self.branches: dict[str, Branch] = {}  #: of closures with change points, by the symbols of their signs
+        self.met: dict[str, str] = {}  #: of branches of dyads with three pins: that the outer two coincide
         self.lowest: list[float] = []  #: values of the input where what is under a root is least
         self.dyads = self.solves = 0
         super().__init__(prepared)
@@ -114,8 +115,7 @@ class Dyads(Links):
         arms = [bodies[first].turned(u[0]), bodies[second].turned(u[1])]
         rows = [arms[0][i] + arms[1][i] - across[i] + sum((sign[n] * s[0] * along[n][i] for n, s in sigma.items()), ZERO)
                 for i in (0, 1)]
-        self._letters(("D", "distance of the outer points"), across, "m")
-        D = self.last
+        D = self._letters(("D", "distance of the outer points"), across, "m")
         unknown = self._positions(slides, (a, b, c), u, D, angles, arms, along, sign, sigma, offset, rows)
         self._rates_of(unknown, rows)
         if not b.turn and a.turn and c.turn:
@@ -124,8 +124,8 @@ class Dyads(Links):
         for node, link, end in ((first, a, ends[0]), (second, c, ends[1])):
             self._place(node, link, end, self.amounts.get(link.item, ZERO), self.letters_of[node][2][0])
 
-    def _letters(self, said: tuple[str, str], e: tuple[Expr, ...], unit: str) -> None:
-        """Letters with an index for components, kept in `last`."""
+    def _letters(self, said: tuple[str, str], e: tuple[Expr, ...], unit: str) -> Pair:
+        """Letters with an index for components."""
         letter, meaning = said
         found = []
         for i, part in enumerate(e):
@@ -133,7 +133,7 @@ class Dyads(Links):
             self.letter(name, f"{letter}^{{({self.dyads})}}_{{{'xy'[i]}}}", unit,
                         f"{meaning} of dyad {self.dyads}, along {'xy'[i]}")
             found.append(self.follow(name, part))
-        self.last = (found[0], found[1])
+        return found[0], found[1]
 
     def _angle_by(self, angle: tuple[Expr, Expr, Expr], A: Expr, B: Expr, C: Expr, unit: str, dead: str) -> None:
         """An angle by A cos + B sin = C, on the side on which it starts."""
@@ -254,10 +254,10 @@ class Dyads(Links):
         if not slides:
             size = [x**2 + y**2 for x, y in u]
             dead = f"{names[0]}, {names[1]} and {names[2]} lie on one line"
+            self.met[f"br{self.dyads}"] = f"{names[0]} and {names[2]} coincide"
             self._angle_by(angles[0], _dot(D, u[0]), D[1] * u[0][0] - D[0] * u[0][1], (_dot(D, D) + size[0] - size[1]) / 2, "m^2",
                            dead)
-            self._letters(("w", "vector between the points of the second body"), _less(D, arms[0]), "m")
-            w = self.last
+            w = self._letters(("w", "vector between the points of the second body"), _less(D, arms[0]), "m")
             self.follow(str(angles[1][0]), se.atan2(u[1][0] * w[1] - u[1][1] * w[0], _dot(u[1], w)))
             return [angles[0], angles[1]]
         link = slides[0]

@@ -66,6 +66,7 @@ class Links(ClosedForms):
     """Links of a mechanism of the plane with one input, and the bodies that follow from it by joints and couplings. Raises
     ValueError, with the reason, where there is no such input."""
 
+    MOVES = True
     KINDS: tuple[NodeKind, ...] = (NodeKind.PLANAR,)  #: of the bodies
     GROUND: Any = Place(ZERO, ZERO, ZERO)
 
@@ -78,6 +79,10 @@ class Links(ClosedForms):
         self.letters_of: dict[Node, list[tuple[Expr, Expr, Expr]]] = {}  #: of bodies to which a dyad has given an angle
         self._coordinates: dict[Expr, Node] = {}  #: symbols of coordinates in couplings that are not known yet
         super().__init__(prepared)
+        if self.without:  # letters of the balances, which are not printed
+            self.unknowns = []
+            for table in (self.latex, self.said, self.taken, self.rows, self.on_l, self.entries, self.places, self.raw):
+                table.clear()  # type: ignore[attr-defined]
         if prepared.model.lines:
             raise ValueError("its beams are flexible, so that more than one coordinate moves it")
         odd = [n.name for n in prepared.model.nodes if n.kind not in (*self.KINDS, NodeKind.COORDINATE)]

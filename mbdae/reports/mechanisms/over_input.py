@@ -11,9 +11,9 @@ import symengine as se
 from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, escaped
 from mbdae.inputs import timed
 from mbdae.notation import counted
-from mbdae.reports.mechanisms import curve, passed
+from mbdae.reports.mechanisms import NEXT, curve, errors_within, meetings, passed
 from mbdae.reports.mechanisms.dyads import Dyads
-from mbdae.reports.page import BOUND, Check, Printed, Wanted
+from mbdae.reports.page import BOUND, NEXT_TO_ZERO, Check, Printed, Wanted
 from mbdae.reports.reading import key_of
 from mbdae.reports.scene_forces import RUN
 from mbdae.reports.states import POINTS, residual
@@ -123,13 +123,16 @@ class OverInput(Dyads):
         printed, alone = Printed(known, wanted, len(t)), Printed(known, {}, len(t))
         checks = [*printed.read(blocks), *printed.undivided(blocks)]
         alone.read(blocks)
-        kept = np.min([np.abs(self.at_states(e, q, u)) for e in self.roots.values()], axis=0, initial=1.0)
-        part, of = np.minimum(1.0, BOUND / np.finfo(float).eps * kept**LOST), alone.stated
+        part, of = np.minimum(1.0, BOUND / np.finfo(float).eps * self._least_root(q, u)**LOST), alone.stated
         for latex, w in wanted.items():
             if w.source == RUN:
                 off = np.broadcast_to(alone.value(key_of(latex)), (len(t),)) - w.values
                 checks.append(Check(f"${latex}$ by the input alone, {RUN}", residual((w.values + part * off)[of], w.values[of])))
         return checks, alone
+
+    def _least_root(self, q: Any, u: Any) -> Any:
+        """The smallest root of the loops by its terms, at most 1, at states (nt, n)."""
+        return np.min([np.abs(self.at_states(e, q, u)) for e in self.roots.values()], axis=0, initial=1.0)
 
     # -- the page
 
@@ -164,8 +167,8 @@ class OverInput(Dyads):
                     f" by which the sign {signs} of its branch changes.") * bool(signs)
         text = (f"The input is the {escaped(self.input.coordinate)} ${x}$ of {escaped(self.input.item)}, 0 as drawn, with its"
                 f" rates ${dx}$ and ${ddx}$. Every body follows from it without iteration. Rates are the derivatives of the"
-                " formulas, and of the closure where a loop closes; $f$ are the forces of the other laws at this motion."
-                f"{centres}")
+                " formulas, and of the closure where a loop closes"
+                f"{'' if self.without else '; $f$ are the forces of the other laws at this motion'}.{centres}")
         return Section("Motion over the input", [Paragraph(text), *blocks, *self.dead_centres()])
 
     # -- one turn of the input
@@ -223,7 +226,7 @@ class OverInput(Dyads):
         if not closes:
             low, high = max([at[0], *(x for x, _ in rows if x < start)]), min([at[-1], *(x for x, _ in rows if x > start)])
         for name, dead in self.limits.items():
-            rows += [(x + n, what) for x, what in self._meetings(f"br{name[1:]}", dead) for n in {0.0, -period * (not closes)}]
+            rows += [(x + n, what) for x, what in meetings(self, f"br{name[1:]}", dead) for n in {0.0, -period * (not closes)}]
         rows += [(x, f"dead centre: {dead}") for name, dead in self.apart.items() if dead
                  for x in self._crossings(lambda table, name=name: table[name], at[off])]
         for link in self.links:
@@ -241,17 +244,6 @@ class OverInput(Dyads):
         rows = [(v, what) for v, what in rows if closes or low <= v <= high]
         table = [Table([f"${x}$ [{unit}]", "what is there"], [[f"{v:.6f}", what] for v, what in sorted(rows)])] if rows else []
         return [Paragraph(told), *table]
-
-    def _meetings(self, name: str, where: str) -> list[tuple[float, str]]:
-        """The change points of a branch with what is there."""
-        if name not in self.branches:
-            return []
-        b, what = self.branches[name], f"change point: {where}; both branches of the loop meet here, "
-        through = f"{what}the loop goes through, and ${self.latex[name]}$ changes its sign; "
-        forces = "joint forces are not determined here and may grow without bound beside it"
-        turns = range(round(self.period() / b.period)) if b.period else (0,)
-        return [(x + n * b.period, told + forces) for n in turns for told, points in
-                ((through, b.changes), (f"{what}it stays on its own; ", b.touches)) for x in points]
 
     def _shown(self, link: Any) -> bool:
         """Whether it is said where the coordinate of a joint turns back."""
@@ -299,12 +291,15 @@ class OverInput(Dyads):
 
     def beside(self, result: Any, blocks: list[Block]) -> tuple[Section, list[Check]]:
         """Section with the joint forces by the printed formulas over the input and those of a run, and a failed check for each
-        that differs by more than `OF_ERROR` times the run's own error and its accuracy."""
+        that differs by more than `OF_ERROR` times the run's own error and its accuracy, in some piece of times one after the
+        other at which they are compared: beside a change point the run's error is large."""
         t, (q, u, s) = result.t, result._states
         printed, table, curves, wrong = self.read_at(blocks, t, q, u, s)[1], list[list[str]](), list[Block](), list[Check]()
         x = np.real(printed.value(key_of(self.latex[str(self.inputs[0])])))
         near, places = passed(self, t, x, np.real(printed.value(key_of(self.latex[str(self.inputs[1])]))), q, u)
-        of = printed.stated & ~near
+        of, root = printed.stated & ~near, self._least_root(q, u)
+        at = np.flatnonzero(of)
+        pieces = [p for p in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1) if len(p)]
         period = self.period() if np.ptp(x) > self.period() else 0.0
         within = f", within {'one turn' if period < 7 else 'two turns'}" if period else ""
         under = f"{self.input.coordinate}{within} [{'rad' if self.input.turn else 'm'}]"
@@ -313,27 +308,32 @@ class OverInput(Dyads):
             told, own = getattr(result[item], name), np.zeros((len(t), 3))
             for i in (i for i in range(3) if (letter, item, i) in self.on_l):
                 own[:, i] = np.real(np.broadcast_to(printed.value(key_of(self._force(letter, item, i))), (len(t),)))
-            off = float(np.max(np.linalg.norm(own - told, axis=1)[of], initial=0.0))
-            size, error = np.linalg.norm(told, axis=1), result.error(f"{item}.{name}")
-            least = (result.accuracy.asked or ROUND_OFF) * float(np.max(size))
-            table.append([f"{name} of {escaped(item)}", unit, f"{np.max(size):.6g}", f"{off:.2g}",
-                          "" if error is None else f"{error:.2g}"])
-            if error is not None and not off <= OF_ERROR * max(error, least):
-                wrong.append(Check(f"the {name} of {escaped(item)} over the input is {off:.2g} {unit} off that of the run, whose "
-                                   f"own error is {error:.2g} {unit}", float("inf")))
+            off, size = np.linalg.norm(own - told, axis=1), np.linalg.norm(told, axis=1)
+            errors = errors_within(getattr(result, "whole", result), f"{item}.{name}", [t[piece] for piece in pieces])
+            most = max(errors, default=0.0) if errors is not None else None
+            table.append([f"{name} of {escaped(item)}", unit, f"{np.max(size[of], initial=0.0):.6g}",
+                          f"{np.max(off[of], initial=0.0):.2g}", "" if most is None else f"{most:.2g}"])
+            for piece, error in zip(pieces, errors or [], strict=False):
+                least = (result.accuracy.asked or ROUND_OFF) * float(np.max(size[piece]))
+                if not np.max((off * root**2)[piece]) <= OF_ERROR * max(error, least):
+                    wrong.append(Check(f"from t = {t[piece[0]]:.4g} to {t[piece[-1]]:.4g} s the {name} of {escaped(item)} over"
+                                       f" the input is {np.max(off[piece]):.2g} {unit} off that of the run, whose own error there"
+                                       f" is {error:.2g} {unit}", float("inf")))
             if letter == "F":
                 curves.append(Picture(curve(x, period, under, item, np.where(of, np.linalg.norm(own, axis=1), np.nan), size),
                                       f"Force of {escaped(item)} over ${self.latex['in']}${within}: line, the printed formulas;"
                                       " rings, the sensor of the run."))
         left = int(np.sum(~of))
         text = (f"The printed formulas at the {len(t)} times of a run, by the input and its rates there, and the run's sensors."
-                + (f" {counted(left, 'time')} next to zeros of divisors or beyond dead centres are left out." if left
-                   else "")
+                + (f" {counted(left, 'time')} are left out: there a divisor is below {NEXT_TO_ZERO:g} of its terms, the root of"
+                   f" a loop below {NEXT:g} of its terms, or the loop beyond a dead centre." if left else "")
                 + places)
         verdict = "NOT EQUAL: " + "; ".join(c.what for c in wrong) + "." if wrong else (
             "No time is left at which they can be compared." if left == len(t) else
             "The run states no error of its own." if all(not row[-1] for row in table) else
-            f"No difference is larger than {OF_ERROR:g} times the run's own error or its accuracy.")
-        head = ["", "unit", "largest of the run", "largest difference", "the run's own error"]
+            f"No difference is larger than {OF_ERROR:g} times the run's own error or its accuracy"
+            + ("; beside a root $r$ of a loop, by its terms, $r^2$ of it counts, as the input's errors grow by $1/r^2$."
+               if self.roots else "."))
+        head = ["at these times", "unit", "largest of the run", "largest difference", "the run's own error"]
         curves = [Paragraph(f"{text} {verdict}"), Table(head, table), *curves]
         return Section("Joint forces over the input, beside a run", curves), wrong
