@@ -206,9 +206,9 @@ class BeamStatements(SceneItems):
         ratio = 2 * damping * np.sqrt(body.modal_mass * body.modal_stiffness)
         laws = [ModalElasticity(modes, (modes, f"mode{n + 1}"), stiffness=float(body.modal_stiffness[n]),
                                 damping=float(ratio[n]) if damping else None, **place) for n in range(count)]
-        second = [SecondDisplacement(f"{modes} {i + 1}", modes, {f"bend_{a + 1}_{b + 1}": float(body.bends[i, a, b])
-                                     for a in range(count) for b in range(a + 1)}, count=count, bends=bends, bend=i, **place)
-                  for i in range(bends)]
+        second = [SecondDisplacement(f"{modes} {i + 1}", modes, f"bend{i + 1}",
+                                     {f"bend_{a + 1}_{b + 1}": float(body.bends[i, a, b]) for a in range(count)
+                                      for b in range(a + 1)}, count=count, **place) for i in range(bends)]
         joint = modes_of_body(count, bends)(modes, kept=True, **place)
         joint.reduced, joint.ratio = body, damping
         still = dict.fromkeys(joint.coordinates, 0.0)  # it starts as drawn, without vibration

@@ -192,6 +192,13 @@ def test_the_second_order_of_deformations_is_told_beside_every_number(load: floa
     assert "deformation" not in r.accuracy.covers
     assert f"{r.accuracy.deformation:.1e}" in r.accuracy.not_covered["deformation"]
     assert r.accuracy.lacks == r.peak("beam.tip.position[0]").lacks == "mesh and the second order of deformations"
+    s = mb.Scene("at rest")
+    s.reduced_body("beam", reduced(0))
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (0, load * 2.1e11 * SECOND / LENGTH**2, 0))
+    rest = s.equilibrium()
+    assert rest.accuracy.deformation == pytest.approx(r.accuracy.deformation, rel=1e-3)
+    assert f"deformation: {rest.accuracy.deformation:.1e}" in repr(rest) and rest.accuracy.lacks == r.accuracy.lacks
 
 
 @pytest.mark.parametrize("modes", [2, 6])
