@@ -236,10 +236,10 @@ class ModalElasticity(Force):
 
 class Modes(Joint):
     """Coordinates of the modes of a reduced body, which its further laws tie to its interfaces and to its inertia. `reduced`: the
-    body; `ratio`: of the damping of its modes to critical damping."""
+    body; `ratio`: of the damping of its modes to critical damping, or a tuple of them."""
 
     reduced: Any = None
-    ratio = 0.0
+    ratio: Any = 0.0
 
     def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {}
