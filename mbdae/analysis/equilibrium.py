@@ -20,7 +20,7 @@ from mbdae.errors import EquilibriumError, OptionError, StartError, naming_argum
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.laws.bodies import with_modes
 from mbdae.notation import counted
-from mbdae.results.accuracy import Accuracy, RunInfo
+from mbdae.results.accuracy import Accuracy, RunInfo, second_order
 from mbdae.results.result import Result
 from mbdae.results.states import Instant
 from mbdae.scene.components import Connection
@@ -110,7 +110,8 @@ class Equilibrium(Result):
                 f"{self.load_factor:.6g}, residual {self.residual:.1e}, {counted(self.iterations, 'iteration')}"
                 f"{f', stiffness negative in {self.unstable} direction(s)' if self.unstable else ''}"
                 f"{self._plane}{', motions out of the plane grow' if self.out_of_plane == 'unstable' else ''}"
-                f"{', mesh: not covered' if self.accuracy.has_mesh else ''}>")
+                f"{', mesh: not covered' if self.accuracy.has_mesh else ''}"
+                f"{f', deformation: {size:.1e}' if (size := self.accuracy.deformation) else ''}>")
 
 
 @naming_arguments
@@ -184,7 +185,8 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
     modes = bool(with_modes(prepared.model.scene.connections))
     finer = " and ".join(["beams of one order more"] * bool(prepared.model.lines) + ["more modes of reduced bodies"] * modes)
     unknown = {"motion": SOLVED, "reactions": SOLVED, "mesh": f"not measured: compare with {finer}"}
-    info = RunInfo(rest, statics.system.label, Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=unknown), stats)
+    known = Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=unknown, deformation=second_order(prepared, q[None]))
+    info = RunInfo(rest, statics.system.label, known, stats)
     result = Equilibrium(replace(prepared, start=start), solution, info, t)
     result.point, result.kinds = point, statics.kinds
     result.frame, result.load_factor, result.iterations = statics.rest.frame.name, point.load_factor, point.iterations
@@ -322,7 +324,8 @@ class _Path:
         found = s.stiffness(T)
         pull = float(np.max(acceleration_scale(s.mechanics, s.rest.t, s.q(point), s.u(point), s.s(point))))
         if isinstance(found, DenseStiffness):
-            values = _eigenvalues((found.reduced + found.reduced.T) / 2, T.N.T @ W @ T.N)
+            both = (found.reduced + found.reduced.T) / 2, T.N.T @ W @ T.N
+            values = scipy.linalg.eigh(*both, eigvals_only=True) if T.N.shape[1] else np.zeros(1)
             shift = max(0.0, -1.5 * values[0]) if values[0] < -1e-9 * abs(values[-1]) else 0.0
             unit = max(abs(values[0]), abs(values[-1]), pull)
         else:
@@ -344,7 +347,3 @@ class _Path:
         soft = s.soft_motions(T)
         return f"nothing resists {soft[0]}" if soft else (
             f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
-
-
-def _eigenvalues(K: Array, metric: Array) -> Array:
-    return np.asarray(scipy.linalg.eigh(K, metric, eigvals_only=True)) if len(K) else np.zeros(1)

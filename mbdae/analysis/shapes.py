@@ -243,9 +243,9 @@ class OnMesh:
         return {beam.name: (tuple(int(n) for n in np.atleast_1d(beam.elements)), beam.order) for beam in beams}
 
     @property
-    def _reduced(self) -> list[str]:
-        """Names of reduced bodies."""
-        return [c.k.name for c in with_modes(self.prepared.model.scene.connections)]
+    def _reduced(self) -> dict[str, int]:
+        """Number of modes of every reduced body by its name."""
+        return {c.k.name: len(c.joint.reduced.modal_mass) for c in with_modes(self.prepared.model.scene.connections)}
 
     @cached_property
     def mesh_error(self) -> Array | None:
@@ -281,8 +281,8 @@ class OnMesh:
         """The mesh, and modes of reduced bodies, with their error in words; "" without either."""
         beams = ", ".join(f"'{name}' {counted(sum(elements), 'element')} of order {order}"
                           for name, (elements, order) in self.mesh.items())
-        kept = ", ".join(f"'{name}'" for name in self._reduced)
-        whose = ", ".join([*([f"mesh of {beams}"] if beams else []), *([f"modes kept of {kept}"] if kept else [])])
+        kept = [f"{counted(count, 'mode')} kept of '{name}'" for name, count in self._reduced.items()]
+        whose = ", ".join([*([f"mesh of {beams}"] if beams else []), *kept])
         if not whose:
             return ""
         if "mesh_error" in vars(self):

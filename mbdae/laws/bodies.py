@@ -183,19 +183,30 @@ class InterfaceOfBody(InertiaPoint):
 
 
 class SecondDisplacement(_ByModes):
-    """The displacement of the second order by the modes, the coordinate number `bend`: b = sum bend_ik c_i c_k / 2."""
+    """The displacement of the second order by the modes, the coordinate `bend` of the joint `of`: b = sum bend_ik c_i c_k / 2."""
 
-    options = ("count", "bends", "bend")
+    options = ("count",)
+
+    def __init__(self, name: str, of: str, bend: str, numbers: Mapping[str, float], **values: Any) -> None:
+        super().__init__(name, of, numbers, **values)
+        self.bend = bend
 
     def by_numbers(self) -> dict[str, Parameter]:
         return {f"bend_{i + 1}_{k + 1}": Parameter("1/m", "second derivative of the displacement")
                 for i in range(self.count) for k in range(i + 1)}
 
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        return (*_names(self.count, 0, "c"), "b")
+
+    def coordinates_in(self, item: str) -> list[tuple[str, str]]:
+        return [(self.of, name) for name in (*_names(self.count, 0), self.bend)]
+
     def rows(self, *frames: Frame) -> dict[str, Expr]:
         c = [getattr(self, name) for name in self.own_coordinates]
         both = [c[i] * c[k] / (1 + (i == k)) * getattr(self, f"bend_{i + 1}_{k + 1}")
                 for i in range(self.count) for k in range(i + 1)]
-        return {"bend": sum(both, se.Integer(0)) - c[self.count + self.bend]}
+        return {"bend": sum(both, se.Integer(0)) - c[-1]}
 
 
 class ModalElasticity(Force):
@@ -225,10 +236,10 @@ class ModalElasticity(Force):
 
 class Modes(Joint):
     """Coordinates of the modes of a reduced body, which its further laws tie to its interfaces and to its inertia. `reduced`: the
-    body; `ratio`: of the damping of its modes to critical damping."""
+    body; `ratio`: of the damping of its modes to critical damping, or a tuple of them."""
 
     reduced: Any = None
-    ratio = 0.0
+    ratio: Any = 0.0
 
     def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {}
@@ -247,8 +258,8 @@ def with_modes(connections: Iterable[Any]) -> list[Any]:
     return [c for c in connections if isinstance(c.joint, Modes)]
 
 
-def _names(count: int, bends: int) -> list[str]:
-    return [f"mode{n + 1}" for n in range(count)] + [f"bend{n + 1}" for n in range(bends)]
+def _names(count: int, bends: int, mode: str = "mode") -> list[str]:
+    return [f"{mode}{n + 1}" for n in range(count)] + [f"bend{n + 1}" for n in range(bends)]
 
 
 @cache

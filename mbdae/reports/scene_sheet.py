@@ -280,17 +280,20 @@ def pattern(entries: Any, n: int, title: str) -> Drawing:
 #: number of lines of all bodies that are drawn
 VIEW = np.array([[0.94, 0.34, 0.0], [0.20, -0.54, -0.82]])
 IN_ROW, WIDTH, FAR, TURNED, CROSS, STILL, LINES = 3, 230.0, 0.12, 0.6, 0.04, 1e-3, 20000
+SAME = 1e-6  #: relative difference of the frequencies of a mode that was kept, in the matrices and in the reduced body
 
 
 def modes_page(body: ReducedBody) -> Document:
     """Which modes a reduced body has, how each moves, and pictures of them."""
-    rows = [[str(i + 1), f"{f:.4g}", *_moves(body, i)] for i, f in enumerate(body.frequencies.tolist())]
+    beyond = [body.free and not np.any(np.isclose(f, body.held_frequencies, rtol=SAME)) for f in body.frequencies]
+    rows = [[str(i + 1), f"{f:.4g}{'*' * beyond[i]}", *_moves(body, i)] for i, f in enumerate(body.frequencies.tolist())]
     held = ", ".join(f"{f:.4g}" for f in body.held_frequencies.tolist()) or "none"
     least = 1e-12 * float(np.max(np.abs(body.nodes)))  # below it is round-off
     places = [[name, *(f"{x if abs(x) > least else 0.0:.4g}" for x in place)] for name, place in body.interfaces.items()]
     text = ("These are frequencies of the body that flies freely; as mounted in a scene it has others, which `s.linearize()` "
             "lists. A coordinate of a mode is the largest displacement of a node by it, m. Modes of vibration that were kept, "
             f"with {'free' if body.free else 'held'} interfaces, Hz: {held}.")
+    text += " With * are no vibrations of the body: what forces at interfaces deform besides those." if any(beyond) else ""
     shown = min(max(IN_ROW, LINES // (len(body.edges) + 1)), len(rows))
     caption = (f"The first {shown} modes, drawn large, over the body at rest (grey); dots are interfaces. x to the right, y "
                "away, z up.")

@@ -21,7 +21,6 @@ from mbdae.notation import counted
 from mbdae.process import unchanging
 from mbdae.results.errors import AGAINST_MESH, Errors
 from mbdae.results.quantities import named
-from mbdae.results.states import states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.values import number, option, shown, text
@@ -160,13 +159,10 @@ class Accuracy:
         return f"<Accuracy {', '.join((*told, self.brief))}>{reasons}"
 
 
-def second_order(prepared: Prepared, run: Solution) -> float | None:
-    """`Accuracy.deformation` of a run."""
+def second_order(prepared: Prepared, q: Array) -> float | None:
+    """`Accuracy.deformation` of positions q (k, nq)."""
     kept = with_modes(prepared.model.scene.connections)
-    if not kept:
-        return None
-    q = states_of(prepared, run, run.t).q
-    return float(max(c.joint.reduced.left_out_of(prepared, c, q) for c in kept) / prepared.length)
+    return None if not kept else float(max(c.joint.reduced.left_out_of(prepared, c, q) for c in kept) / prepared.length)
 
 
 def against_mesh(meshes: Mapping[str, Mapping[str, Any]]) -> str:

@@ -266,7 +266,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, ask
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)
     if prepared.model.elastic:  # with these not IDA, whose steps would have to resolve the fastest vibrations
-        other = next(method for method in (RadauIIA(3), RadauIIA(2)) if method.label != run.solver.label)
+        other = next(method for method in (RadauIIA(5), RadauIIA(3)) if method.label != run.solver.label)
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
     controlled = run_controlled(system, prepared, other, max(accuracy / 10, 1e-10), asked, np.array([asked.t_end]))
@@ -290,7 +290,8 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
         forces.asked, forces.remedy, forces.against_mesh = asked, rounded, against_mesh(found.meshes)
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, prepared.model.elastic, unknown, forces,
-                    Amplified(run.solution), meshes=found.meshes, deformation=second_order(prepared, run.solution))
+                    Amplified(run.solution), meshes=found.meshes, deformation=second_order(
+                        prepared, prepared.states(run.solution.t, run.solution(run.solution.t))[0]))
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:

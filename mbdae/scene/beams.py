@@ -25,7 +25,7 @@ from mbdae.scene.components import Beam, BeamLoad, Body, Classical, Connection
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import SceneItems, statement
 from mbdae.scene.shapes import Section
-from mbdae.values import Array, fixed, nearest, shown
+from mbdae.values import Array, fixed, nearest, several, shown
 
 if TYPE_CHECKING:
     from mbdae.laws.beam import LineLoad, node_positions
@@ -50,6 +50,12 @@ def _curve(arg: Argument, value: Any) -> Any:
         return value
     arg.wrong(f"{shown(value)} is no curve", "give 'arc' and three points, or a function of a parameter from 0 to 1")
     return None
+
+
+def _ratios(arg: Argument, value: Any) -> Any:
+    """Reader of a ratio of damping, or of a tuple of them."""
+    read = reading.quantity("1", "not negative")
+    return tuple(read(arg, ratio) for ratio in value) if several(value) else read(arg, value)
 
 
 def _beam(arg: Argument, value: Any) -> Any:
@@ -167,26 +173,29 @@ class BeamStatements(SceneItems):
         return load
 
     @reads(name=reading.name, body=reading.instance(ReducedBody, "reduced body", "give mb.ReducedBody.craig_bampton(...)"),
-           at=reading.point, damping=reading.quantity("1", "not negative"), velocity=reading.vector("m/s"),
-           angular_velocity=reading.vector("rad/s"))
+           at=reading.point, damping=_ratios, velocity=reading.vector("m/s"), angular_velocity=reading.vector("rad/s"))
     @statement
-    def reduced_body(self, name: str, body: Any, at: Any = (0, 0, 0), damping: float = 0.0, velocity: Any = None,
+    def reduced_body(self, name: str, body: Any, at: Any = (0, 0, 0), damping: Any = 0.0, velocity: Any = None,
                      angular_velocity: Any = None) -> Body:
         """A flexible body of another program's matrices (mb.ReducedBody), the origin of its nodes at `at` (m); its interfaces are
         bodies "<name>.<interface>", which joints and forces take; its own motion is that of its floating frame.
 
-        damping: ratio to critical damping of every mode of the free body; as mounted it is another one, of a cantilever's lowest
-        vibration 14 times less (`s.linearize().damping`). velocity (m/s, of the centre) and angular_velocity
-        (rad/s) of its start as a rigid body, inertial frame. Displacements are small in the floating frame."""
+        damping: ratio to critical damping of every mode of the free body, or a list of one for each, the last for all further
+        ones; as mounted it is another one, of a cantilever's lowest vibration 14 times less (`s.linearize().damping`). velocity
+        (m/s, of the centre), angular_velocity (rad/s): of its start as a rigid body, inertial frame. Displacements are small in
+        the floating frame."""
         v, w = (np.zeros(3) if given is None else np.array(given) for given in (velocity, angular_velocity))
         if not isinstance(body, ReducedBody):
             return self._add_body(Body(name, 1.0, np.eye(3), at, np.eye(3), v, w))
+        if not 0 < np.size(damping) <= max(len(body.modal_mass), 1):
+            self.problems.append(f"reduced body '{name}': damping has {counted(np.size(damping), 'ratio')} for "
+                                 f"{counted(len(body.modal_mass), 'mode')}: give one for all, or at most one for each")
         origin, places = at + body.center, [at + x for x in body.interfaces.values()]
         frame = self._add_body(Body(name, 0.0, np.zeros((3, 3)), origin, np.eye(3), v, w, bool(np.any(v) or np.any(w)),
                                     np.array([*places[:1], origin, *places[1:]])))
         for interface, x in zip(body.interfaces, places, strict=True):
             self._part_of(frame, interface, x, np.zeros((3, 3)))
-        self._enter_modes(frame, body, damping)
+        self._enter_modes(frame, body, damping or 0.0)
         if self.space == "auto":
             self.space = "spatial"
         return frame
@@ -198,17 +207,18 @@ class BeamStatements(SceneItems):
         return self._add_body(Body(f"{frame.name}.{of}", more.pop("mass", 0.0), inertia, place, np.eye(3), speed,
                                    start.angular_velocity, frame.given_velocity, shapes=(), **more))
 
-    def _enter_modes(self, frame: Body, body: ReducedBody, damping: float) -> None:
+    def _enter_modes(self, frame: Body, body: ReducedBody, damping: Any) -> None:
         """Enter the modes of a reduced body, the rows of its interfaces, and its inertia."""
         name, origin = frame.name, frame.drawn.position
         modes, count, bends = f"{name}.modes", len(body.modal_mass), len(body.bends)
         place = {"k": frame, "l": frame, "at": origin, "axis": (0.0, 0.0, 1.0), "axis_x": (1.0, 0.0, 0.0)}
-        ratio = 2 * damping * np.sqrt(body.modal_mass * body.modal_stiffness)
+        of_modes = np.append(damping, np.repeat(np.ravel(damping)[-1:], count))[:count]
+        dashpot = 2 * of_modes * np.sqrt(body.modal_mass * body.modal_stiffness)
         laws = [ModalElasticity(modes, (modes, f"mode{n + 1}"), stiffness=float(body.modal_stiffness[n]),
-                                damping=float(ratio[n]) if damping else None, **place) for n in range(count)]
-        second = [SecondDisplacement(f"{modes} {i + 1}", modes, {f"bend_{a + 1}_{b + 1}": float(body.bends[i, a, b])
-                                     for a in range(count) for b in range(a + 1)}, count=count, bends=bends, bend=i, **place)
-                  for i in range(bends)]
+                                damping=float(dashpot[n]) if np.any(of_modes) else None, **place) for n in range(count)]
+        second = [SecondDisplacement(f"{modes} {i + 1}", modes, f"bend{i + 1}",
+                                     {f"bend_{a + 1}_{b + 1}": float(body.bends[i, a, b]) for a in range(count)
+                                      for b in range(a + 1)}, count=count, **place) for i in range(bends)]
         joint = modes_of_body(count, bends)(modes, kept=True, **place)
         joint.reduced, joint.ratio = body, damping
         still = dict.fromkeys(joint.coordinates, 0.0)  # it starts as drawn, without vibration
@@ -217,9 +227,8 @@ class BeamStatements(SceneItems):
         for interface, shape in body.interface_shapes.items():
             node = self._by_name[f"{name}.{interface}"]
             shape = np.hstack([shape, body.interface_bends[interface]])
-            numbers = _by_axes(shape=shape[:3], turn=shape[3:])
-            law = InterfaceOfBody(f"{name}.interface {interface}", modes, numbers, count=count, bends=bends,
-                                  **{**place, "l": node, "at": node.drawn.position})
+            law = InterfaceOfBody(f"{name}.interface {interface}", modes, _by_axes(shape=shape[:3], turn=shape[3:]), count=count,
+                                  bends=bends, **{**place, "l": node, "at": node.drawn.position})
             self._enter(Connection(law.name, "interface", frame, node, [law]))
         for i, point in enumerate(body.points):
             node = self._part_of(frame, f"inertia {i + 1}", origin + point[:, 0], None, is_point=True,

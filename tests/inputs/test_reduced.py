@@ -6,6 +6,7 @@ import re
 import warnings
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -192,6 +193,30 @@ def test_the_second_order_of_deformations_is_told_beside_every_number(load: floa
     assert "deformation" not in r.accuracy.covers
     assert f"{r.accuracy.deformation:.1e}" in r.accuracy.not_covered["deformation"]
     assert r.accuracy.lacks == r.peak("beam.tip.position[0]").lacks == "mesh and the second order of deformations"
+    s = mb.Scene("at rest")
+    s.reduced_body("beam", reduced(0))
+    s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
+    s.force("F", "beam.tip", (0, load * 2.1e11 * SECOND / LENGTH**2, 0))
+    rest = s.equilibrium()
+    assert rest.accuracy.deformation == pytest.approx(r.accuracy.deformation, rel=1e-3)
+    assert f"deformation: {rest.accuracy.deformation:.1e}" in repr(rest)
+    assert rest.accuracy.lacks == r.accuracy.lacks
+
+
+def test_damping_may_be_given_mode_by_mode_and_the_last_one_holds_for_further_modes(tmp_path: Path) -> None:
+    s = mb.Scene("free")
+    s.reduced_body("beam", reduced(4), damping=[0.01, 0.02, 0.05])
+    critical = 2 * np.sqrt(reduced(4).modal_stiffness * reduced(4).modal_mass)
+    laws = next(c.laws for c in s.connections if c.name == "beam.modes")
+    np.testing.assert_allclose([law.damping for law in laws[1:]] / critical, [0.01, 0.02, *[0.05] * 8], rtol=1e-12)
+    s.simulate(0.001, 1e-3).save(tmp_path / "r.npz")
+    again = mb.load(tmp_path / "r.npz").prepared.model.scene
+    assert [c.laws[0].ratio for c in again.connections if c.name == "beam.modes"] == [(0.01, 0.02, 0.05)]
+    for wrong, words in (([0.1] * 99, "99 ratios for 10 modes"), ([], "0 ratios"), ([0.1, -1], "negative"), ("x", "a number")):
+        s = mb.Scene("wrong")
+        s.reduced_body("beam", reduced(4), damping=wrong)
+        with pytest.raises(mb.MbdaeError, match=words):
+            s.linearize()
 
 
 @pytest.mark.parametrize("modes", [2, 6])
@@ -200,7 +225,8 @@ def test_errors_of_frequencies_by_modes_left_out_are_measured(modes: int) -> Non
     s.reduced_body("beam", reduced(modes))
     s.weld("wall", s.ground, "beam.root", at=(0, 0, 0))
     found = s.linearize()
-    assert "modes kept of 'beam': their error is not covered (.mesh_error measures it)" in str(found)
+    kept = f"{len(reduced(modes).modal_mass)} modes kept of 'beam'"
+    assert f"{kept}: their error is not covered (.mesh_error measures it)" in str(found)
     M, K, _ = beam_matrices(10)
     whole = np.sqrt(eigh(K.toarray()[6:, 6:], M.toarray()[6:, 6:], eigvals_only=True))[[0, 1, 2, 3]]
     off = found.angular_frequencies[:4] / whole - 1
@@ -582,6 +608,10 @@ def test_a_page_shows_every_mode_how_it_moves_and_why_there_are_so_many() -> Non
     shape = body.shapes[body.edges.astype(int), :3, 0] @ VIEW.T
     drawn = bent - rest
     np.testing.assert_allclose(drawn / np.max(np.abs(drawn)), shape / np.max(np.abs(shape)), atol=1e-9)
+    free = next(block for block in mb.report(mb.ReducedBody.free_interface(*beam_matrices(10), ENDS, 4)).blocks
+                if isinstance(block, Table))
+    assert [row[1].endswith("*") for row in free.rows] == [False] * 4 + [True] * 12  # the others are none of the body's own
+    assert not any(row[1].endswith("*") for row in table.rows)
     alone = mb.ReducedBody.craig_bampton(*beam_matrices(2), {"whole": [0, 1, 2]}, 0)
     assert not any(isinstance(block, Picture) for block in mb.report(alone).blocks)
     with pytest.raises(mb.OptionError, match="takes no options"):

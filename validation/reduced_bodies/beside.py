@@ -59,10 +59,15 @@ def theirs(name: str, stiffer: float = 1.0) -> dict[str, Any]:
     """Frequencies (Hz) of the modes with held interfaces, and places over time with every number of steps, by Exudyn."""
     M, K, nodes = matrices(name, stiffer)
     entries = {key: (A.data.tolist(), A.row.tolist(), A.col.tolist()) for key, A in (("M", coo_matrix(M)), ("K", coo_matrix(K)))}
+    return answered(json.dumps(EXAMPLES[name] | entries | {"nodes": nodes.tolist()}))
+
+
+def answered(problem: str) -> dict[str, Any]:
+    """What Exudyn finds of a problem, see `exudyn_run.py`."""
     with tempfile.TemporaryDirectory() as folder:
-        problem, answer = Path(folder) / "problem.json", Path(folder) / "answer.json"
-        problem.write_text(json.dumps(EXAMPLES[name] | entries | {"nodes": nodes.tolist()}))
-        subprocess.run([str(exudyn()), str(HERE / "exudyn_run.py"), str(problem), str(answer)], check=True, cwd=folder,
+        asked, answer = Path(folder) / "problem.json", Path(folder) / "answer.json"
+        asked.write_text(problem)
+        subprocess.run([str(exudyn()), str(HERE / "exudyn_run.py"), str(asked), str(answer)], check=True, cwd=folder,
                        capture_output=True, timeout=600)
         found: dict[str, Any] = json.loads(answer.read_text())
     return found
