@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, ROUNDING, Chart, Equations, Varied, reached, refused, size_of
+from mbdae.derivatives.chart import AGREED, ATTEMPTS, CLOSER, LINE, ROUNDING, Chart, Equations, Varied, reached, refused, size_of
 from mbdae.derivatives.landings import MEETS, shorter, tell_another_sequence, tell_grazing, towards_touches
 from mbdae.derivatives.reading import Along
 from mbdae.derivatives.reading import Bound as Bound
@@ -43,9 +43,8 @@ FINER, MOST, LEVELS = 10.0, 1e4, 6
 #: of DOP853: what a number would set in motion need not move in the run, whose steps then do not become shorter by themselves (a
 #: rotor on its axis of symmetry takes 4 steps at 1e-8 and at 1e-9, and both have the same derivative, which is 100 % wrong)
 ORDER = 8
-#: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-10, by the place of a
-#: rolling disc
-ROUNDED = 3e-10
+#: share of a derivative that rounding leaves open, beside what differences of what a scene makes of a number do (`Chart.open`)
+ROUNDED = 1e-12
 #: through contacts every run has the steps of the one before halved, at a tenth of its tolerance, which asks for fewer steps:
 #: errors of derivatives then fall evenly, with a power of the number of steps between that of forces that begin with the power
 #: 1.5 and that of smooth motions. Where the tolerance shortens the steps, errors of two runs may be the same by chance
@@ -178,7 +177,7 @@ class Refined:
                 if runs > 1:
                     falls[key] = min(falls.get(key, np.inf), last / off if off else np.inf)
                 left = remaining(off, last, falls.get(key, 0.0), ratio) if contacts else off
-                rounded = ROUNDED * size_of(value) + ROUNDING / NOTHING * self._slight(*key) + size_of(doubt)
+                rounded = (ROUNDED + self._chart(key[1]).open) * size_of(value) + ROUNDING / NOTHING * self._slight(*key) + size_of(doubt)
                 found[key], apart[key] = Derivative(value, left + rounded), off
             above, wrong = wrong, {key: self._share(one, *key) for key, one in found.items()}
             worst = max(wrong.values())
@@ -197,9 +196,12 @@ class Refined:
                      f"{share:.1e} of its largest value; accuracy {asked:g} was asked")
         return found
 
+    def _chart(self, name: str) -> Chart:
+        return next(chart for chart in self.charts if chart.name == name)
+
     def _slight(self, what: Any, name: str) -> float:
         """A derivative that counts as none: this share of the quantity over the number."""
-        varied = next(chart.varied for chart in self.charts if chart.name == name)
+        varied = self._chart(name).varied
         with self.result._silently():
             return NOTHING * size_of(np.asarray(self.result.value(what))) * varied.share / varied.distance
 
@@ -241,7 +243,7 @@ def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
         excess = max(inputs.excess(base.inputs, varied.distance),
                      start.excess(base.start, varied.distance, size_of(base.start) * varied.share / varied.distance))
         if excess <= 1:
-            return Chart(varied, inputs.found, start.found)
+            return Chart(varied, inputs.found, start.found, AGREED * excess)
         if excess > worst:  # of what is smooth it falls with the distance to the power 6
             break
         varied, worst = varied.finer, np.inf if varied.nodes == LINE else excess / CLOSER

@@ -232,7 +232,7 @@ class Along:
 
         for _ in range(ATTEMPTS):
             one = differenced(lambda node, by=by: moved(node, by), BOTH, by)  # type: ignore[misc]
-            if one.agrees:
+            if one.agrees():
                 break
             by /= CLOSER
         explicit, further = self._explicit(k, lambda one: self._result(one, run.interpolant, run.y), read)

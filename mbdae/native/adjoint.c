@@ -141,13 +141,21 @@ typedef struct {
   double *side;
 } Path;
 
-/* -1, or that the matrix has to be factorised in another order, by the caller, who then calls again with `ready`. */
+/* -1, or that the matrix has to be factorised in another order, by the caller, who then calls again with `ready`. Unknowns are
+   scaled by every step: beside touches a step may be a million times shorter than the one before it. */
 static I factored(const Stages *a, const Path *p, I m, I ready) {
   const I at = (m * a->s + a->stage) * a->nnz;
+  Matrix *to = a->matrix;
   *p->side = p->middles[m];
   if (ready) return -1;
-  for (I e = 0; e < a->nnz; e++) a->matrix->fy[e] = p->fy[at + a->order[e]], a->matrix->fyp[e] = p->fyp[at + a->order[e]];
-  return matrix_factor(a->matrix, p->h[m], 0);
+  memset(to->scale, 0, sizeof(double) * (size_t)a->n);
+  for (I e = 0; e < a->nnz; e++) {
+    to->fy[e] = p->fy[at + a->order[e]], to->fyp[e] = p->fyp[at + a->order[e]];
+    double *largest = to->scale + to->column_of[e];
+    *largest = fmax(*largest, fabs(to->fy[e]) + fabs(to->fyp[e]) / p->h[m]);
+  }
+  for (I i = 0; i < a->n; i++) to->scale[i] = to->scale[i] > 0 ? 1 / to->scale[i] : 1;
+  return matrix_factor(to, p->h[m], 0);
 }
 
 static int at_stages(const Stages *a, const Path *p, I m, const double *weights, double *out) {
