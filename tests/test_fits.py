@@ -542,6 +542,22 @@ def test_mistakes_of_designs_are_named(given, said):
         mb.design(oscillator(), **options)
 
 
+@pytest.mark.parametrize("stiffness", [-1e3, -1e7])
+def test_a_motion_that_grows_without_bound_ends_with_a_refusal(stiffness):
+    """An optimiser steps to a negative stiffness: angles grow by e^60 and more, in steps that become shorter and shorter."""
+    f = mb.function(arm(*TRUE), 0.6, ["J0.angle"], TO[:1], outputs=6)
+    with pytest.raises(mb.SolverError, match=r"grows without bound: J0\.rate is"):
+        f([stiffness])
+
+
+def test_a_rotor_that_spins_up_does_not_grow_without_bound():
+    """Its speed becomes 1e4 times that at the start, in many short steps."""
+    s = mb.Scene("rotor")
+    rotor = s.rigid_body("rotor", 1.0, (1.0, 1.0, 1.0), at=(0.1, 0, 0))
+    s.revolute("J", s.ground, rotor, at=(0, 0, 0), axis=(0, 0, 1), torque=2e4)
+    assert s.simulate(1.0, 1e-4).value("J.rate")[-1] == pytest.approx(2e4 / 1.01, rel=1e-3)
+
+
 def test_a_bound_that_nothing_moves_is_named_and_not_sought():
     """A second pendulum, which no number of the first moves: no hundred runs for it, and it is named."""
     s = mb.Scene("two", gravity=(0, -9.81, 0))

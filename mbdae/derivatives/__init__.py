@@ -101,6 +101,7 @@ class Refined:
         for name in names:
             refuse_number(name, self.prepared.model.scene)
         self.charts = [chart_of(name, base, float(run.t[-1])) for name in names]
+        self.by_name = dict(zip(names, self.charts, strict=True))
         for chart in self.charts:
             chart.refuse_moving_breaks(float(run.t[0]))
 
@@ -177,8 +178,8 @@ class Refined:
                 if runs > 1:
                     falls[key] = min(falls.get(key, np.inf), last / off if off else np.inf)
                 left = remaining(off, last, falls.get(key, 0.0), ratio) if contacts else off
-                rounded = (ROUNDED + self._chart(key[1]).open) * size_of(value) + ROUNDING / NOTHING * self._slight(*key) + size_of(doubt)
-                found[key], apart[key] = Derivative(value, left + rounded), off
+                rounded = (ROUNDED + self.by_name[key[1]].open) * size_of(value) + ROUNDING / NOTHING * self._slight(*key)
+                found[key], apart[key] = Derivative(value, left + rounded + size_of(doubt)), off
             above, wrong = wrong, {key: self._share(one, *key) for key, one in found.items()}
             worst = max(wrong.values())
             # beyond round-off what is not as exact as asked becomes no more exact
@@ -196,12 +197,9 @@ class Refined:
                      f"{share:.1e} of its largest value; accuracy {asked:g} was asked")
         return found
 
-    def _chart(self, name: str) -> Chart:
-        return next(chart for chart in self.charts if chart.name == name)
-
     def _slight(self, what: Any, name: str) -> float:
         """A derivative that counts as none: this share of the quantity over the number."""
-        varied = self._chart(name).varied
+        varied = self.by_name[name].varied
         with self.result._silently():
             return NOTHING * size_of(np.asarray(self.result.value(what))) * varied.share / varied.distance
 

@@ -273,8 +273,8 @@ class Varied:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Derivatives by a number: of the inputs of the lists, and of the start; of the clock see `prescribed`. open: largest share of
-    one that differences leave open."""
+    """Derivatives by a number: of the inputs of the lists, and of the start; of the clock see `prescribed`. open: largest share
+    of one that differences leave open."""
 
     varied: Varied
     inputs: Array

@@ -252,7 +252,8 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
         ended, without = False, ()
     if flat and ended:
         message += f", near which nothing depends on {', '.join(flat)}"
-    _warn([*(str(one) for one in held if not one.kept), *filter(None, [none])], "" if ended else message, flat, without, others or {})
+    broken = [*(str(one) for one in held if not one.kept), *filter(None, [none])]
+    _warn(broken, "" if ended else message, flat, without, others or {})
     return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(0, x), minimize, held, without,
                   work.at(x), work.result if work.runs else None, work.runs, ended, message)
 
@@ -266,8 +267,8 @@ def _begun(work: _Designing, limits: Sequence[Bound], x: Array) -> tuple[Array, 
     if not still:
         return x, ""
     return x, (f"no search was made, because nothing brings {' and '.join(map(str, still))} nearer to its limit: its slopes by "
-               f"{', '.join(work.names)} are 0 at the start, and elsewhere in the ranges it is as far away; vary other numbers, or "
-               "leave the bound out")
+               f"{', '.join(work.names)} are 0 at the start, and elsewhere in the ranges it is as far away; vary other numbers, "
+               "or leave the bound out")
 
 
 def _warn(broken: Sequence[str], failed: str, flat: Sequence[str], without: Sequence[str], others: dict[str, float]) -> None:
