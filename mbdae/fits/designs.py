@@ -244,7 +244,6 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
         if work.runs or not all(isinstance(one, Mass) for one in work.all):
             work.run(x)
     held = [_held(work, one, i, x) for i, one in enumerate(limits, 1)]
-    value = work.value(0, x)
     ended = ended and all(one.kept for one in held)
     flat, without = ((), ()) if none else _flat(work, others or {}, x)
     if without and others is None:
@@ -254,8 +253,8 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
         message += f", near which nothing depends on {', '.join(flat)}"
     broken = [*(str(one) for one in held if not one.kept), *filter(None, [none])]
     _warn(broken, "" if ended else message, flat, without, others or {})
-    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(0, x), minimize, held, without,
-                  work.at(x), work.result if work.runs else None, work.runs, ended, message)
+    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), work.value(0, x), work.error(0, x), minimize, held,
+                  without, work.at(x), work.result if work.runs else None, work.runs, ended, message)
 
 
 def _begun(work: _Designing, limits: Sequence[Bound], x: Array) -> tuple[Array, str]:
