@@ -82,9 +82,6 @@ KEPT = 64  #: charts that a scene keeps, each with the scenes of eight other val
 
 Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
 
-# -- runs at falling tolerances
-
-
 class Refined:
     """The run of a result and runs of the same equations with smaller tolerances."""
 
@@ -209,7 +206,9 @@ class Refined:
         return 0.0 if max(size, one.error) <= slight else one.error / (max(size, slight) or 1.0)
 
     def _read(self, along: Along, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
-        return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
+        found = {(key, chart.name): read(along, k) for k, chart in enumerate(self.charts) for key, read in reads.items()}
+        along.forget()
+        return {(key, chart.name): found[key, chart.name] for key in reads for chart in self.charts}
 
 
 def remaining(off: float, before: float, fall: float, ratio: float) -> float:
