@@ -9,8 +9,8 @@
 #include "sparse.h"
 
 enum { MOST_CORRECTIONS = 40, SLOW = 3 };
-/* A solution stands where its last correction is at most SETTLED times as large, or where corrections below ROUGH, which round-off
-   leaves, do not fall any more. */
+/* A solution stands where further corrections, falling as they did, would be at most SETTLED times as large, or where corrections
+   below ROUGH, which round-off leaves, do not fall any more. */
 static const double SETTLED = 1e-11, ROUGH = 1e-9;
 
 /* `order` (nnz): the entries of dF/dy in the order of those of the matrix, whose pattern is transposed where `transposed` is 1.
@@ -122,7 +122,8 @@ static int solved(const Stages *a, I P, double h, const double *fy, const double
     for (I i = 0; i < size; i++) x[i] += step[i];
     const double now = share_of(a, P, step, x);
     if (!isfinite(now)) return NOT_FINITE;
-    if (now <= SETTLED || (now > 0.3 * before && now <= ROUGH)) return DONE;
+    const double left = k && now < before ? now * now / (before - now) : now; /* the sum of all corrections that would follow */
+    if (left <= SETTLED || (now > 0.3 * before && now <= ROUGH)) return DONE;
     if (now > 0.8 * before && ++slow > SLOW) return NOT_FINITE;
     before = now;
     product(a, P, h, fy, fyp, x, step, a->mixed);
