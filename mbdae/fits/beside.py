@@ -114,7 +114,7 @@ def unmoved(work: Any, limits: Sequence[Bound], x: Array) -> tuple[Array, list[B
     from scipy.stats.qmc import Sobol
 
     def passed(i: int, one: Bound, p: Array) -> float:
-        return one.sign * (work.value(i, p) - one.limit) / (abs(one.limit) or 1.0)
+        return one.sign * (float(work.value(i, p)) - one.limit) / (abs(one.limit) or 1.0)
 
     still: dict[int, Bound] = {}
     for i, one in enumerate(limits, 1):
