@@ -9,6 +9,8 @@ import sympy
 from scipy.optimize import linprog
 
 import mbdae as mb
+from mbdae.derivatives import Bound
+from mbdae.fits.beside import unmoved
 
 TO = ["J0.spring", "J0.damper", "J1.spring", "J1.damper"]
 TRUE = [2.0, 0.05, 3.0, 0.1]
@@ -538,3 +540,58 @@ def test_mistakes_of_designs_are_named(given, said):
     options = {"minimize": mb.mass("b"), "to": {"b.mass": (0.5, 3.0)}, "t_end": 1.0} | given
     with pytest.raises(mb.OptionError, match=said):
         mb.design(oscillator(), **options)
+
+
+@pytest.mark.parametrize("stiffness", [-1e3, -1e7])
+def test_a_motion_that_grows_without_bound_ends_with_a_refusal(stiffness):
+    """An optimiser steps to a negative stiffness: angles grow by e^60 and more, in steps that become shorter and shorter."""
+    f = mb.function(arm(*TRUE), 0.6, ["J0.angle"], TO[:1], outputs=6)
+    with pytest.raises(mb.SolverError, match=r"grows without bound: J0\.rate is"):
+        f([stiffness])
+
+
+def test_a_rotor_that_spins_up_does_not_grow_without_bound():
+    """Its speed becomes 1e4 times that at the start, in many short steps."""
+    s = mb.Scene("rotor")
+    rotor = s.rigid_body("rotor", 1.0, (1.0, 1.0, 1.0), at=(0.1, 0, 0))
+    s.revolute("J", s.ground, rotor, at=(0, 0, 0), axis=(0, 0, 1), torque=2e4)
+    assert s.simulate(1.0, 1e-4).value("J.rate")[-1] == pytest.approx(2e4 / 1.01, rel=1e-3)
+
+
+def test_a_bound_that_nothing_moves_is_named_and_not_sought():
+    """A second pendulum, which no number of the first moves: no hundred runs for it, and it is named."""
+    s = mb.Scene("two", gravity=(0, -9.81, 0))
+    for i in range(2):
+        link = s.link(f"l{i}", (0, -i), (0.5, -i), mass=1.0)
+        s.revolute(f"J{i}", s.ground, link, at=(0, -i), spring=2.0, damper=0.1)
+    with pytest.warns(mb.AccuracyWarning, match="nothing brings largest J1.angle <= 0.5 nearer to its limit"):
+        d = mb.design(s, mb.largest("J0.angle"), {"J0.spring": (1.0, 10.0)}, 0.5, bounds=[mb.largest("J1.angle") <= 0.5])
+    assert not d.found
+    assert d.runs <= 10
+
+
+class Stepped:
+    """Numbers of a run by x: 1 below x = .7, 0 above it, with no slope anywhere."""
+
+    felt, names = [(None, np.array([False]))], ["x"]
+
+    def value(self, _i, x):
+        return float(x[0] < 0.7)
+
+    def slope(self, _i, _x):
+        return np.zeros(1)
+
+    def largest(self, _i):
+        return False
+
+
+def test_a_search_begins_where_a_bound_is_nearer_that_nothing_moves_at_the_start():
+    """Slopes may be 0 at the start alone."""
+    met, never = Bound("x", 1.0, 0.5), Bound("x", 1.0, -0.5)
+    begin, still = unmoved(Stepped(), [met], np.array([0.2]))
+    assert begin[0] > 0.7
+    assert not still
+    assert unmoved(Stepped(), [met], np.array([0.8]))[0] == 0.8  # it is kept
+    upper = Bound("x", -1.0, 2.0)
+    assert unmoved(Stepped(), [upper], np.array([0.2]))[1] == [upper]
+    assert not unmoved(Stepped(), [never], np.array([0.2]))[1]

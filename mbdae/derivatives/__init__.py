@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import ATTEMPTS, CLOSER, LINE, ROUNDING, Chart, Equations, Varied, reached, refused, size_of
+from mbdae.derivatives.chart import AGREED, ATTEMPTS, CLOSER, LINE, ROUNDING, Chart, Equations, Varied, reached, refused, size_of
 from mbdae.derivatives.landings import MEETS, shorter, tell_another_sequence, tell_grazing, towards_touches
 from mbdae.derivatives.reading import Along
 from mbdae.derivatives.reading import Bound as Bound
@@ -43,9 +43,8 @@ FINER, MOST, LEVELS = 10.0, 1e4, 6
 #: of DOP853: what a number would set in motion need not move in the run, whose steps then do not become shorter by themselves (a
 #: rotor on its axis of symmetry takes 4 steps at 1e-8 and at 1e-9, and both have the same derivative, which is 100 % wrong)
 ORDER = 8
-#: share of a derivative that differences of order 8 of what a scene makes of a number leave open: up to 2e-10, by the place of a
-#: rolling disc
-ROUNDED = 3e-10
+#: share of a derivative that rounding leaves open, beside what differences of what a scene makes of a number do (`Chart.open`)
+ROUNDED = 1e-12
 #: through contacts every run has the steps of the one before halved, at a tenth of its tolerance, which asks for fewer steps:
 #: errors of derivatives then fall evenly, with a power of the number of steps between that of forces that begin with the power
 #: 1.5 and that of smooth motions. Where the tolerance shortens the steps, errors of two runs may be the same by chance
@@ -83,9 +82,6 @@ KEPT = 64  #: charts that a scene keeps, each with the scenes of eight other val
 
 Read = Callable[[Along, int], tuple[Array, Array]]  #: (run, number of a name) -> derivative and its error by differences
 
-# -- runs at falling tolerances
-
-
 class Refined:
     """The run of a result and runs of the same equations with smaller tolerances."""
 
@@ -102,6 +98,7 @@ class Refined:
         for name in names:
             refuse_number(name, self.prepared.model.scene)
         self.charts = [chart_of(name, base, float(run.t[-1])) for name in names]
+        self.by_name = dict(zip(names, self.charts, strict=True))
         for chart in self.charts:
             chart.refuse_moving_breaks(float(run.t[0]))
 
@@ -178,8 +175,8 @@ class Refined:
                 if runs > 1:
                     falls[key] = min(falls.get(key, np.inf), last / off if off else np.inf)
                 left = remaining(off, last, falls.get(key, 0.0), ratio) if contacts else off
-                rounded = ROUNDED * size_of(value) + ROUNDING / NOTHING * self._slight(*key) + size_of(doubt)
-                found[key], apart[key] = Derivative(value, left + rounded), off
+                rounded = (ROUNDED + self.by_name[key[1]].open) * size_of(value) + ROUNDING / NOTHING * self._slight(*key)
+                found[key], apart[key] = Derivative(value, left + rounded + size_of(doubt)), off
             above, wrong = wrong, {key: self._share(one, *key) for key, one in found.items()}
             worst = max(wrong.values())
             # beyond round-off what is not as exact as asked becomes no more exact
@@ -199,7 +196,7 @@ class Refined:
 
     def _slight(self, what: Any, name: str) -> float:
         """A derivative that counts as none: this share of the quantity over the number."""
-        varied = next(chart.varied for chart in self.charts if chart.name == name)
+        varied = self.by_name[name].varied
         with self.result._silently():
             return NOTHING * size_of(np.asarray(self.result.value(what))) * varied.share / varied.distance
 
@@ -209,7 +206,9 @@ class Refined:
         return 0.0 if max(size, one.error) <= slight else one.error / (max(size, slight) or 1.0)
 
     def _read(self, along: Along, reads: Mapping[Any, Read]) -> dict[Any, tuple[Array, Array]]:
-        return {(key, chart.name): read(along, k) for key, read in reads.items() for k, chart in enumerate(self.charts)}
+        found = {(key, chart.name): read(along, k) for k, chart in enumerate(self.charts) for key, read in reads.items()}
+        along.forget()
+        return {(key, chart.name): found[key, chart.name] for key in reads for chart in self.charts}
 
 
 def remaining(off: float, before: float, fall: float, ratio: float) -> float:
@@ -241,7 +240,7 @@ def _chart_of(name: str, base: Equations, t_end: float) -> Chart:
         excess = max(inputs.excess(base.inputs, varied.distance),
                      start.excess(base.start, varied.distance, size_of(base.start) * varied.share / varied.distance))
         if excess <= 1:
-            return Chart(varied, inputs.found, start.found)
+            return Chart(varied, inputs.found, start.found, AGREED * excess)
         if excess > worst:  # of what is smooth it falls with the distance to the power 6
             break
         varied, worst = varied.finer, np.inf if varied.nodes == LINE else excess / CLOSER

@@ -63,11 +63,10 @@ class Differenced(NamedTuple):
     doubt: Array
     rounding: float
 
-    @property
-    def agrees(self) -> bool:
-        """Whether differences of two orders agree where they are finite."""
+    def agrees(self, share: float = ALIKE) -> bool:
+        """Whether differences of two orders agree within this share of the derivative, where they are finite."""
         finite = np.isfinite(self.doubt)
-        return size_of(self.doubt[finite]) <= max(ALIKE * size_of(self.found[finite]), self.rounding)
+        return size_of(self.doubt[finite]) <= max(share * size_of(self.found[finite]), self.rounding)
 
     def excess(self, size: Array, distance: float, slight: float = 0.0) -> float:
         """Largest error over the one allowed for values of this size; slight: derivatives that are smaller need no digits."""
@@ -256,7 +255,7 @@ class Varied:
         varied = self
         for _ in range(ATTEMPTS):
             one = varied.sum_of(lambda at, _node: function(at))
-            if one.agrees:
+            if one.agrees():
                 break
             varied = varied.finer
         return one.found, one.doubt
@@ -274,11 +273,13 @@ class Varied:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Derivatives by a number: of the inputs of the lists, and of the start; of the clock see `prescribed`."""
+    """Derivatives by a number: of the inputs of the lists, and of the start; of the clock see `prescribed`. open: largest share
+    of one that differences leave open."""
 
     varied: Varied
     inputs: Array
     start: Array
+    open: float
 
     @property
     def name(self) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.derivatives.chart import ATTEMPTS, CLOSER, DISTANCE, Chart, differenced
+from mbdae.derivatives.chart import ATTEMPTS, BOTH, CLOSER, DISTANCE, Chart, differenced
 from mbdae.errors import DerivativeError, warn
 from mbdae.integrators import radau_table
 from mbdae.integrators.contact_steps import Cubic
@@ -32,7 +32,7 @@ from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 
 BALANCED, ITERATIONS = 1e-13, 30  #: largest relative step of Newton's method for y' and the multipliers at which it stops
-SIDES = (1, -1, 2, -2, 3, -3)
+EXACT = 1e-9  #: share of a slope of gaps up to which differences of order 6 and 8 have to agree: that of order 8 is within 1e-12
 #: a touch nearer to the beginning of a step, or to its end, than this share of the step counts as being there, in runs with
 #: derivatives: the end exactly, because it may be that of the run, where what the touch has changed by then is all that there is
 MEETS = 1e-6, 0.0
@@ -120,8 +120,8 @@ def slopes(read: Callable[[Array], Array], y: Array, size: Array) -> Array:
     found = []
     for e, by in zip(np.eye(len(size)), DISTANCE * size, strict=True):
         for _ in range(ATTEMPTS):
-            one = differenced(lambda node, e=e, by=by: read(y + node * by * e), SIDES, by)  # type: ignore[misc]
-            if one.agrees:
+            one = differenced(lambda node, e=e, by=by: read(y + node * by * e), BOTH, by)  # type: ignore[misc]
+            if one.agrees(EXACT):
                 break
             by /= CLOSER
         found.append(one.found)

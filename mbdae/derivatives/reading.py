@@ -27,6 +27,7 @@ POINTS, POINT_WEIGHTS = np.polynomial.legendre.leggauss(8)
 NEAR = 1e-3  #: two maxima that differ by less than this share may change places, so that the largest has no derivative there
 FOLLOWED, MOST = 0.5, 40  #: maxima above this share of the largest are followed, at most so many
 SHORT = 1e-9  #: at ends of steps shorter than this share of the run, beside touches, multipliers are rounded
+HELD = 2**28  #: bytes of derivatives over time that are held at once; of more numbers they are made some after others
 SIDES = (1, -1, 2, -2, 3, -3)  #: nodes of the differences of what is read along one unknown, which is cheap and smooth
 
 
@@ -150,9 +151,6 @@ def largest(quantity: Quantity, smooth: float | None = None) -> Objective:
     return Objective(quantity, "largest", smooth)
 
 
-# -- one run with its derivatives
-
-
 @dataclass(frozen=True, eq=False)
 class _Moved:
     """Interpolant of a run displaced by `by` times its derivative by number k of P."""
@@ -212,6 +210,13 @@ class Along:
         refuse_jumps(self.derived)
         refuse_forces_that_jump(self.derived, BESIDE, JUMP)
         self._sums: dict[int, list[tuple[Array, Array]]] = {}
+        each = len(run.t) * (self.derived.steps.stages + 1) * run.y.shape[1] * 8
+        self._together, self._made, self._part = max(HELD // each, 1), (result, scale), (-1, self)
+
+    def forget(self) -> None:
+        """Let go of derivatives over time, which are large."""
+        self.__dict__.pop("tangent", None)
+        self._part = -1, self
 
     @cached_property
     def tangent(self) -> Any:
@@ -221,6 +226,11 @@ class Along:
     def of(self, k: int, read: Callable[[Result], Array]) -> tuple[Array, Array]:
         """Derivative of what is read of a result by number k, and its estimated error by rounding and differences: that along
         the change of the states in the scene as it is, and that of the same states in the changed scene."""
+        if len(self.charts) > (many := self._together):
+            if self._part[0] != (first := k - k % many):
+                (result, scale), _ = self._made, self.forget()  # of those before
+                self._part = first, Along(result, self.run, self.charts[first : first + many], scale, self.finer)
+            return self._part[1].of(k - first, read)
         run, count, base = self.run, len(self.charts), self.charts[0].varied.base
         own = self.tangent.y.reshape(len(run.t), -1, count)[:, :, k]
         size = np.maximum(np.abs(run.y).max(axis=0), self.derived.scale)
@@ -232,7 +242,7 @@ class Along:
 
         for _ in range(ATTEMPTS):
             one = differenced(lambda node, by=by: moved(node, by), BOTH, by)  # type: ignore[misc]
-            if one.agrees:
+            if one.agrees():
                 break
             by /= CLOSER
         explicit, further = self._explicit(k, lambda one: self._result(one, run.interpolant, run.y), read)

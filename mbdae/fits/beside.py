@@ -108,6 +108,37 @@ def along(judge: Callable[[Array], int], x: Array, direction: Array, low: Array,
 # -- of designs
 
 
+def unmoved(work: Any, limits: Sequence[Bound], x: Array) -> tuple[Array, list[Bound]]:
+    """Bounds that are passed at x (k,) and that no number moves there, nor brings nearer to their limits at other places of the
+    ranges; where one is nearer to its limit at such a place the search is to begin there, which is returned in place of x."""
+    from scipy.stats.qmc import Sobol
+
+    def passed(i: int, one: Bound, p: Array) -> float:
+        return one.sign * (float(work.value(i, p)) - one.limit) / (abs(one.limit) or 1.0)
+
+    still: dict[int, Bound] = {}
+    for i, one in enumerate(limits, 1):
+        if passed(i, one, x) > HELD:
+            if work.largest(i):
+                work.follow(i, x, one.limit)
+            (work.peak_slopes if work.largest(i) else work.slope)(i, x)
+            if not work.felt[-1][1].any():
+                still[i] = one
+    if not still:
+        return x, []
+    begin, known = x, {i: passed(i, one, x) for i, one in still.items()}
+    for p in Sobol(len(x), scramble=False).random(PLACES)[1:]:
+        try:
+            there = {i: passed(i, one, p) for i, one in still.items()}
+        except MbdaeError:  # the scene refuses these numbers
+            continue
+        begin = p if all(there[i] < known[i] - HELD for i in still) else begin
+        still = {i: one for i, one in still.items() if there[i] >= known[i] - HELD}
+        if not still:
+            break
+    return begin, list(still.values())
+
+
 def lower_beside(work: Any, limits: Sequence[Bound], x: Array) -> Array | None:
     """A design beside x (k,) with a lower value, where the slopes vanish at x but it is no least value: a largest one, or one
     that is least along some directions only. None at a least value.

@@ -14,7 +14,7 @@ import numpy as np
 from mbdae.derivatives import Bound, Objective
 from mbdae.derivatives.reading import maxima
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, naming_arguments, warn
-from mbdae.fits.beside import ASIDE, ENOUGH, UNSURE, OutOfRunsError, lower_beside, lower_elsewhere
+from mbdae.fits.beside import ASIDE, ENOUGH, UNSURE, OutOfRunsError, lower_beside, lower_elsewhere, unmoved
 from mbdae.fits.functions import HELD, Design, Held, Mass, identity_of, peak_slopes, scene_given, stated_values, varied
 from mbdae.integrators.base import end_after
 from mbdae.results.accuracy import plausible
@@ -224,7 +224,8 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
     with told_when_interrupted(kept.path, "runs", lambda: (work.runs, most), lambda: None):
         others: dict[str, float] | None = None
         better: Array | None = None
-        for turn in range(TURNS):
+        x, none = _begun(work, limits, x)
+        for turn in range(0 if none else TURNS):
             passed = [work.follow(i, x, limit) for i, limit in enumerate([work.value(0, x), *(one.limit for one in limits)])
                       if work.largest(i)]
             if turn and better is None and not any(passed):
@@ -239,21 +240,34 @@ def design(scene: Any, minimize: Any, to: Any, t_end: float, bounds: Any = (), a
             elif not ended or not passed:
                 break
         else:
-            ended, message = False, "the search moved on again and again: the values may not be the best"
+            ended, message = False, none or "the search moved on again and again: the values may not be the best"
         if work.runs or not all(isinstance(one, Mass) for one in work.all):
             work.run(x)
     held = [_held(work, one, i, x) for i, one in enumerate(limits, 1)]
-    value = work.value(0, x)
     ended = ended and all(one.kept for one in held)
-    flat, without = _flat(work, others or {}, x)
+    flat, without = ((), ()) if none else _flat(work, others or {}, x)
     if without and others is None:
         message += f"; too few runs are left to know whether other values of {', '.join(without)} matter"
         ended, without = False, ()
     if flat and ended:
         message += f", near which nothing depends on {', '.join(flat)}"
-    _warn([str(one) for one in held if not one.kept], "" if ended else message, flat, without, others or {})
-    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), value, work.error(0, x), minimize, held, without,
-                  work.at(x), work.result if work.runs else None, work.runs, ended, message)
+    broken = [*(str(one) for one in held if not one.kept), *filter(None, [none])]
+    _warn(broken, "" if ended else message, flat, without, others or {})
+    return Design(dict(zip(names, work.numbers(x).tolist(), strict=True)), work.value(0, x), work.error(0, x), minimize, held,
+                  without, work.at(x), work.result if work.runs else None, work.runs, ended, message)
+
+
+def _begun(work: _Designing, limits: Sequence[Bound], x: Array) -> tuple[Array, str]:
+    """Where the search begins, and why there is none; "": there is one."""
+    try:
+        x, still = unmoved(work, limits, x)
+    except OutOfRunsError:
+        return x, ""
+    if not still:
+        return x, ""
+    return x, (f"no search was made, because nothing brings {' and '.join(map(str, still))} nearer to its limit: its slopes by "
+               f"{', '.join(work.names)} are 0 at the start, and elsewhere in the ranges it is as far away; vary other numbers, "
+               "or leave the bound out")
 
 
 def _warn(broken: Sequence[str], failed: str, flat: Sequence[str], without: Sequence[str], others: dict[str, float]) -> None:

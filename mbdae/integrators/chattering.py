@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mbdae.errors import ChatteringError, SolverError
 from mbdae.integrators.watched_arguments import NODES, StepArguments
 from mbdae.system.base import Array, System
 
@@ -33,6 +34,10 @@ HALVINGS, JUMPS = 40, 1e-3
 #: points NEXT of a step apart are off a straight line (of constraints and strains of beams, all of whose vibrations short steps
 #: followed, it was nothing else)
 SHARE, SAMPLES, SPARED, BESIDE, BISECTIONS, SLIGHT, ABOVE, NEXT = 2e-2, 40, 10, 10, 25, 1e-6, 100.0, 0.1
+
+#: a motion grows without bound where an unknown is GROWN times its scale and its start, faster than with this POWER of the time
+#: (a rotor under a torque: 1), and the run would take more than so many STEPS if it goes on growing so
+GROWN, POWER, STEPS = 1e4, 8, 1e10
 
 #: number of a kink -> number of changes of sign of its argument until now, and the time (s) of the first
 Counts = dict[int, tuple[float, float]]
@@ -100,6 +105,23 @@ class Chattering:
         for i, part in enumerate(parts):
             self.system.residual(t + part * h, y[i + 1], (y[-1] - y[0]) / h, out[i])
         return out
+
+
+def without_end(system: System, t: Array, y: Array, yp: Array, ends: tuple[float, float],
+                y0: Array) -> tuple[str, type[SolverError]] | None:
+    """The text and the kind of the error about a run that does not come to its end; None where it does. t (m+1,), y and yp (m+1,
+    n): the last steps; ends: times (s) of the run; y0 (n,): where it began."""
+    if (text := stalled(system, t, y, yp, ends[1] - ends[0])) is not None:
+        return text, ChatteringError
+    size, span = np.abs(y[-1]) / np.maximum(system.scale, np.abs(y0)), t[-1] - t[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rates = np.where(size > GROWN, np.log(np.abs(y[-1] / y[0])), 0.0) / span
+    k, left = int(np.argmax(rates)), ends[1] - t[-1]
+    if rates[k] * (t[-1] - ends[0]) <= POWER or rates[k] * left + np.log(left / span * len(t)) <= np.log(STEPS):
+        return None
+    return (f"the motion grows without bound: {system.names[k]} is {y[-1, k]:.3g}, grows {np.exp(1):.3g} times in "
+            f"{1 / rates[k]:.1e} s, and the steps become shorter as it does, so that the end would take more than {STEPS:.0e} of "
+            "them; see whether a stiffness or damping is negative, or end the run earlier"), SolverError
 
 
 def stalled(system: System, t: Array, y: Array, yp: Array, span: float) -> str | None:

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import ENDS, ChatteringError, OptionError, SolverError, WallClockError, interrupted, keeping
+from mbdae.errors import ENDS, OptionError, SolverError, WallClockError, interrupted, keeping
 from mbdae.integrators.dense import piecewise
 from mbdae.integrators.kept_rows import Rows
 from mbdae.integrators.record import RunRecord
@@ -219,14 +219,14 @@ class StepLoop:
             self._progress(self.t, self.run_end, self.stats)
 
     def _look_for_a_stall(self) -> None:
-        """ChatteringError where the run hardly advances because its equations jump; asked whenever steps have grown by half."""
-        from mbdae.integrators.chattering import stalled
+        """Raise an error where the run hardly advances, by jumps or unbounded growth; asked whenever steps have grown by half."""
+        from mbdae.integrators.chattering import without_end
 
         first, self._next_stall = len(self._t) - STALL - 1, len(self._t) * 3 // 2
         y, yp = (np.array(part.since(first)[: STALL + 1]) for part in (self._y, self._yp))
-        found = stalled(self.system, np.array(self._t[first:]), y, yp, self.run_end - float(self.first_system.t0))
-        if found is not None:
-            raise self.failure(found, "", ChatteringError)
+        ends = float(self.first_system.t0), self.run_end
+        if (found := without_end(self.system, np.array(self._t[first:]), y, yp, ends, self.first_system.y0)) is not None:
+            raise self.failure(found[0], "", found[1])
 
     def failure(self, message: str, culprit: str, kind: type[SolverError] = SolverError) -> SolverError:
         """A SolverError with the time, the culprit (name of an unknown or equation) and the solution so far."""

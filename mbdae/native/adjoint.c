@@ -9,8 +9,8 @@
 #include "sparse.h"
 
 enum { MOST_CORRECTIONS = 40, SLOW = 3 };
-/* A solution stands where its last correction is at most SETTLED times as large, or where corrections below ROUGH, which round-off
-   leaves, do not fall any more. */
+/* A solution stands where further corrections, falling as they did, would be at most SETTLED times as large, or where corrections
+   below ROUGH, which round-off leaves, do not fall any more. */
 static const double SETTLED = 1e-11, ROUGH = 1e-9;
 
 /* `order` (nnz): the entries of dF/dy in the order of those of the matrix, whose pattern is transposed where `transposed` is 1.
@@ -122,7 +122,8 @@ static int solved(const Stages *a, I P, double h, const double *fy, const double
     for (I i = 0; i < size; i++) x[i] += step[i];
     const double now = share_of(a, P, step, x);
     if (!isfinite(now)) return NOT_FINITE;
-    if (now <= SETTLED || (now > 0.3 * before && now <= ROUGH)) return DONE;
+    const double left = k && now < before ? now * now / (before - now) : now; /* the sum of all corrections that would follow */
+    if (left <= SETTLED || (now > 0.3 * before && now <= ROUGH)) return DONE;
     if (now > 0.8 * before && ++slow > SLOW) return NOT_FINITE;
     before = now;
     product(a, P, h, fy, fyp, x, step, a->mixed);
@@ -141,13 +142,21 @@ typedef struct {
   double *side;
 } Path;
 
-/* -1, or that the matrix has to be factorised in another order, by the caller, who then calls again with `ready`. */
+/* -1, or that the matrix has to be factorised in another order, by the caller, who then calls again with `ready`. Unknowns are
+   scaled by every step: beside touches a step may be a million times shorter than the one before it. */
 static I factored(const Stages *a, const Path *p, I m, I ready) {
   const I at = (m * a->s + a->stage) * a->nnz;
+  Matrix *to = a->matrix;
   *p->side = p->middles[m];
   if (ready) return -1;
-  for (I e = 0; e < a->nnz; e++) a->matrix->fy[e] = p->fy[at + a->order[e]], a->matrix->fyp[e] = p->fyp[at + a->order[e]];
-  return matrix_factor(a->matrix, p->h[m], 0);
+  memset(to->scale, 0, sizeof(double) * (size_t)a->n);
+  for (I e = 0; e < a->nnz; e++) {
+    to->fy[e] = p->fy[at + a->order[e]], to->fyp[e] = p->fyp[at + a->order[e]];
+    double *largest = to->scale + to->column_of[e];
+    *largest = fmax(*largest, fabs(to->fy[e]) + fabs(to->fyp[e]) / p->h[m]);
+  }
+  for (I i = 0; i < a->n; i++) to->scale[i] = to->scale[i] > 0 ? 1 / to->scale[i] : 1;
+  return matrix_factor(to, p->h[m], 0);
 }
 
 static int at_stages(const Stages *a, const Path *p, I m, const double *weights, double *out) {

@@ -32,7 +32,8 @@ typedef struct {
 typedef struct {
   I n, nnz, reals, pairs, ready;        /* ready: the factors are those of the last step asked for */
   const I *row_of, *column_of;
-  const double *scale, *power, *lambda; /* (n), (n), (reals + 2 pairs): real and imaginary parts behind each other */
+  double *scale;                        /* (n): may be renewed before a matrix is factorised */
+  const double *power, *lambda;         /* (n), (reals + 2 pairs): real and imaginary parts behind each other */
   double *fy, *fyp, *row, *column, *w;  /* (nnz), (nnz), (n), (n), (3, n) */
   Factors *const *factors;
 } Matrix;

@@ -291,28 +291,23 @@ class Stages:
         order = np.lexsort((rows, columns)).astype(np.int64)
         own = Entries(n, np.searchsorted(columns[order], np.arange(n + 1)), rows[order])
         self.matrix = Matrix(own, np.ones(n), np.zeros(n), table.real, table.pairs, searches)
-        self._order, self._stage, self._n, self._s = order, s // 2, n, s
+        self._n, self._s = n, s
         real = len(table.real)
         sign = np.sign((table.T_inv @ table.A_inv @ table.T)[real + 1, real]) if len(table.pairs) else 1.0
         kept = [np.ascontiguousarray(x) for x in (entries.row_of, entries.column_of, order, table.A_inv, table.T, table.T_inv)]
         room = [np.zeros(size * n * numbers) for size in (s, 2 * s, s, 4)]
         self._kept = kept, room
-        self.table = StagesTable(s, n, entries.nnz, int(transposed), self._stage, *(x.ctypes.data for x in kept), float(sign),
+        self.table = StagesTable(s, n, entries.nnz, int(transposed), s // 2, *(x.ctypes.data for x in kept), float(sign),
                                  self.matrix.address, *(x.ctypes.data for x in room))
         self._at = ctypes.addressof(self.table)
 
     def over(self, of: Twins, own: int, side: Array, *given: Array) -> None:
         """Choose the steps: derivatives of F by numbers, the number of unknowns of the run, which are the first of F, the array
         whose first number is the time at which conditions are read; and as `Path` in adjoint.c says h and middles (m,), times (m,
-        s), Y, Y' (m, s, n), dF/dy and dF/dy' (m, s, nnz). Unknowns are scaled by the first step."""
+        s), Y, Y' (m, s, n), dF/dy and dF/dy' (m, s, nnz)."""
         self._given = [np.ascontiguousarray(x) for x in given]
         self._steps = StepsTable(*(x.ctypes.data for x in self._given), own, of.address, side.ctypes.data)
-        h, fy, fyp = self._given[0], *self._given[-2:]
         self.times, self._own, self._columns = self._given[2], own, of.table.columns
-        size = (np.abs(fy[0, self._stage]) + np.abs(fyp[0, self._stage]) / h[0])[self._order]
-        largest = np.zeros(self._n)
-        np.maximum.at(largest, self.matrix.entries.column_of, size)
-        self.matrix.scale[:] = 1 / np.where(largest > 0, largest, 1.0)
 
     def _called(self, function: Callable[..., int], m: Any, back: int) -> None:
         """Call C until all steps are made; it returns where a matrix needs another order of elimination. SingularMatrixError

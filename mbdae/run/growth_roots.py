@@ -75,8 +75,9 @@ class GrowthFound(NamedTuple):
         return float(np.max(np.abs(np.sum(self.parts, axis=1)), initial=0.0))
 
     def after(self, time: float, faster: float) -> float:
-        """Their size after a time (s), with the roots times `faster`."""
-        return float(np.max(np.abs(self.parts @ np.exp(self.roots * (time * faster))), initial=0.0))
+        """Their size after a time (s), with the roots times `faster`; beyond e^600, which is more than any motion, it is that."""
+        powers = self.roots * (time * faster)
+        return float(np.max(np.abs(self.parts @ np.exp(np.minimum(powers.real, 600.0) + 1j * powers.imag)), initial=0.0))
 
 
 class LooksTable(ctypes.Structure):
