@@ -228,8 +228,8 @@ class Along:
         the change of the states in the scene as it is, and that of the same states in the changed scene."""
         if len(self.charts) > (many := self._together):
             if self._part[0] != (first := k - k % many):
-                (result, scale), _ = self._made, self.forget()  # of those before
-                self._part = first, Along(result, self.run, self.charts[first : first + many], scale, self.finer)
+                self.forget()  # those before
+                self._part = first, Along(self._made[0], self.run, self.charts[first : first + many], self._made[1], self.finer)
             return self._part[1].of(k - first, read)
         run, count, base = self.run, len(self.charts), self.charts[0].varied.base
         own = self.tangent.y.reshape(len(run.t), -1, count)[:, :, k]
