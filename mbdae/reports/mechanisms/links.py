@@ -82,7 +82,7 @@ class Links(ClosedForms):
         if self.without:  # letters of the balances, which are not printed
             self.unknowns = []
             for table in (self.latex, self.said, self.taken, self.rows, self.on_l, self.entries, self.places, self.raw):
-                table.clear()  # type: ignore[attr-defined]
+                table.clear()
         if prepared.model.lines:
             raise ValueError("its beams are flexible, so that more than one coordinate moves it")
         odd = [n.name for n in prepared.model.nodes if n.kind not in (*self.KINDS, NodeKind.COORDINATE)]
