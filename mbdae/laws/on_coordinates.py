@@ -56,8 +56,8 @@ class Differential(Coupling):
 
 
 class WeightedSum(Coupling):
-    """factor1 c1 + factor2 c2 + ... = value(t). The multiplier times a factor is the force on the coordinate of that factor, N or
-    N m. options: count, the number of terms."""
+    """The sum of coordinates of joints, each times a factor, has a value that may depend on time. The multiplier times a factor
+    is the force on the coordinate of that factor, N or N m. options: count, the number of terms."""
 
     params = declared(value=("rad or m", "value of the sum"))
     options = ("count",)
