@@ -108,11 +108,11 @@ class Chattering:
 
 
 def without_end(system: System, t: Array, y: Array, yp: Array, ends: tuple[float, float],
-                y0: Array) -> tuple[str, type[SolverError]] | None:
-    """The text and the kind of the error about a run that does not come to its end; None where it does. t (m+1,), y and yp (m+1,
-    n): the last steps; ends: times (s) of the run; y0 (n,): where it began."""
+                y0: Array) -> tuple[str, str, type[SolverError]] | None:
+    """The text, the unknown that grows, if any, and the kind of the error about a run that does not come to its end; None where
+    it does. t (m+1,), y and yp (m+1, n): the last steps; ends: times (s) of the run; y0 (n,): where it began."""
     if (text := stalled(system, t, y, yp, ends[1] - ends[0])) is not None:
-        return text, ChatteringError
+        return text, "", ChatteringError
     size, span = np.abs(y[-1]) / np.maximum(system.scale, np.abs(y0)), t[-1] - t[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         rates = np.where(size > GROWN, np.log(np.abs(y[-1] / y[0])), 0.0) / span
@@ -121,7 +121,7 @@ def without_end(system: System, t: Array, y: Array, yp: Array, ends: tuple[float
         return None
     return (f"the motion grows without bound: {system.names[k]} is {y[-1, k]:.3g}, grows {np.exp(1):.3g} times in "
             f"{1 / rates[k]:.1e} s, and the steps become shorter as it does, so that the end would take more than {STEPS:.0e} of "
-            "them; see whether a stiffness or damping is negative, or end the run earlier"), SolverError
+            "them; see whether a stiffness or damping is negative, or end the run earlier"), system.names[k], SolverError
 
 
 def stalled(system: System, t: Array, y: Array, yp: Array, span: float) -> str | None:
