@@ -226,10 +226,7 @@ class StepLoop:
         y, yp = (np.array(part.since(first)[: STALL + 1]) for part in (self._y, self._yp))
         ends = float(self.first_system.t0), self.run_end
         if (found := without_end(self.system, np.array(self._t[first:]), y, yp, ends, self.first_system.y0)) is not None:
-            text, culprit, kind = found
-            error = self.failure(text, "", kind)
-            error.culprit = culprit
-            raise error
+            raise self.failure(*found)
 
     def failure(self, message: str, culprit: str, kind: type[SolverError] = SolverError) -> SolverError:
         """A SolverError with the time, the culprit (name of an unknown or equation) and the solution so far."""
