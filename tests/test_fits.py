@@ -546,7 +546,7 @@ def test_mistakes_of_designs_are_named(given, said):
 def test_a_motion_that_grows_without_bound_ends_with_a_refusal(stiffness):
     """An optimiser steps to a negative stiffness: angles grow by e^60 and more, in steps that become shorter and shorter."""
     f = mb.function(arm(*TRUE), 0.6, ["J0.angle"], TO[:1], outputs=6)
-    with pytest.raises(mb.SolverError, match=r"grows without bound: J0\.rate is"):
+    with pytest.raises(mb.SolverError, match=r"grows without bound, .* unknown or equation J0\.rate"):
         f([stiffness])
 
 

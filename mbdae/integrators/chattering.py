@@ -119,9 +119,9 @@ def without_end(system: System, t: Array, y: Array, yp: Array, ends: tuple[float
     k, left = int(np.argmax(rates)), ends[1] - t[-1]
     if rates[k] * (t[-1] - ends[0]) <= POWER or rates[k] * left + np.log(left / span * len(t)) <= np.log(STEPS):
         return None
-    return (f"the motion grows without bound, {np.exp(1):.3g} times in {1 / rates[k]:.1e} s, and the steps become shorter as it does, "
-            f"so that the end would take more than {STEPS:.0e} of them; see whether a stiffness or damping is negative, or end the "
-            "run earlier"), system.names[k], SolverError
+    return (f"the motion grows without bound, {np.exp(1):.3g} times in {1 / rates[k]:.1e} s, and the steps become shorter as it "
+            f"does, so that the end would take more than {STEPS:.0e} of them; see whether a stiffness or damping is negative, or "
+            "end the run earlier"), system.names[k], SolverError
 
 
 def stalled(system: System, t: Array, y: Array, yp: Array, span: float) -> str | None:
