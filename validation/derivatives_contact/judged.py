@@ -73,14 +73,16 @@ def compare(one: Mechanism, seed: int, counts: Counts) -> None:
                 counts.wide.append(derivative.error / off)
 
 
-def judge(which: str, seeds: Sequence[int]) -> list[Found]:
-    """Drawn mechanisms of one kind."""
+def judge(drawn: Sequence[str]) -> list[Found]:
+    """Drawn mechanisms, each its kind and its seed ("two balls 7"). The width of errors is their median over all of them: of the
+    derivatives of one it is anything from 1 to 200."""
     counts = Counts()
-    for seed in seeds:
+    for name in drawn:
+        which, seed = name.rsplit(" ", 1)
         try:
-            compare(MECHANISMS[which], seed, counts)
+            compare(MECHANISMS[which], int(seed), counts)
         except Exception as error:  # whatever it is: the others are judged
-            counts.failed.append(f"{seed}: {type(error).__name__}: {error}")
+            counts.failed.append(f"{name}: {type(error).__name__}: {error}")
     compared = counts.right + len(counts.wrong)
     return [Found(len(counts.wrong), 0, "derivatives", "wrong", note=f"{counts.right} right, the least exact within "
                   f"{counts.worst:.1e}; {len(counts.told)} mechanisms told: {' | '.join(counts.told)}; wrong: "
