@@ -111,7 +111,8 @@ class OnCoordinate(Force):
 
 
 class JointDamper(OnCoordinate):
-    """Rayleigh function damping (dc/dt)^2 / 2 of the joint's coordinate c; paper Eq. 19, at any attitude of the bodies."""
+    """Damping against the rate of a joint's coordinate c, with Rayleigh's function damping (dc/dt)^2 / 2; paper Eq. 19, at any
+    attitude of the bodies."""
 
     params = params(damping=("N m s/rad or N s/m", "damping"))
 
@@ -120,8 +121,8 @@ class JointDamper(OnCoordinate):
 
 
 class JointFriction(OnCoordinate):
-    """Force -coefficient(v) normal_force against the sliding velocity v: the rate of a displacement, or of an angle times
-    `radius`, which is the lever of the force."""
+    """Friction against the sliding of a joint: a coefficient times a normal force. The sliding velocity is the rate of a
+    displacement, or that of an angle times `radius`, which is the lever of the force."""
 
     params = params(normal_force=("N", "force that presses l on k"), radius=("m", "radius at which friction acts"))
     options = (*OnCoordinate.options, "friction")
