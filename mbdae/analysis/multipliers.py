@@ -151,18 +151,18 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     def __str__(self) -> str:
         name = f"'{self.prepared.model.scene.name}'{self._plane}"
         head = (f"scene {name}, period {self.period:.9g} s from t = {self.t:g} s, {self.steps} steps; errors are those of "
-                f"the multipliers, relative; frequencies are known up to multiples of "
-                f"{2 * np.pi / self.period:.5g} rad/s")
+                f"the growth, 1/s; frequencies are known up to multiples of {2 * np.pi / self.period:.5g} rad/s")
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
+        off = [mode.error * self.period for mode in self.modes]  # relative, of the multipliers
+        lost = [part >= 1 and abs(mode.multiplier) * (1 + part) < 0.5 for mode, part in zip(self.modes, off, strict=True)]
         for i, mode in enumerate(self.modes):
-            if mode.error >= 1:
+            if lost[i]:
                 continue
             mu = f"{mode.multiplier.real:.6g}" + (f"{mode.multiplier.imag:+.6g}i" if mode.multiplier.imag else "")
             numbers = f"{i + 1:>4}  {mode.growth:>11.5g}  {mode.error:>8.1e}  {mode.angular_frequency:>11.5g}"
             lines.append(f"{numbers}  {mu:>24}  {participants(mode)}")
-        if lost := sum(mode.error >= 1 for mode in self.modes):
-            lines.append(f"not listed: {counted(lost, 'mode')} with errors of 1 and more, which die out within a period: next to "
-                         "the largest their multipliers are 0")
+        if any(lost):
+            lines.append(f"not listed: {counted(sum(lost), 'mode')} whose multipliers are not known, but surely below one half")
         if self.unresolved:
             lines.append(f"not listed: {counted(self.unresolved, 'multiplier')} of motions too fast for {self.steps} steps")
         if len(self.fast_growth):

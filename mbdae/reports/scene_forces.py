@@ -270,7 +270,7 @@ class ClosedForms(SceneEquations, Page):
         start = self.prepared.start
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
         values = {latex: float(v[0]) for latex, v in known.items()}
-        values |= {self.latex[str(s)]: float(x) for s, x in zip(self.unknowns, multipliers[0], strict=False)}
+        values |= {self.latex[str(s)]: float(x) for s, x in zip(self.unknowns, multipliers[0], strict=not self.without)}
         values |= {self.latex[name]: x for name, x in self.constants.items()}
         size, time, rows = self.prepared.length, self.prepared.time, list[list[str]]()
         largest = {"rad/s": 1 / time, "rad/s^2": time**-2, "1": 1.0, "m": size, "m/s": size / time, "m/s^2": size / time**2}

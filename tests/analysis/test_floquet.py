@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,16 @@ def test_a_mode_names_its_bodies_and_shape() -> None:
     assert np.exp(mode.eigenvalue * T) == pytest.approx(mode.multiplier)
     assert "rod 100%" in str(f)
     assert "known up to multiples of 9 rad/s" in str(f)
+
+
+@pytest.mark.parametrize(("multiplier", "error", "listed"), [
+    (0.9, 1.2, True), (0.9, 1e3, True), (1e-17, 1.2, True), (1e-17, 1e6, False), (1e-4, 1e6, True)])
+def test_only_modes_that_surely_die_out_are_not_listed(multiplier: float, error: float, listed: bool) -> None:
+    """error: 1/s, over a period of .7 s: an error of 1.2 1/s leaves a digit; one whose multiplier may be above one half stays."""
+    f = shaken(amplitude=0.2).floquet(T)
+    f.modes[:] = [replace(f.modes[0], multiplier=complex(multiplier), error=error)]
+    assert ("rod 100%" in str(f)) == listed
+    assert ("not listed: 1 mode " in str(f)) != listed
 
 
 def at_rest() -> mb.Scene:
