@@ -117,7 +117,7 @@ def without_end(system: System, t: Array, y: Array, yp: Array, ends: tuple[float
     with np.errstate(divide="ignore", invalid="ignore"):
         rates = np.where(size > GROWN, np.log(np.abs(y[-1] / y[0])), 0.0) / span
     k, left = int(np.argmax(rates)), ends[1] - t[-1]
-    if rates[k] * (t[-1] - ends[0]) <= POWER or rates[k] * left + np.log(left / span * len(t)) <= np.log(STEPS):
+    if left <= 0 or rates[k] * (t[-1] - ends[0]) <= POWER or rates[k] * left + np.log(left / span * len(t)) <= np.log(STEPS):
         return None
     return (f"the motion grows without bound, {np.exp(1):.3g} times in {1 / rates[k]:.1e} s, and the steps become shorter as it "
             f"does, so that the end would take more than {STEPS:.0e} of them; see whether a stiffness or damping is negative, or "
