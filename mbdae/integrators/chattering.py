@@ -115,7 +115,7 @@ def without_end(system: System, t: Array, y: Array, yp: Array, ends: tuple[float
         return text, "", ChatteringError
     size, span = np.abs(y[-1]) / np.maximum(system.scale, np.abs(y0)), t[-1] - t[0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        rates = np.where(size > GROWN, np.log(np.abs(y[-1] / y[0])), 0.0) / span
+        rates = np.where(size > GROWN, np.log(np.abs(y[-1]) / np.maximum(np.abs(y[0]), system.scale)), 0.0) / span
     k, left = int(np.argmax(rates)), ends[1] - t[-1]
     if left <= 0 or rates[k] * (t[-1] - ends[0]) <= POWER or rates[k] * left + np.log(left / span * len(t)) <= np.log(STEPS):
         return None

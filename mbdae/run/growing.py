@@ -30,10 +30,12 @@ from mbdae.run.growth_roots import (
     BETWEEN,
     HARMLESS,
     MOST,
+    RESOLVED,
     GrowthFound,
     Looks,
     Spectra,
     evenly,
+    growing_beyond,
     positions,
     rates_at,
     roots_at,
@@ -105,7 +107,7 @@ def growing(system: System, run: Solution, closely: bool = False, varying: bool 
 
 
 def is_explicit(run: Solution) -> bool:
-    """Whether the method is explicit: it damps no growth, however long its steps are."""
+    """Whether the method is explicit: it damps no growth."""
     return isinstance(run.solver, Solver) and not (run.solver.highest_index or run.solver.bdf_order)
 
 
@@ -123,16 +125,17 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     looks = Looks(systems_at(run, times, system), times, run.y[steps], run.yp[steps], run.t[steps + 1] - times, t1 - t0)
     spectra = roots_at(looks)
     found = spectra.found(VISIBLE)
+    growing_beyond(looks, found, VISIBLE)
     if len(passed := _passed_over(system, run, spectra, found)):
         looks = Looks.of(system, run, distinct(np.append(looks.t, passed)))
         spectra = roots_at(looks)
         found = spectra.found(VISIBLE)
     ends, late = [t0, *((looks.t[1:] + looks.t[:-1]) / 2).tolist(), t1], [0.0] * len(found)
-    if _any_unseen(found):
+    if any(one.unseen for one in found):
         found = _persistent(system, run, looks, found, ends, (t1 - t0) / count)
-        if _any_unseen(found) and not _carried(system, run, found, ends):
+        if any(one.unseen for one in found) and not _carried(system, run, found, ends):
             found = [_seen(one) for one in found]
-    if _any_unseen(found):
+    if any(one.unseen for one in found):
         late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
     elif varying and system.n <= SMALL and varies(system, run):
         found, late = _by_varying(system, run, spectra, found)
@@ -140,7 +143,7 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
               for step, one, asked in zip(looks.h.tolist(), found, late, strict=True)]
     parts = [Growth(a, b, one.rate, one.unseen, asked)
              for a, b, one, asked in zip(ends[:-1], ends[1:], found, behind, strict=True)]
-    return _while_unseen(parts) if _any_unseen(found) else parts
+    return _while_unseen(parts) if any(one.unseen for one in found) else parts
 
 
 def _passed_over(system: System, run: Solution, known: Spectra, found: list[GrowthFound]) -> Array:
@@ -156,7 +159,7 @@ def _passed_over(system: System, run: Solution, known: Spectra, found: list[Grow
     def before(t: Array) -> Array:
         return np.asarray(np.interp(t, known.looks.t, known.rates))
 
-    if not _any_unseen(found):
+    if not any(one.unseen for one in found):
         some = suspects(system, run)
         if not len(some) or not np.any(_passed(*rates_at(system, run, some, VISIBLE), before(some))):
             return np.zeros(0)
@@ -180,10 +183,6 @@ def _passed_over(system: System, run: Solution, known: Spectra, found: list[Grow
 def _passed(rate: Array, unseen: Array, before: Array) -> Any:
     """At which times (k,) something grows unseen, at a rate that those `before` (k,) do not tell of."""
     return (unseen > 0) & (rate > STEADY * before)
-
-
-def _any_unseen(found: list[GrowthFound]) -> bool:
-    return any(one.unseen for one in found)
 
 
 def _persistent(system: System, run: Solution, looks: Looks, found: list[GrowthFound], edges: list[float],
@@ -278,10 +277,10 @@ def _rests(looks: Looks, a: int, b: int, found: GrowthFound) -> bool:
 
 def _steady(run: Solution, looks: Looks, i: int, between: Sequence[float], rates: tuple[float, ...]) -> bool:
     """Whether the largest real part of a root is between two times (s) what it is at the looks, within a factor of STEADY, with
-    the equations and the step of look i."""
+    the equations of look i and its step, or one that finds the root."""
     times = between[0] + (between[1] - between[0]) * np.array(BETWEEN)
-    count = len(times)
-    others = Looks([looks.systems[i]] * count, times, run(times), run.derivative(times), np.full(count, looks.h[i]), looks.span)
+    count, h = len(times), min(looks.h[i], RESOLVED / max(*rates, 1e-300))
+    others = Looks([looks.systems[i]] * count, times, run(times), run.derivative(times), np.full(count, h), looks.span)
     found = [*rates, *roots_at(others).rates.tolist()]
     return bool(max(found) < STEADY * min(found))
 

@@ -34,6 +34,7 @@ MOST = 300
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
+BEYOND = 1e-4  #: factor on the step with which growth among those is sought, at the first and the last look
 CLOSED = 2  #: eigenvalues of matrices up to this size are computed by growth.c
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
 #: their end: the largest that vibrations alone gave was 1.1. What moves freely grows by 2 there, as a number proportional to the
@@ -232,6 +233,17 @@ def roots_at(looks: Looks) -> Spectra:
         t, y, yp, h = (part[these] for part in (looks.t, looks.y, looks.yp, looks.h))
         found.append((these, Spectrum(Looks([system] * len(these), t, y, yp, h, looks.span))))
     return Spectra(looks, found)
+
+
+def growing_beyond(looks: Looks, found: list[GrowthFound], seen: float) -> None:
+    """Put into what is `found` at looks, at the first and the last of them, what grows faster than `roots_at` looks for: a step
+    that is very long beside growth takes it for rest."""
+    ends = sorted({0, len(looks.t) - 1}) if looks.systems[0].n <= MOST else []
+    t, y, yp, h = (part[ends] for part in looks[1:5])
+    closely = Looks([looks.systems[i] for i in ends], t, y, yp, h * BEYOND, looks.span)
+    for i, one in zip(ends, roots_at(closely).found(seen) if ends else [], strict=True):
+        if one.unseen > RESOLVED * SHIFT / looks.h[i]:
+            found[i] = one
 
 
 #: numbers of times spread over a run, and not over its steps, at which the residual of unknowns displaced by DISPLACED of their

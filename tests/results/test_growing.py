@@ -56,6 +56,18 @@ def test_without_bounds_the_rod_stands_and_both_runs_agree(monkeypatch: pytest.M
     assert fallen(off, np.array([0, 8.28]))[-1] > 5
 
 
+@pytest.mark.parametrize(("solver", "stiffness"), [(None, -1e10), (mb.RadauIIA(3), -1e10), (mb.RadauIIA(3), -1e13)])
+def test_growth_far_within_one_step_is_told(solver: Any, stiffness: float) -> None:
+    """A rod at rest on a spring of negative stiffness: gravity moves it, and that grows at 2e5 and 5e6 1/s, where steps are .1 s;
+    a method that takes growth for decay leaves it where it is."""
+    s = mb.Scene("driven away", gravity=(0, -G, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), spring=stiffness)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        r = s.simulate(1e5 / sqrt(-3 * stiffness), solver=solver)
+    assert r.accuracy.estimated > 1e-3
+
+
 def test_growth_is_that_of_the_equations() -> None:
     """The logarithm of the largest factor: of an upright rod RATE t, of a swing about the lowest point 0, of Mathieu's equation
     that of its Floquet multiplier, which no frozen equation shows."""
