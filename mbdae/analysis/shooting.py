@@ -41,6 +41,7 @@ TOGETHER = 32  #: number of steps whose dense equations are solved in one call
 #: number of times of a period at which fast motions are looked at; size of a root, over 1 / step, above which steps do not follow
 #: it; growth below ROUNDED of the root counts as none
 LOOKS, FOLLOWED, ROUNDED = 32, 1.5, 1e-9
+DAMPED = 0.5  #: damping ratio from which on a motion dies out in a step, followed or not: the multipliers know of it
 SLOW = 0.1  #: where three instants have roots below this part of FOLLOWED alone, no others are looked at
 SMALLEST = 1e-14  #: eigenvalue over the largest that counts as 0
 SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a correction
@@ -271,6 +272,11 @@ class _Look:
     left: Array
     size: Array
 
+    @property
+    def lasting(self) -> Array:
+        """size (k,), 0 of those that are DAMPED."""
+        return np.where(self.roots.real < -DAMPED * np.abs(self.roots), 0.0, self.size)
+
 
 def _look(system: SceneSystem, d: Departures, h: float) -> _Look:
     """S = (F_y' + h F_y)^-1 F_y' has the eigenvalues 1 / (1 - h lambda), and 0 for what constraints determine: S S removes it."""
@@ -300,8 +306,8 @@ def _look(system: SceneSystem, d: Departures, h: float) -> _Look:
 
 @dataclass(frozen=True)
 class _Tracked:
-    """Roots followed over a period: growth (k,) over it, its part of second order, the largest size of a root times the step, and
-    the largest growth at an instant over the root."""
+    """Roots followed over a period: growth (k,) over it, its part of second order, the largest size of a root times the step but
+    for those that are DAMPED, and the largest growth at an instant over the root."""
 
     growth: Array
     second: Array
@@ -325,7 +331,7 @@ def _tracked(looks: list[_Look], spans: Array) -> _Tracked:
             order = np.where(gap**2 > turned, turned / gap, 0.0)
         growth += step[own]
         second += np.sum(order - np.diag(np.diag(order)), axis=1)[own]
-        size = np.maximum(size, np.maximum(a.size, b.size[follower])[own])
+        size = np.maximum(size, np.maximum(a.lasting, b.lasting[follower])[own])
         scatter = np.maximum(scatter, (np.abs(roots.real) / np.maximum(np.abs(roots), SMALLEST))[own])
         own = follower[own]
     return _Tracked(growth, second, size, scatter)
