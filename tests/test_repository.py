@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,17 @@ def undocumented(tree: ast.Module) -> list[str]:
                       if isinstance(method, ast.FunctionDef) and not method.name.startswith("_")
                       and not ast.get_docstring(method)]
     return found
+
+
+def test_a_name_of_a_module_has_one_meaning() -> None:
+    """A constant that is stated a second time, farther down, changes what the code above it does."""
+    twice = []
+    for file in MODULES:
+        names = Counter(name.id for node in ast.parse(file.read_text(encoding="utf-8")).body if isinstance(node, ast.Assign)
+                        for target in node.targets for name in ast.walk(target) if isinstance(name, ast.Name)
+                        and isinstance(name.ctx, ast.Store))
+        twice += [f"{file.name}: {name}" for name, count in names.items() if count > 1]
+    assert twice == []
 
 
 def test_public_names_are_documented() -> None:

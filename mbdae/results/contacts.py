@@ -39,7 +39,7 @@ MOST = 4096  #: largest number of times that are read at once
 #: of the tolerance, with which errors of runs with contact are taken to fall: at most the root. Two companions of a pin with play
 #: showed a power of 1 or more, where the run was 4.6 times as far off as that power says
 POWERS = np.linspace(0.15, 0.5, 40)
-DIGITS, FEWEST, MOST = 6, 3, 12  #: number of digits of a value printed alone, smallest and largest one beside its error
+DIGITS, FEWEST, LONGEST = 6, 3, 12  #: number of digits of a value printed alone, smallest and largest one beside its error
 
 
 class _Peak(NamedTuple):
@@ -78,7 +78,7 @@ def with_error(value: float, error: float | None) -> str:
         return f"{value:.{DIGITS}g}" + (f" +- {error:.1g}" if error else "")
     last = math.floor(math.log10(float(f"{error:.0e}")))  # decimal place of the first digit of the error
     first = math.floor(math.log10(abs(value))) if value else last
-    digits = min(max(first - last + 1, FEWEST), MOST)
+    digits = min(max(first - last + 1, FEWEST), LONGEST)
     short = f"{error:.1g}" if digits > FEWEST else f"{error:.2g}"
     plain = "e" not in short or not -4 <= last < DIGITS
     return f"{_padded(value, digits)} +- {short if plain else f'{float(short):.{max(-last, 0)}f}'}"

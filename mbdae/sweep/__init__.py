@@ -163,6 +163,9 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
                        least=1, most=MOST_WORKERS)
     again = option("again", again, flag, "give True to do points that failed once more, or False")
     tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise OptionError(f"executor = {shown(executor)}: give an executor of concurrent.futures, or None for processes; the end "
+                          "of runs of a scene is t_end=")
     if isinstance(job, SceneData):
         return sweep_scene(job, grid, executor, workers, resume, again, tell, t_end, accuracy, outputs, of, derivatives,
                            start)
@@ -174,8 +177,6 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
     points, axes = _points(grid)
     if not callable(job):
         raise OptionError(f"job = {shown(job)}: give a mb.Scene, or a function that takes a point and returns a dict")
-    if executor is not None and not callable(getattr(executor, "submit", None)):
-        raise OptionError(f"executor = {shown(executor)}: give an executor of concurrent.futures, or None for processes")
     if executor is None:
         _check_job(job, points)
     said = points if axes is None else {name: [_scalar(value) for value in values] for name, values in axes.items()}

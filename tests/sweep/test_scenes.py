@@ -191,6 +191,8 @@ def test_a_wrong_scene_is_refused():
     s.link("c", (0, 0), (0, 1), mass=-1.0)
     with pytest.raises(mb.SceneError, match="link 'c': mass = -1 kg is negative"):
         here(s, {"a.mass": [1.0, 2.0]})
+    with pytest.raises(mb.OptionError, match=r"executor = 1\.0: .* the end of runs of a scene is t_end="):
+        mb.sweep(arm(), {"a.mass": [1.0, 2.0]}, 1.0)
 
 
 @pytest.mark.parametrize("i", [7, -1, 2, 0.5, "a"])
