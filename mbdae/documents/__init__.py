@@ -29,7 +29,7 @@ from mbdae.documents.blocks import (
     split_text,
     width,
 )
-from mbdae.documents.html import html
+from mbdae.documents.html import file_of, html
 from mbdae.documents.mathml import plain, signs, verbatim
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.files import write_file
@@ -338,7 +338,7 @@ class Document(NamesArguments):
         for i, picture in enumerate(self.pictures()):
             if picture.suffix == ".png" or file.suffix.lower() == ".md":
                 place = file.with_name(f"{file.stem}-{i + 1}{picture.suffix}")
-                write_file(place, picture.file)
+                write_file(place, file_of(picture))
                 files[id(picture)] = place.name
         return (markdown if file.suffix.lower() == ".md" else latex)(self.title, self.blocks, files)
 

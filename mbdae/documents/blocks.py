@@ -5,16 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
-from itertools import count
+from itertools import count, pairwise
 from typing import Any, TypeVar
 
-# -- Small vector drawings of lines, dots and letters, written as SVG for HTML pages and as TikZ for LaTeX
+# -- Small vector drawings of lines, dots and letters, written as TikZ for LaTeX and as SVG for HTML pages (`html.svg`)
 
 
 COLOURS = {"#333": "black!80", "#999": "black!40", "#0072b2": "blue!70!black", "#d55e00": "orange!80!black",
            "#009e73": "green!50!black"}
-FONT = "system-ui, Liberation Sans, sans-serif"
 Point = tuple[float, float]
 
 
@@ -48,40 +46,6 @@ class Drawing:
                 self.marks[i] = ("line", [(x + dx, y + dy) for x, y in mark[1]], *mark[2:])
             else:
                 self.marks[i] = ("text", mark[1] + dx, mark[2] + dy, *mark[3:])
-
-    def svg(self) -> str:
-        """The drawing as an SVG element."""
-        body = "".join(self._svg_line(*mark[1:]) if mark[0] == "line" else self._svg_text(*mark[1:]) for mark in self.marks)
-        size = f'viewBox="0 0 {self.width:g} {self.height:g}" width="{self.width:g}" font-family="{FONT}" font-size="13"'
-        return f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{escape(self.title)}" {size}>{body}</svg>'
-
-    @staticmethod
-    def _svg_line(points: list[Point], colour: str, width: float, arrow: bool, fill: str) -> str:
-        path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
-        shown = f'<path d="{path}" stroke="{colour}" stroke-width="{width:g}" fill="{fill or "none"}"/>'
-        if not arrow:
-            return shown
-        (x0, y0), (x1, y1) = points[-2:]
-        size = max(((x1 - x0) ** 2 + (y1 - y0) ** 2) ** 0.5, 1e-9)
-        u, v = (x1 - x0) / size, (y1 - y0) / size
-        tip = [(x1, y1), (x1 - 8 * u + 3 * v, y1 - 8 * v - 3 * u), (x1 - 8 * u - 3 * v, y1 - 8 * v + 3 * u)]
-        return shown + f'<path d="M{"L".join(f"{x:.1f} {y:.1f}" for x, y in tip)}Z" fill="{colour}"/>'
-
-    @staticmethod
-    def _svg_text(x: float, y: float, latex: str, anchor: str, colour: str) -> str:
-        out = []
-        for i, part in enumerate(latex.split("$")):
-            if i % 2 == 0:
-                out.append(escape(part))
-                continue
-            name, _, below = part.partition("_")
-            bold = re.fullmatch(r"\\mathbf\{(.*)\}", name)
-            style = "font-weight:700" if bold else "font-style:italic"
-            letter = {r"\varphi": "φ"}.get(name, bold[1] if bold else name)
-            out.append(f'<tspan style="{style}">{escape(letter)}</tspan>')
-            if below:
-                out.append(f'<tspan dy="4" font-size="10">{escape(below.strip("{}"))}</tspan><tspan dy="-4">\u200b</tspan>')
-        return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{colour}">{"".join(out)}</text>'
 
     def tikz(self) -> str:
         """The drawing for LaTeX, with the package tikz."""
@@ -150,11 +114,6 @@ class Picture:
         """Suffix of a file with this picture."""
         return ".png" if isinstance(self.content, bytes) else ".svg"
 
-    @property
-    def file(self) -> bytes | str:
-        """Content of a file with this picture."""
-        return self.content.svg() if isinstance(self.content, Drawing) else self.content
-
 
 @dataclass(frozen=True)
 class Section:
@@ -221,23 +180,53 @@ def escaped(text: str) -> str:
 
 def pieces(latex: str) -> list[list[str]]:
     r"""Lines (separated by `\\` outside braces), each as a list of pieces between which it may be broken."""
-    lines: list[list[str]] = [[""]]
-    depth, before = 0, ""
-    for token in tokens(latex):
-        if depth == 0 and token == r"\\":
-            lines.append([""])
-            before = ""
-            continue
-        if depth == 0 and token in RELATIONS | BINARY and before not in RELATIONS | BINARY | {"", ",", "^", "_", "/", r"\,"}:
-            lines[-1].append("")
-        lines[-1][-1] += token
-        fence = before in (r"\left", r"\right")  # \left and \right are counted, so that brackets after them are not
-        depth += 0 if fence else (token in _OPEN) - (token in _CLOSE)
-        if depth == 0 and token in SPACES:
-            lines[-1].append("")
-        if token.strip():
-            before = "" if token in SPACES else token
+    lines, parts = list[list[str]](), tokens(latex)
+    ends = [i for i, depth in _breaks(parts, {r"\\"}) if not depth]
+    for start, end in pairwise([0, *ends, len(parts)]):
+        if not lines or (start and parts[start] == r"\\"):
+            lines.append([])
+        lines[-1].append("".join(parts[start + (parts[start : start + 1] == [r"\\"]) : end]))
     return [[piece for piece in line if piece.strip()] for line in lines if any(piece.strip() for piece in line)]
+
+
+def inside(piece: str) -> list[str]:
+    """A piece broken within its outermost brackets that hold sums; the brackets stay open over the lines, so that they no longer
+    grow by themselves and get the size of what they hold. A piece that cannot be broken stays one."""
+    parts = tokens(piece)
+    if r"\middle" in parts:  # which TeX takes between brackets that grow alone
+        return [piece]
+    places = [(i, depth) for i, depth in _breaks(parts, set()) if i and "".join(parts[:i]).strip()]
+    cuts = [i for i, depth in places if depth == min(d for _, d in places)]
+    opened = list[int]()
+    for i, token in enumerate(parts):
+        if token == r"\left":
+            opened.append(i)
+        elif token == r"\right" and opened:
+            start = opened.pop()
+            if any(start < cut < i for cut in cuts):
+                held = {*parts[start : i + 2]}
+                size = r"\Bigg" if r"\begin" in held else r"\bigg" if r"\frac" in held else r"\big" if "." in held else ""
+                parts[start], parts[i] = (f"{size}l", f"{size}r") if size else ("", "")
+    return ["".join(parts[start:end]) for start, end in pairwise([0, *cuts, len(parts)])]
+
+
+def _breaks(parts: Sequence[str], ends: set[str]) -> Iterator[tuple[int, int]]:
+    """Places where a formula may be broken, in front of a token, and how many brackets are open there more than at its beginning:
+    at signs between terms, behind spaces and at `ends`, not within scripts, fractions and tables."""
+    depth, braces, before, gap = 0, 0, "", False
+    for i, token in enumerate(parts):
+        sign = token in RELATIONS | BINARY and before not in RELATIONS | BINARY | _OPEN | {"", ",", "^", "_", "/", r"\,"}
+        if braces == 0 and (sign or gap or token in ends):
+            yield i, depth
+        fence = before in (r"\left", r"\right")  # \left and \right are counted, so that brackets after them are not
+        change = 0 if fence else (token in _OPEN) - (token in _CLOSE)
+        if braces or token in ("{", r"\begin"):
+            braces += change
+        else:
+            depth += change
+        gap = token in SPACES and not depth and not braces
+        if token.strip():
+            before = "" if token in SPACES | ends else token
 
 
 def width(latex: str) -> float:
@@ -258,15 +247,24 @@ def folded(latex: str, letters: float = 78.0, measure: Callable[[str], float] = 
     lines: list[str] = []
     for parts in pieces(latex):
         line, used = "", 0.0
-        for part in parts:
+        for part, depth in (found for piece in parts for found in _narrow(piece, 0, letters, measure)):
             size = measure(part)
             if line and used + size > letters and line.strip() != parts[0].strip():
                 lines.append(line)
-                line, used = r"\quad " + part, size + 2
+                line, used = r"\quad " * (depth + 1) + part, size + 2 * (depth + 1)
             else:
                 line, used = line + part, used + size
         lines.append(line)
     return lines
+
+
+def _narrow(piece: str, depth: int, letters: float, measure: Callable[[str], float]) -> Iterator[tuple[str, int]]:
+    """A piece, broken within brackets where it is wider than a line, and how deep its parts are in them."""
+    parts = inside(piece) if measure(piece) > letters else [piece]
+    if len(parts) == 1:
+        yield piece, depth
+    else:
+        yield from (found for i, part in enumerate(parts) for found in _narrow(part, depth + (i > 0), letters, measure))
 
 
 def extent(latex: str) -> float:

@@ -8,8 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from html import escape
 
-from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table, split_text, tokens
+from mbdae.documents.blocks import Block, Code, Drawing, Equation, Paragraph, Picture, Point, Section, Table, split_text, tokens
 from mbdae.documents.mathml import GREEK, FormulaError, display, inline
+
+FONT = "system-ui, Liberation Sans, sans-serif"
 
 # -- Meanings of the symbols in a formula as plain text, from the tables of symbols in its document
 
@@ -98,6 +100,7 @@ mtable.cases mtd, mtable.aligned mtd { text-align: left; }
 .equation .lines { flex: 1 1 0; min-width: 0; overflow-x: auto; overflow-y: hidden; }
 .equation .line { padding: .14rem 0 .14rem 1.4rem; text-indent: -1.4rem; line-height: 1.9; }
 .equation .line math { text-indent: 0; margin: .2em 0; }
+.equation .term { display: inline-block; max-width: 100%; padding-left: 1.4rem; text-indent: -1.4rem; }
 .equation .number { color: #555; font-variant-numeric: tabular-nums; }
 .note { color: #444; font-size: .9rem; margin-left: 1.2rem; }
 .scroll { overflow-x: auto; max-width: 100%; margin: .8rem 0; }
@@ -214,10 +217,50 @@ class _Writer:
                 f"<tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n")
 
 
+def file_of(picture: Picture) -> bytes | str:
+    """Content of a file with a picture."""
+    return svg(picture.content) if isinstance(picture.content, Drawing) else picture.content
+
+
+def svg(drawing: Drawing) -> str:
+    """A drawing as an SVG element."""
+    body = "".join(_svg_line(*mark[1:]) if mark[0] == "line" else _svg_text(*mark[1:]) for mark in drawing.marks)
+    size = f'viewBox="0 0 {drawing.width:g} {drawing.height:g}" width="{drawing.width:g}" font-family="{FONT}" font-size="13"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{escape(drawing.title)}" {size}>{body}</svg>'
+
+
+def _svg_line(points: list[Point], colour: str, width: float, arrow: bool, fill: str) -> str:
+    path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+    shown = f'<path d="{path}" stroke="{colour}" stroke-width="{width:g}" fill="{fill or "none"}"/>'
+    if not arrow:
+        return shown
+    (x0, y0), (x1, y1) = points[-2:]
+    size = max(((x1 - x0) ** 2 + (y1 - y0) ** 2) ** 0.5, 1e-9)
+    u, v = (x1 - x0) / size, (y1 - y0) / size
+    tip = [(x1, y1), (x1 - 8 * u + 3 * v, y1 - 8 * v - 3 * u), (x1 - 8 * u - 3 * v, y1 - 8 * v + 3 * u)]
+    return shown + f'<path d="M{"L".join(f"{x:.1f} {y:.1f}" for x, y in tip)}Z" fill="{colour}"/>'
+
+
+def _svg_text(x: float, y: float, latex: str, anchor: str, colour: str) -> str:
+    out = []
+    for i, part in enumerate(latex.split("$")):
+        if i % 2 == 0:
+            out.append(escape(part))
+            continue
+        name, _, below = part.partition("_")
+        bold = re.fullmatch(r"\\mathbf\{(.*)\}", name)
+        style = "font-weight:700" if bold else "font-style:italic"
+        letter = {r"\varphi": "φ"}.get(name, bold[1] if bold else name)
+        out.append(f'<tspan style="{style}">{escape(letter)}</tspan>')
+        if below:
+            out.append(f'<tspan dy="4" font-size="10">{escape(below.strip("{}"))}</tspan><tspan dy="-4">\u200b</tspan>')
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{colour}">{"".join(out)}</text>'
+
+
 def _picture(picture: Picture) -> str:
     if isinstance(picture.content, bytes):
         data = b64encode(picture.content).decode()
         shown = f'<img alt="{escape(_plain(picture.caption))}" src="data:image/png;base64,{data}">'
     else:
-        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", str(picture.file))
+        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", str(file_of(picture)))
     return f"<figure>{shown}<figcaption>{_text(picture.caption)}</figcaption></figure>\n"

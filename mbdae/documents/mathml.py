@@ -10,7 +10,7 @@ from __future__ import annotations
 from html import escape
 from unicodedata import combining, normalize
 
-from mbdae.documents.blocks import BINARY, RELATIONS, extent, pieces, tokens
+from mbdae.documents.blocks import BINARY, RELATIONS, extent, inside, pieces, tokens
 from mbdae.errors import MbdaeError
 
 GREEK = {
@@ -49,6 +49,8 @@ _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "
              "array": ("", ""), "gathered": ("", ""), "split": ("", ""), "alignedat": ("", ""), "dcases": ("{", ""),
              "Bmatrix": ("{", "}"), "vmatrix": ("|", "|"), "smallmatrix": ("", "")}
 
+_SIZES = {"middle": 1.0, "big": 1.2, "Big": 1.8, "bigg": 2.4, "Bigg": 3.0}  #: heights of brackets, em
+
 LEAST = 0.8  #: smallest font size of a formula, em of the text of the page (12.8 px)
 #: NARROW: a formula narrower than this (em) fits any window; MARGIN: factor by which fonts may be wider than estimated
 NARROW, MARGIN = 14.0, 1.3
@@ -66,12 +68,27 @@ def inline(latex: str) -> str:
 
 
 def display(latex: str) -> str:
-    """A formula in display style as HTML, each of its lines in an element of its own."""
-    return "".join(f'<div class="line">{_line(line, _DISPLAY)}</div>' for line in pieces(latex))
+    """A formula in display style as HTML, each of its lines in an element of its own, in which it breaks between its terms, and
+    within the brackets of a term where it is wider than the window."""
+    return "".join(f'<div class="line">{_terms(line)}</div>' for line in pieces(latex))
 
 
 def _line(line: list[str], opening: str) -> str:
     return " ".join(f"{_sized(opening, piece)}{_Reader(piece, i > 0).formula()}</math>" for i, piece in enumerate(line))
+
+
+def _terms(terms: list[str], first: bool = True) -> str:
+    """MathML of terms between which a line may be broken. A term that is wide and has sums in its brackets goes to a line of its
+    own before it is broken; only the first terms of a formula, what stands left of a sign and right of it, keep their line."""
+    out = []
+    for i, term in enumerate(terms):
+        parts = inside(term) if MARGIN * extent(term) >= NARROW else [term]
+        if len(parts) == 1:
+            out.append(f"{_sized(_DISPLAY, term)}{_Reader(term, i > 0 or not first).formula()}</math>")
+        else:
+            within = _terms(parts, first and i == 0)
+            out.append(within if first and i < 2 else f'<span class="term">{within}</span>')
+    return " ".join(out)
 
 
 def _sized(opening: str, piece: str) -> str:
@@ -80,7 +97,7 @@ def _sized(opening: str, piece: str) -> str:
     wide = MARGIN * extent(piece)
     if wide < NARROW:
         return opening
-    return f'{opening[:-1]} style="font-size:max({LEAST}em,min(1.06em,calc((100vw - 7.4rem)/{wide:.1f})))">'
+    return f'{opening[:-1]} style="font-size:max({LEAST}em,min(1.06em,calc((min(100vw, 54rem) - 7.4rem)/{wide:.1f})))">'
 
 
 def _sign(text: str, attributes: str = "") -> str:
@@ -217,8 +234,8 @@ class _Reader:
             return f"<msqrt>{self.atom(font)}</msqrt>"
         if name == "left":
             return self.fenced(font)
-        if name in ("bigl", "bigr", "Bigl", "Bigr", "big", "Big", "biggl", "biggr", "middle"):
-            return _sign(self.fence(), _FIXED)
+        if (size := name if name == "middle" else name.rstrip("lrm")) in _SIZES:
+            return _sign(self.fence(), f' minsize="{_SIZES[size]}em" maxsize="{_SIZES[size]}em"{_FENCE}')
         if name == "begin":
             return self.matrix(font)
         if name in SIGNS:

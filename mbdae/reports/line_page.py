@@ -277,10 +277,7 @@ class LinePage(Page):
         parts += [f"{place}: {canonical(e)}" for place, e in self.d.mass.items()]
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         text = f"{made_from(self.cls)}. The sha256 of its derived equations at a point in space is:"
-        count = len(se.cse(self.d.outputs)[0]) + len(self.d.outputs)
-        size = (f"At a point: {len(self.d.outputs)} outputs of {len(self.d.variables)} variables, {count} operations after common"
-                " subexpressions.")
-        return Section("Origin", [Paragraph(text), Paragraph(f"`{digest}`"), Paragraph(size)])
+        return Section("Origin", [Paragraph(text), Paragraph(f"`{digest}`")])
 
 
 class LinearPage(Page):

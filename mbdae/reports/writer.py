@@ -298,7 +298,7 @@ def places_of(key: list[str], line: list[str]) -> list[int | None]:
     """Where a symbol stands in a line of tokens; None where it is a part of another symbol."""
     found: list[int | None] = []
     for i in range(len(line) - len(key) + 1):
-        if line[i : i + len(key)] == key:
+        if line[i] == key[0] and line[i : i + len(key)] == key:
             after = line[i + len(key) : i + len(key) + 1]
             if after not in (["_"], ["'"]):
                 found.append(None if i > 1 and line[i - 1] == "{" and line[i - 2] in _MARKED else i)

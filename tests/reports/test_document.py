@@ -12,8 +12,8 @@ import pytest
 
 import mbdae as mb
 from mbdae.documents import COMPILERS, Document
-from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table, folded, pieces
-from mbdae.documents.mathml import FormulaError, inline
+from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table, folded, inside, pieces
+from mbdae.documents.mathml import FormulaError, display, inline
 from mbdae.reports import names
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -73,6 +73,44 @@ def test_formulas_break_between_terms_only():
     long = " + ".join(f"a_{{{i}}}" for i in range(60))
     assert len(folded(long)) > 1
     assert "".join(line.replace(r"\quad ", "") for line in folded(long)) == long
+
+
+@pytest.mark.parametrize(("whole", "parts"), [
+    (r"- x (-a + b)(c - (d + e))", ["- x (-a ", "+ b)(c ", "- (d + e))"]),
+    (r"\left( f\left(a + b\right) \right)^{2}", [r"( f(a ", r"+ b) )^{2}"]),
+    (r"\left(\frac{a + b}{c} + d\right)", [r"\biggl(\frac{a + b}{c} ", r"+ d\biggr)"]),
+    (r"\left\{ a + b \right.", [r"\bigl\{ a ", r"+ b \bigr."]),
+    (r"+ \left(a + \left[b - c\right]\right)", ["+ (a ", "+ [b - c])"])])
+def test_a_wide_term_breaks_within_its_brackets(whole, parts):
+    """At the outermost sums; what holds a break grows no longer by itself, what holds none still does."""
+    found = inside(whole)
+    assert [re.sub(r"\\left|\\right", "", part) for part in found] == parts
+    assert all(part.count(r"\left") == part.count(r"\right") for part in found)
+
+
+@pytest.mark.parametrize("whole", [
+    r"\frac{a + b}{c}", r"x^{a + b}", "a", r"+ a \cdot b", "(-a)", r"\begin{cases} a + b \\ c - d \end{cases}",
+    r"\left( a + b \middle| c \right)"])
+def test_other_terms_do_not(whole):
+    assert inside(whole) == [whole]
+
+
+def test_products_of_wide_brackets_are_broken_in_every_format_and_scaled_in_none():
+    terms = " + ".join(rf"\left(a_{{{i}}} - \frac{{b_{{{i}}}}}{{c_{{{i}}}}}\right)" for i in range(30))
+    product = rf"x = \left({terms}\right)\,\left(d - {terms}\right)"
+    document = Document("a", [Equation(product, 1)])
+    tex, md = document.to_latex(), document.to_markdown()
+    assert r"\resizebox" not in tex
+    assert tex.count(r"\\") > 5
+    assert md.count(r"\\") > 5
+    for line in (line for text in (tex, md) for line in text.splitlines()):
+        assert line.count(r"\left") == line.count(r"\right")
+        assert len(line) < 400
+    shown = display(product)
+    assert max(map(len, re.findall(r"<math.*?</math>", shown))) < 900
+    assert shown.count("<span") == 0  # what follows the sign keeps its line
+    assert display(f"{product} + {product[4:]}").count('<span class="term">') == 1
+    assert '<mo minsize="2.4em" maxsize="2.4em" stretchy="true" fence="true">(</mo>' in shown
 
 
 def test_no_line_begins_with_the_comma_behind_a_formula():
