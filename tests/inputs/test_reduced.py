@@ -644,6 +644,23 @@ def test_a_peak_that_the_modes_leave_wrong_asks_for_more_modes() -> None:
     assert r.accuracy.met
 
 
+@pytest.mark.parametrize(("damping", "resisted"), [(0.0, 0.0), (0.02, 0.0), (0.02, 5.0)])
+def test_shifts_of_a_free_body_spoil_no_root_of_its_vibrations(damping: float, resisted: float) -> None:
+    """Two roots 0 for every shift; along the axis a damper leaves one of them, and -c/m, but for what the body is elastic."""
+    s, body = mb.Scene("free", gravity=(0, 0, 0)), reduced(8)
+    s.reduced_body("beam", body, damping=damping)
+    if resisted:
+        s.bushing("resisted", s.ground, "beam.root", at=(0, 0, 0), stiffness=(0, 0, 0), damping=(resisted, 0, 0))
+    found = s.linearize()
+    shifts = np.abs(found.eigenvalues) < 10
+    assert np.sum(shifts) == 12
+    assert found.stable
+    np.testing.assert_allclose(np.min(found.eigenvalues[shifts].real), -resisted / body.mass, rtol=1e-6, atol=0)
+    assert np.all(found.errors < 1e-7 * np.where(shifts, 1, np.abs(found.eigenvalues)))
+    np.testing.assert_allclose(np.abs(found.eigenvalues[~shifts])[:8], 2 * np.pi * body.frequencies[:8], rtol=1e-9)
+    np.testing.assert_allclose(found.damping[~shifts][:8], damping, atol=1e-9)
+
+
 def test_a_state_of_reduced_bodies_alone_is_compared_with_more_modes() -> None:
     s = mb.Scene("held")
     s.reduced_body("beam", reduced(0))
