@@ -123,8 +123,20 @@ def _cut(r: Reduced, x: NDArray[np.intp], s: NDArray[np.intp]) -> Reduced:
 
 
 def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | None]:
-    """All roots of motions that are coupled, and the verdict on them."""
-    n = len(r.M)
+    """All roots of motions that are coupled, and the verdict on them. Motions that nothing resists or drives have two roots 0
+    each, without error, and spoil no other root: the others are M-orthogonal to them."""
+    n, Z = len(r.M), _unresisted(r, e, known)
+    k = Z.shape[1]
+    if 0 < k < n:
+        W = scipy.linalg.null_space((r.M @ Z / np.linalg.norm(r.M @ Z, axis=0)).T)
+        size = Reduced(**{f.name: np.abs(getattr(r, f.name)) for f in fields(Reduced)})
+        off = {f.name: getattr(e, f.name) + 2 * n * EPS * getattr(size, f.name) for f in fields(Reduced)}
+        rest, verdict = _of_part(_on(r, W), _on(Reduced(**off), np.abs(W)), known)
+        vectors = np.zeros((2 * n, 2 * n), dtype=complex)
+        vectors[:n, : 2 * k], vectors[:, 2 * k :] = np.hstack([Z, Z]), np.kron(np.eye(2), W) @ rest.vectors
+        values, errors, alone = (np.r_[x, y] for x, y in ((np.zeros(2 * k), rest.values), (np.zeros(2 * k), rest.errors),
+                                                          (np.ones(2 * k, dtype=bool), rest.alone)))
+        return Roots(values, vectors, errors, alone), verdict
     (E, A), (dE, dA) = r.first_order(), e.first_order()
     dE[:n, :n], dA[:n, n : 2 * n] = 0.0, 0.0  # x' is x', without error
     held = np.flatnonzero(~np.any(r.Y, axis=0)) + 2 * n  # states that are no displacements
@@ -157,6 +169,28 @@ def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | No
     if verdict is None:
         verdict = False if np.any(values.real > errors) else True if np.all(settled) else None
     return replace(found, values=values, errors=errors), verdict
+
+
+def _unresisted(r: Reduced, e: Reduced, known: Structure) -> Array:
+    """Z (n, k): exact shifts that neither stiffness nor damping resists, and into which neither drives, K Z = C Z = 0 and
+    Z^T K = Z^T C = 0 within the errors; none where there are internal states."""
+    n, Z, off = len(r.M), np.zeros((len(r.M), 0)), np.zeros(())
+    if not len(r.Es) and np.any(r.K):
+        Z, off = _null(r.M, r.K, e.K)
+    for S, dS in ((r.K, e.K), (r.K.T, e.K.T), (r.C, e.C), (r.C.T, e.C.T)) if Z.shape[1] else ():
+        bound = (dS + 2 * n * EPS * np.abs(S)) @ np.abs(Z) + np.abs(S) @ off
+        if np.any(np.abs(S @ Z) > bound):  # along some of them
+            _, sizes, along = np.linalg.svd(S @ Z)
+            free = along[np.pad(sizes, (0, len(along) - len(sizes))) <= np.linalg.norm(bound)].T
+            Z, off = Z @ free, off @ np.abs(free)
+    return Z if all(known.shifted(p) for p in (r.N @ Z).T) else Z[:, :0]
+
+
+def _on(r: Reduced, W: Array) -> Reduced:
+    """The equations, without internal states, on the motions x = W y."""
+    N, Y = r.N @ W, r.Y
+    return replace(r, N=N, Y=Y, **{name: W.T @ getattr(r, name) @ W for name in "MCK"}, **{
+        name: np.zeros((W.shape[1], 0)) for name in "BD"}, **{name: np.zeros((0, W.shape[1])) for name in ("S2", "S1", "S0")})
 
 
 def exact_zeros(values: Complex, errors: Array, motions: Complex, known: Structure) -> NDArray[np.bool_]:

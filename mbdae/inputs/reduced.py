@@ -143,8 +143,12 @@ class ReducedBody(NamesAttributes):
 
     def by_modes(self, prepared: Any, item: Any, q: Array) -> Array:
         """(k,) largest displacements by a mode at positions q (k, nq), m; item: that of its modes in the scene."""
-        nodes = [prepared.model.coordinate_node(item.name, mode).q for mode in item.scalars[: len(self.modal_mass)]]
-        return np.asarray(np.max(np.abs(q[:, nodes]), axis=1, initial=0))
+        return np.asarray(np.max(np.abs(self.coordinates(prepared, item, q)), axis=1, initial=0))
+
+    def coordinates(self, prepared: Any, item: Any, q: Array) -> Array:
+        """(k, n) coordinates of the modes at positions q (k, nq), m; item: that of its modes in the scene."""
+        names = item.scalars[: len(self.modal_mass)]
+        return np.asarray(q[:, [prepared.model.coordinate_node(item.name, mode).q for mode in names]])
 
     def doubts(self, result: Any, item: Any) -> list[str]:
         """What a run, or a state, may have left out, a sentence each; item: that of its modes in the scene."""

@@ -37,9 +37,8 @@ from mbdae.scene.beams import enter_more_modes
 from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.model.nodes import rotation_matrices
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.system.sampling import position_distance
+from mbdae.system.sampling import places, position_distance
 from mbdae.system.scene_system import RELAXED, SceneSystem
 from mbdae.threads import one_thread
 
@@ -121,7 +120,7 @@ def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> 
     apart = [_along(line, q_a, lines[line.beam.name], q_b, coarse.length) for line in coarse.model.lines]
     nodes = {node.name: node for node in fine.model.nodes}
     reduced = with_modes(coarse.model.scene.connections)
-    apart += [float(np.max(np.linalg.norm(_places(coarse, c.name, q_a) - _places(fine, c.name, q_b), axis=2))) / coarse.length
+    apart += [float(np.max(np.linalg.norm(places(coarse, c.name, q_a) - places(fine, c.name, q_b), axis=2))) / coarse.length
               for c in reduced]
     modal = {c.name for c in reduced} | {c.l.name for c in coarse.model.scene.connections if c.kind == "inertia"}
     for node in (n for n in coarse.model.nodes if not (isinstance(n.body, Station) or {n.name, n.joint} & modal)):
@@ -129,19 +128,6 @@ def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> 
         pair = q_a[:, node.q : node.q + size], q_b[:, other.q : other.q + size]
         apart.append(float(np.max(position_distance(coarse, node, *pair))))
     return max(apart)
-
-
-def _places(prepared: Prepared, modes: str, q: Array) -> Array:
-    """(nt, k, 3) positions of the nodes of a reduced body, m."""
-    model = prepared.model
-    item = model.scene[modes]
-    body, frame = item.laws[0].reduced, model.node(item.k)
-    at = [model.coordinate_node(modes, f"mode{i + 1}") for i in range(len(body.modal_mass))]
-    assert frame is not None
-    c = q[:, [node.q for node in at if node is not None]]
-    places = body.nodes - body.center + body.displacement(c)[:, :, :3]
-    turned = rotation_matrices(q[:, frame.q + 3 : frame.q + 7])
-    return np.asarray(q[:, None, frame.q : frame.q + 3] + np.einsum("tab,tkb->tka", turned, places))
 
 
 def _along(line: Line, q: Array, other: Line, q_other: Array, length: float) -> float:
@@ -198,12 +184,14 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
                 times: Array) -> Controlled:
     """The run; where vibrations that it leaves out carry more force than a tight accuracy allows, one with all of them, if each
     run for it takes at most the evaluations of this one and about half a second."""
-    if accuracy > FORCES or not run.others or (off := Errors(prepared, run.solution, run.others)()) <= accuracy:
+    close = RadauIIA(5).at_accuracy(max(DEEPER * accuracy, SMALLEST), resolving.label)
+    most, span = run.solution.stats.residuals + SPARE / resolving.n, asked.t_end - run.solution.t[0]
+    dearer = PACE * span * _evaluations(run, close) > most
+    if accuracy > FORCES or not run.others or dearer or (off := Errors(prepared, run.solution, run.others)()) <= accuracy:
         return run
-    most = run.solution.stats.residuals + SPARE / resolving.n
 
     def too_slow(so_far: Solution) -> bool:
-        done, spent = (so_far.t[-1] - so_far.t[0]) / (asked.t_end - so_far.t[0]), so_far.stats.residuals
+        done, spent = (so_far.t[-1] - so_far.t[0]) / span, so_far.stats.residuals
         if spent > max(LOOK * most, LEAST) and done < PACE * spent / most:
             raise SolverError("the steps are too short to come to the end", float(so_far.t[-1]), solution=so_far)
         return False
@@ -215,6 +203,14 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
         return run.after(1, cpu_of(error))
     better = again.others and again.estimate <= accuracy and Errors(prepared, again.solution, again.others)() < off
     return replace(again, waves=True).after(run.runs, run.cpu_s) if better else run.after(again.runs, again.cpu_s)
+
+
+def _evaluations(run: Controlled, close: RadauIIA) -> float:
+    """Evaluations in a second of motion of a run by `close` that resolves all vibrations, at least: by those of short runs of the
+    same method beside the run, and steps that grow with the power 1 / (stages + 1) of the tolerance. 0: not known."""
+    windows = [other.run for other in run.others if other.kind == "window" and run.solver.label == close.label]
+    longer = (run.solver.companion * run.solver.tolerance / close.tolerance) ** (1 / (close.stages + 1))
+    return float(longer * min((one.stats.residuals / (one.t[-1] - one.t[0]) for one in windows), default=0.0))
 
 
 CLOSER = 0.03  #: tolerance of a closer run over that of the run

@@ -24,7 +24,7 @@ from mbdae.notation import counted
 from mbdae.scene.components import Controller
 from mbdae.system.assembled.guards import Observer
 from mbdae.system.base import Array
-from mbdae.system.model.nodes import Node
+from mbdae.system.model.nodes import Node, rotation_matrices
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gaps_of
@@ -68,6 +68,16 @@ def position_distance(prepared: Prepared, node: Node, a: Array, b: Array) -> Arr
     elif size == 7:
         apart = np.maximum(apart, _angle_between(a[..., 3:], b[..., 3:]))
     return np.asarray(apart)
+
+
+def places(prepared: Prepared, modes: str, q: Array) -> Array:
+    """(nt, k, 3) places of the nodes of the reduced body with the given modes, at positions q (nt, nq), m."""
+    item = prepared.model.scene[modes]
+    body, frame = item.laws[0].reduced, prepared.model.node(item.k)
+    assert frame is not None
+    moved = body.nodes - body.center + body.displacement(body.coordinates(prepared, item, q))[..., :3]
+    turned = rotation_matrices(q[:, frame.q + 3 : frame.q + 7])
+    return np.asarray(q[:, None, frame.q : frame.q + 3] + np.einsum("tab,tkb->tka", turned, moved))
 
 
 def touching(mechanics: Mechanics, q: Array, u: Array) -> Array:

@@ -141,6 +141,6 @@ def cases() -> list[Case]:
             Case("swinging lattice of springs", "Radau IIA", lambda: swinging(0.125), slow=True),
             Case("cost of the reduction", "splu, eigsh", lambda: priced(*reduction()), slow=True),
             *(Case(f"cost of a run of 20 modes to {accuracy:g}", "Radau IIA", lambda accuracy=accuracy: priced(*run(accuracy)),
-                   slow=True) for accuracy in (1e-3, 1e-4)),
+                   slow=True) for accuracy in (1e-3, 1e-4, 1e-5)),
             Case(f"{len(QUICK)} drawn bodies", "verify=True", lambda: judge(list(QUICK)), slow=True),
             Case("drawn bodies", "verify=True", judge, slow=True, parts=list(WHOLE))]
