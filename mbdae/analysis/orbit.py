@@ -308,15 +308,15 @@ class Departures:
         return np.asarray(self.Q.T @ ((self.back @ dy) / self.units[:, None]))
 
 
-def departures(prepared: Prepared, system: SceneSystem, returned: Return, period: float) -> Departures:
-    """The departures at the start of a system, a state of a motion that returns."""
+def departures(prepared: Prepared, system: SceneSystem, returned: Return, period: float, size: float = 1.0) -> Departures:
+    """The departures at the start of a system, a state of a motion that returns; size: of one, in lengths of the scene, rad."""
     m, nb, y = prepared.mechanics, system.numbering, system.y0
     nq, nu, acting = nb.nq, nb.nu, returned.acting
     Fy = derivatives(system, system.t0, y, system.yp0)[0].tocsr()
     _refuse_rigid(system, Fy)
     q = prepared.states(np.array([system.t0]), y[None])[0][0]
     H = np.array([m.rates(q, e)[nb.of_positions] for e in np.eye(m.nu)[nb.of_velocities]]).T
-    length = m.velocity_units[nb.of_velocities]
+    length = size * m.velocity_units[nb.of_velocities]
     nx = 2 * nu + len(acting)
     T, back = np.zeros((system.n, nx)), np.zeros((nx, system.n))
     T[:nq, :nu], back[:nu, :nq] = H, H.T / np.sum(H * H, axis=0)[:, None]

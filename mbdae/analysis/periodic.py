@@ -16,13 +16,13 @@ import numpy as np
 
 from mbdae.analysis.linearization import start_at
 from mbdae.analysis.multipliers import GAIN, ROUND, Floquet, multipliers_of, prepared_from
-from mbdae.analysis.orbit import MOST, acting_states, angles, changed, halved, later, shares_of, timed_item
+from mbdae.analysis.orbit import FEWEST, MOST, acting_states, changed, halved, later, shares_of, timed_item
 from mbdae.analysis.reduced import refuse_rolling
-from mbdae.analysis.shooting import NOT_FOUND, SHRINKS, Shooting, Shot
+from mbdae.analysis.returns import DRIVEN, LOST, REST, RESTS, at_rest, last_return, repeats
+from mbdae.analysis.shooting import NOT_FOUND, SHRINKS, SINGULAR, STALLED, Shooting, Shot
 from mbdae.errors import OptionError, SolverError, SteadyError, naming_arguments, warn
 from mbdae.formulations import shared_system
 from mbdae.inputs.sensed import numbers_in, with_values
-from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import OtherRun, sampled, some_of
 from mbdae.results.result import Result
 from mbdae.results.stored_parts import Wanted, told, wanted_of
@@ -38,33 +38,24 @@ from mbdae.values import number, option, optional
 
 SHARE = 0.2  #: part of the accuracy that the error of the shooting may be; the rest is that of the run over the period
 PERIOD = 1e-8  #: largest relative error of a period that is found
-#: changes of the start that change the end by less than ALIKE of the largest lead to other periodic motions, and so do those by
-#: less than 100 times the error of the motion of which half as many steps show FALLS times as much; one of which the share TUNES
+#: changes of the start that change the end by less than SURE, over it, lead to other periodic motions, and so do those by less than
+#: ALIKE, or 100 times the error of the motion, of which half as many steps show FALLS times as much; one of which the share TUNES
 #: is of the period leads to other periods; each of them has a multiplier that is not farther from 1 than ONE
-ALIKE, TUNES, FALLS, ONE = 1e-7, 1e-4, 4.0, 0.1
+ALIKE, SURE, TUNES, FALLS, ONE = 1e-7, 1e-9, 1e-4, 4.0, 0.1
 UNFOLLOWED = "the motion over one period cannot be followed in steps of one pattern, as its jumps do not stay where they were: {}"
+NEAR = 0.01  #: largest change of the start, over the size, and of the period of a motion that repeats within the one found
+ROUNDING = 1e-15  #: rounding error of the state after a period
 FINE, TIGHTER = 1e-8, 1e-2  #: smallest accuracy of multipliers, and theirs over that asked of the motion
 WAITS = (2, 8, 32)  #: numbers of periods that a motion is followed where no correction helps
-#: spans, in characteristic times, over which the return of an autonomous motion is sought, in turn, the later ones where those
-#: before took at most SLOW steps; it has returned where it is nearer to its last state than this part of its size
-SPANS, SLOW, NEAR = (20.0, 80.0, 320.0, 1280.0, 5120.0, 20480.0), 4000, 0.1
-#: number of times that a motion which grows is made larger, at most, by which part of its size; residual of one that returns
+#: spans, in characteristic times, over which a return is sought, in turn, the later ones where those before took few steps (SLOW)
+SPANS, SLOW = (20.0, 80.0, 320.0, 1280.0, 5120.0, 20480.0), 4000
+OWN = 1e-5  #: largest error of the start that is found, of the size of the motion
+#: number of times that a growing motion is made larger, at most, by which part of its size; residual of one that returns
 GROWINGS, GROWS, FOUND_AT = 60, 0.3, 1e-7
-RESTS = 1e-6  #: a motion that stays this near to its start, in lengths of the scene and rad, is at rest
-REST = ("the only motion found that repeats is rest, which has no period: start the scene in motion, or give start=(result, t) "
-        "of a run that has come near a periodic motion; where damping ends every motion there is none")
-DRIVEN = ("period = None: it is found for scenes without loads and drives that depend on the time, and '{}' depends on it; give "
-          "the period (s) after which they repeat, such as 2 * pi / rate")
-LOST = ("the motion does not come near to a state in which it was before: give the period, or a start near a periodic motion, "
-        "start=(result, t)")
 #: what is told of a motion beside which others are
 FAMILY = ("one of a family of periodic motions, as of a scene without losses or with a free turn: others{} lie beside it, and "
           "the one nearest to the start is given; another start= gives another")
 OTHER = "the scene has no drive and repeats by itself after {:.9g} s, which is its period, not the one stated, {:.9g} s"
-FAR = 1e4  #: number of lengths of the scene beyond which accuracies, which refer to it, mean nothing
-DRAWN = ("the motion goes {:.3g} m, {:.2g} times the largest distance in the drawing, to which accuracies refer: draw the scene "
-         "at the size of its motion, and start it with velocities or start=")
-SAMPLES = 4000  #: number of times at which such a return is sought
 
 
 class Periodic(Result):
@@ -135,12 +126,13 @@ def periodic(scene: SceneData, period: Any = None, accuracy: float = 1e-6, start
 
 @dataclass(frozen=True)
 class Found:
-    """A periodic motion: the shot, that in steps twice as long, the error relative as accuracies are, that of the period (s),
-    whether nothing depends on the time, and whether others lie beside it."""
+    """A periodic motion: the shot, that in steps twice as long, one that begins farther off than corrections left it, the error
+    relative as accuracies are, that of the period (s), whether nothing depends on the time, and whether others lie beside it."""
 
     prepared: Prepared
     shot: Shot
     coarse: Shot
+    beginning: Shot | None
     error: float
     period_error: float
     autonomous: bool
@@ -173,7 +165,7 @@ class _Search(Shooting):
         elif self.autonomous and self.given is not None and abs(found.shot.period - self.given) > self.accuracy * self.given:
             warn(OTHER.format(found.shot.period, self.given))
         if found.family:
-            warn(FAMILY.format(", of other periods," if tunes else ""))
+            warn(FAMILY.format(", of other periods," if tunes and self.autonomous else ""))
         return found
 
     def _found(self, shot: Shot) -> tuple[Found, bool]:
@@ -183,16 +175,35 @@ class _Search(Shooting):
             coarse, shot = shot, self.corrected(self.shot(shot.system, shot.period, halved(shot.shares)))
             last, error = error, self._apart(coarse, shot) / GAIN
             of_period = abs(shot.period - coarse.period) / GAIN
-            done = max(error, shot.off) <= SHARE * self.accuracy and of_period <= min(SHARE * self.accuracy, PERIOD) * shot.period
-            if done or 2 * len(shot.shares) > MOST or ROUND > error > last / 2:
-                if shot.off > self.accuracy:
+            done = (max(error, shot.missed) <= min(SHARE * self.accuracy, OWN * shot.size)
+                    and of_period <= min(SHARE * self.accuracy, PERIOD) * shot.period)
+            if done or 2 * len(shot.shares) > MOST or ROUND * shot.size > error > last / 2:
+                if shot.missed > self.accuracy or shot.off > STALLED:
                     raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
+                if self.given is None and (once := self._once(shot)) is not shot:
+                    return self._found(once)
                 self._refuse_rest(shot)
                 self._refuse_changing(shot)
-                beside = self._beside(coarse, shot, error)
-                of_period = of_period if self.free else 0.0
-                found = Found(self.prepared, shot, coarse, error, of_period, self.autonomous, len(beside) > 0)
+                beside = self._beside(coarse, shot, error / shot.size)
+                left = self._left(shot, beside)
+                off, beginning = shot.size * float(np.linalg.norm(left)), None
+                if off > error / 10:
+                    start = shot.directions.closed(shot.system, shot.system.y0 + shot.directions.start @ left)
+                    beginning = self.shot(self.begun_at(shot.system.t0, start), shot.period, shot.shares)
+                found = Found(self.prepared, shot, coarse, beginning, error + off, of_period if self.free else 0.0,
+                              self.autonomous, len(beside) > 0)
                 return found, bool(np.any(np.abs(beside[:, -1]) > TUNES)) if self.free else True
+
+    def _left(self, shot: Shot, beside: Array) -> Array:
+        """How far corrections may have left the start off (departures), but for changes that lead to motions `beside`: near a
+        resonance the rounding of a period is amplified."""
+        k, last = len(shot.residual), len(shot.residual) + self.free - 1 - len(beside)
+        if last < 0 or not k:
+            return np.zeros(k)
+        matrix, right = self.matrix(shot)
+        _, sizes, rows = np.linalg.svd(matrix)
+        x = np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0]
+        return np.asarray((np.linalg.norm(x - beside.T @ (beside @ x)) + ROUNDING / max(sizes[last], SURE)) * rows[last, :k])
 
     def _refuse_rest(self, shot: Shot) -> None:
         """Raise SteadyError where nothing moves although no load or drive holds it."""
@@ -231,13 +242,14 @@ class _Search(Shooting):
         matrix = self.matrix(fine)[0]
         _, sizes, rows = np.linalg.svd(matrix)
         most = int(np.sum(np.abs(np.linalg.eigvals(matrix[:k, :k])) <= ONE)) - self.free
-        near = (sizes <= max(ALIKE, 100 * error) * sizes[0]) & (np.arange(len(sizes)) >= len(sizes) - most)
-        if np.all(sizes[near] <= ALIKE * sizes[0]):
+        sizes = sizes / max(sizes[0], 1.0)  # all are small where everything repeats, or is near a resonance
+        near = (sizes <= max(ALIKE, 100 * error)) & (np.arange(len(sizes)) >= len(sizes) - most)
+        if np.all(sizes[near] <= SURE):
             return np.asarray(rows[near])
         changes = rows[near].T.copy()
         changes[:k] = coarse.directions.Q.T @ fine.directions.Q @ changes[:k]
-        falls = np.linalg.norm(self.matrix(coarse)[0] @ changes, axis=0) > FALLS * sizes[near]
-        return np.asarray(rows[near][falls | (sizes[near] <= ALIKE * sizes[0])])
+        falls = np.linalg.norm(self.matrix(coarse)[0] @ changes, axis=0) > FALLS * np.linalg.norm(matrix @ rows[near].T, axis=0)
+        return np.asarray(rows[near][falls | (sizes[near] <= SURE)])
 
     def _refuse_changing(self, shot: Shot) -> None:
         """Raise SteadyError where the equations are others a period later."""
@@ -258,12 +270,26 @@ class _Search(Shooting):
                 self.begun = system, period, shares_of(run, self.autonomous)
                 shot = self.corrected(self.shot(*self.begun))
                 self._refuse_rest(shot)
-                return shot
+                return shot if self.given is not None else self._once(shot)
             except (SteadyError, SolverError) as error:
                 failure = error
         if isinstance(failure, SolverError) and not isinstance(failure, SteadyError):
             raise SteadyError(UNFOLLOWED.format(failure)) from failure
         raise failure or SteadyError(REST if self.rests else LOST)
+
+    def _once(self, shot: Shot) -> Shot:
+        """The motion over its smallest period, where it repeats within the one that was found."""
+        for k in repeats(self.prepared, shot.orbit.run):
+            shares = k * shot.shares[k * shot.shares < 1 - 1e-9]
+            shares = np.append(shares, 1.0) if len(shares) >= FEWEST else np.linspace(0, 1, FEWEST + 1)
+            try:
+                one = self.corrected(self.shot(shot.system, shot.period / k, shares))
+            except (SteadyError, SolverError, OptionError):
+                continue
+            moved = shot.directions.read((one.system.y0 - shot.system.y0)[:, None])
+            if max(float(np.linalg.norm(moved)), abs(k * one.period / shot.period - 1)) < NEAR:
+                return one
+        return shot
 
     def _beginnings(self) -> Iterator[tuple[SceneSystem, float]]:
         """Systems at their start with a period: that given, now and some periods later; else where a run has come near to its
@@ -279,36 +305,11 @@ class _Search(Shooting):
             return
         for i, span in enumerate(SPANS):
             run = self.followed_from(self.system, span * self.prepared.time)
-            if (period := self._return(run)) is not None:
+            self.rests = at_rest(self.prepared, run)
+            if not self.rests and (period := last_return(self.prepared, run)) is not None:
                 yield self.begun_at(run.t[-1], run.y[-1]), period
             if i >= 2 and run.stats.steps > SLOW:
                 return
-
-    def _return(self, run: Solution) -> float | None:
-        """The time (s) since a run was last near its end, going the same way; None where it was not."""
-        t = np.linspace(run.t[0] + (run.t[-1] - run.t[0]) / 3, run.t[-1], SAMPLES)
-        q, u, _ = self.prepared.states(t, run(t))
-        m = self.prepared.mechanics
-        speed = np.maximum(np.max(np.abs(u), axis=0), 1e-12 * m.velocity_units / self.prepared.time)
-        turning = angles(self.prepared)
-        straight = np.delete(q, turning, axis=1)
-        size = np.max(np.ptp(straight, axis=0), initial=self.prepared.length if turning else 0.0)
-        self.rests = bool(np.max(np.abs(u) / m.velocity_units) * (run.t[-1] - run.t[0]) < RESTS)
-        if self.rests:
-            return None
-        x = np.hstack([straight, size * np.sin(q[:, turning]), size * np.cos(q[:, turning]), size * u / speed])
-        off = x - x[-1]
-        size = np.max(np.linalg.norm(off, axis=1))
-        going = off @ (x[-1] - x[-2])
-        crossed = np.flatnonzero((going[:-1] < 0) & (going[1:] >= 0) & (np.linalg.norm(off[1:], axis=1) < NEAR * size))
-        crossed = crossed[crossed < len(t) - 3]
-        if not size > 0 or not len(crossed):
-            return None
-        if (far := float(np.max(np.ptp(straight, axis=0), initial=0.0))) > FAR * self.prepared.length:
-            raise SteadyError(DRAWN.format(far, far / self.prepared.length))
-        k = int(crossed[-1])
-        share = -going[k] / (going[k + 1] - going[k])
-        return float(t[-1] - (t[k] + share * (t[k + 1] - t[k])))
 
     def _apart(self, coarse: Shot, fine: Shot) -> float:
         """Largest distance of two motions, at the same shares of the period."""
@@ -330,7 +331,7 @@ def _result(scene: SceneData, found: Found, accuracy: float, wanted: Wanted) -> 
     estimate = None if known.estimated is None else known.estimated + found.error
     known = replace(known, asked=accuracy, estimated=estimate)
     if (errors := known.errors) is not None:
-        others = (*errors.others, _from_coarse_start(found, run))
+        others = (*errors.others, *_other_starts(found, run))
         errors = replace(errors, asked=accuracy, others=others, reactions=None, _known={})
         known = told(run, replace(known, found_reactions=errors), wanted)[0]
     made = Periodic(run.prepared, run.solution, replace(run.info, accuracy=known), run.t)
@@ -342,8 +343,10 @@ def _result(scene: SceneData, found: Found, accuracy: float, wanted: Wanted) -> 
     return made
 
 
-def _from_coarse_start(found: Found, run: Result) -> OtherRun:
-    """The motion in steps twice as long: over GAIN, its difference is what the start that was found is off."""
-    motion = found.coarse.orbit.run
-    times = some_of(motion.t[motion.t <= run.solution.t[-1]], motion.y.shape[1], False)
-    return OtherRun(sampled(motion, times), times, 1 / GAIN, kind="start")
+def _other_starts(found: Found, run: Result) -> Iterator[OtherRun]:
+    """What the start that was found is off: as the motion in steps twice as long, over GAIN, and as corrections left it."""
+    for shot, share in ((found.coarse, 1 / GAIN), (found.beginning, 1.0)):
+        if shot is not None:
+            motion = shot.orbit.run
+            times = some_of(motion.t[motion.t <= run.solution.t[-1]], motion.y.shape[1], False)
+            yield OtherRun(sampled(motion, times), times, share, kind="start")

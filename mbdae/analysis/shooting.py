@@ -43,6 +43,7 @@ TOGETHER = 32  #: number of steps whose dense equations are solved in one call
 LOOKS, FOLLOWED, ROUNDED = 32, 1.5, 1e-9
 DAMPED = 0.5  #: damping ratio from which on a motion dies out in a step, followed or not: the multipliers know of it
 SLOW = 0.1  #: where three instants have roots below this part of FOLLOWED alone, no others are looked at
+TINY = 1e-12  #: smallest size of a motion, in lengths of the scene and rad
 SMALLEST = 1e-14  #: eigenvalue over the largest that counts as 0
 SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a correction
 
@@ -50,7 +51,8 @@ SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a
 @dataclass(frozen=True)
 class Shot:
     """A motion over `period` (s) from the start of `system`, with its departures: residual (k,), where it ends off its start;
-    shares (steps + 1,): of the period, at which steps end."""
+    shares (steps + 1,): of the period, at which steps end; size: of the motion, in lengths of the scene and rad, at most 1, to
+    which departures refer."""
 
     system: SceneSystem
     period: float
@@ -59,11 +61,17 @@ class Shot:
     directions: Departures
     residual: Array
     returned: Return
+    size: float
 
     @property
     def off(self) -> float:
-        """The length of the residual."""
+        """The length of the residual, of the size of the motion."""
         return float(np.linalg.norm(self.residual))
+
+    @property
+    def missed(self) -> float:
+        """The length of the residual in lengths of the scene and rad."""
+        return self.off * self.size
 
     @property
     def end(self) -> Array:
@@ -98,19 +106,20 @@ class Shooting:
         end = orbit.y[-1, -1]
         sign, turns = later(self.prepared, system, np.stack([system.y0, end]), self.acting)
         returned = Return(0.0, self.acting, shares, sign, [])
-        directions = departures(self.prepared, system, returned, period)
+        size = float(np.clip(self._far(orbit) * period / (2 * np.pi), TINY, 1.0))
+        directions = departures(self.prepared, system, returned, period, size)
         off = end - sign * system.y0 - turns
-        return Shot(system, period, shares, orbit, directions, directions.read(off[:, None])[:, 0], returned)
+        return Shot(system, period, shares, orbit, directions, directions.read(off[:, None])[:, 0], returned, size)
 
     def corrected(self, shot: Shot) -> Shot:
         """The shot that returns to its start, by Newton's method with corrections that are halved where they do not help."""
         for _ in range(ITERATIONS):
-            if shot.off <= FOUND:
-                return shot
             x, period = self.correction(shot)
-            last = float(np.linalg.norm(x)) <= LAST
+            last = float(np.linalg.norm(x)) <= LAST  # a small residual alone leaves much open near a resonance
+            if last and shot.off <= FOUND:
+                return shot
             for tried in self._tried(shot, x, period):
-                if tried.off < shot.off * (1 if last else 0.9):
+                if tried.missed < shot.missed * (1 if last else 0.9):
                     shot = tried
                     break
             else:
@@ -158,8 +167,12 @@ class Shooting:
 
     def extent(self, shot: Shot) -> float:
         """How far the motion goes at its largest velocity in a period, in lengths of the scene and rad."""
-        u = self.prepared.states(shot.orbit.t[:, -1], shot.orbit.y[:, -1])[1]
-        return float(np.max(np.abs(u) / self.prepared.mechanics.velocity_units)) * shot.period
+        return self._far(shot.orbit) * shot.period
+
+    def _far(self, orbit: Orbit) -> float:
+        """The largest velocity in an orbit, in lengths of the scene and rad per second."""
+        u = self.prepared.states(orbit.t[:, -1], orbit.y[:, -1])[1]
+        return float(np.max(np.abs(u) / self.prepared.mechanics.velocity_units, initial=0.0))
 
 
 def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
