@@ -129,10 +129,10 @@ class Contact(Force):
         if self.friction is None:
             return ZERO
         if self.one_direction or self.friction.states:
-            along, coefficient = at.tangent, self._friction_of(end).coefficient(at.slip)
+            along, coefficient = at.tangent, let(self._friction_of(end).coefficient(at.slip))
         else:
             speed = let(se.sqrt(at.sliding @ at.sliding + RESTING))
-            along, coefficient = at.sliding, self.friction.coefficient(speed) / speed
+            along, coefficient = at.sliding, let(self.friction.coefficient(speed) / speed)
         rubbing: Vec = along * (-coefficient * force)
         return rubbing
 
