@@ -247,7 +247,7 @@ class Hertz(Normal):
     """
 
     params = params(
-        stiffness=("N/m^1.5", "contact stiffness"), damping=("s/m", "damping over the elastic force: force 1 + damping rate"),
+        stiffness=("N/m^1.5", "contact stiffness"), damping=("s/m", "damping: the elastic force is taken 1 + damping rate times"),
     )
 
     def __init__(self, stiffness: float, damping: float = 0.0) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -62,6 +63,20 @@ def test_pages_speak_of_what_their_laws_have():
     assert "At the same motion and internal states; what these add" in mb.report("jointfriction").to_markdown()
     assert "At the same motion and multipliers; what these add" in mb.report("screw").to_markdown()
     assert "Derivatives by the parameters" not in mb.report("pointspring", level="lecture").to_markdown()
+
+
+def test_letters_of_two_places_have_the_primes_of_what_they_follow_from():
+    """And names without a letter are numbered from 1."""
+    text = mb.report("cylinderonplane", level="lecture").to_markdown()
+    for mark in ("", "'"):
+        assert f"\na{mark} = \\begin{{cases}} p{mark} & p{mark} > 0" in text
+        assert re.search(rf"\nf_n{mark} = \\begin{{cases}} (\\eta_{{\d}}) & \1 > 0", text)
+        force = re.search(rf"\n\\mathbf{{f}}{mark} = (.*)", text)[1]
+        assert f"f_n{mark}" in force
+        assert f"a{mark}^{{3/2}}" in force
+        assert ("'" in force) == bool(mark)
+    hertz = mb.report("hertz").to_markdown()
+    assert set(re.findall(r"\\eta_{(\d+)}", hertz)) == {"1"}
 
 
 def test_forces_have_their_derivatives_by_the_parameters():
