@@ -34,6 +34,11 @@ def counted(count: int, noun: str) -> str:
     return " of ".join([f"{count} {first if count == 1 else many}", *rest])
 
 
+def together(parts: Sequence[str]) -> str:
+    """Parts of a sentence in a row: "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(parts[:-1])] * (len(parts) > 1) + list(parts[-1:]))
+
+
 STYLE = "text-align:left;vertical-align:top;padding:2px 12px 2px 0"
 PLAYER_HEIGHT = 660  #: height of a page inside of a notebook, px
 

@@ -129,10 +129,10 @@ class Contact(Force):
         if self.friction is None:
             return ZERO
         if self.one_direction or self.friction.states:
-            along, coefficient = at.tangent, self._friction_of(end).coefficient(at.slip)
+            along, coefficient = at.tangent, let(self._friction_of(end).coefficient(at.slip))
         else:
             speed = let(se.sqrt(at.sliding @ at.sliding + RESTING))
-            along, coefficient = at.sliding, self.friction.coefficient(speed) / speed
+            along, coefficient = at.sliding, let(self.friction.coefficient(speed) / speed)
         rubbing: Vec = along * (-coefficient * force)
         return rubbing
 
@@ -247,7 +247,7 @@ class Hertz(Normal):
     """
 
     params = params(
-        stiffness=("N/m^1.5", "contact stiffness"), damping=("s/m", "damping over the elastic force: force 1 + damping rate"),
+        stiffness=("N/m^1.5", "contact stiffness"), damping=("s/m", "damping: the elastic force is taken 1 + damping rate times"),
     )
 
     def __init__(self, stiffness: float, damping: float = 0.0) -> None:

@@ -216,6 +216,7 @@ class CylinderOnPlane(SurfaceContact):
         along: Vec = ZERO
         for component, axis in ((self.along_x, l.x), (self.along_y, l.y), (self.along_z, l.z)):
             along = along if component is None else along + axis * component
+        along = along.named("e")
         if self.length is None or self._is_disc(k):
             return [(self._station(k, l, along, ZERO), self.ends[0])]
         return [(self._station(k, l, along, along * (sign * self.length / 2)), end)
@@ -224,7 +225,7 @@ class CylinderOnPlane(SurfaceContact):
     def _station(self, k: Frame, l: Frame, along: Vec, shift: Vec) -> Station:
         """The contact of the circle around l.r + shift; along: unit vector of the cylinder's axis."""
         up = (k.z - along * (k.z @ along)).named("u")
-        upwards = (up * (se.sqrt(1 + STANDING**2) / let(se.sqrt(up @ up + STANDING**2)))).named("n")
+        upwards = (up * let(se.sqrt(1 + STANDING**2) / se.sqrt(up @ up + STANDING**2))).named("n")
         lowest = shift - upwards * self.radius
         penetration = let((k.r - l.r - lowest) @ k.z, "p")
         return self.place(k, l, penetration, -k.z, k.x, lowest + k.z * (penetration / 2))

@@ -22,8 +22,9 @@ from mbdae.laws.friction import Coulomb, Friction, LuGre
 from mbdae.laws.joint_rows import ClearanceRevolute
 from mbdae.laws.joints import Revolute
 from mbdae.laws.journal import JournalContact
+from mbdae.notation import together
 from mbdae.reports.calculus import summed
-from mbdae.reports.joint_page import AXES, JointReport, want_efforts
+from mbdae.reports.joint_page import COORDINATES, FIXED, FRAMES, JointReport, want_efforts
 from mbdae.reports.law_page import LawPage, Shown
 from mbdae.reports.lecture import lecture, taught
 from mbdae.reports.letters import Letter, effort_unit
@@ -68,8 +69,10 @@ class ForceReport(LawPage):
         sections = [*laws, *self._states(), *self._gaps(), self._power(), *part_section(self.s)]
         planar, none, flat = planar_pages(self)
         pages: list[tuple[Any, list[Block]]] = [(self, [*sections, *none]), *flat]
-        head = [*described(self.s.cls), *figure_of(self.s)]
-        return document(title_of(self.s.cls), head, pages, AXES, [provenance(self.d, planar)])
+        of_k = any(base.side == "k" for base in self.writer.bases)  # gravity knows of no other body
+        head = [*described(self.s.cls), *(figure_of(self.s) if of_k else [])]
+        convention = " ".join([FRAMES] * of_k + [COORDINATES] * bool(self.s.coordinates) + [FIXED] * bool(self.s.sides))
+        return document(title_of(self.s.cls), head, pages, convention, [provenance(self.d, planar)])
 
     def _derived(self, e: Any) -> Any:
         """Values of an expression of the derived law at the random states."""
@@ -96,11 +99,10 @@ class ForceReport(LawPage):
         """Forces and moments on the bodies, and terms of the law in the equations of joint coordinates."""
         total = self.all_pairs()
         lines = [self.line(one.latex, one.formula) for one in self._shown(self.s.record.sides)]
-        text = (
-            "Forces and moments on the bodies at their points, from $-\\delta V$,"
-            " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is"
-            " $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
-        )
+        found = {"$-\\delta V$": self.s.energy != 0, "$-\\partial D/\\partial\\dot{\\mathbf{r}}$": self.s.dissipation != 0,
+                 "the stated force": self.s.wrench is not None or self.s.thrust is not None}
+        text = (f"Forces and moments on the bodies at their points, from {together([p for p in found if found[p]])}; about"
+                " the centre of a body the moment is $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$.")
         if self.s.coordinates:
             text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
         blocks = self.told(text, *lines)

@@ -58,7 +58,7 @@ def body_of(record: NamedQuantities, atom: Atom) -> str | None:
 class ForwardDerivative:
     """Forward derivative. base: function that gives the change of a frame vector; clock: changes of the symbols; turn: kind of
     the rotation vectors in a change ("w": angular velocity, "dpsi": virtual); sign: LaTeX before the letter of a change;
-    lettered: whether changes of scalars to which the law gives letters have letters too."""
+    lettered: whether changes of named scalars have letters too."""
 
     def __init__(self, record: NamedQuantities, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str,
                  turn: str = "", lettered: bool = False) -> None:
@@ -87,8 +87,7 @@ class ForwardDerivative:
         if symbol not in self._known:
             value = self.record.scalars[symbol]
             found = _ZERO if isinstance(value, se.floor) else self.scalar(value)
-            lettered = self.lettered and symbol in self.record.labels
-            self._known[symbol] = self.record.name_scalar(found, change=(self.sign, symbol)) if lettered else found
+            self._known[symbol] = self.record.name_scalar(found, change=(self.sign, symbol)) if self.lettered else found
         return self._known[symbol]
 
     def atom(self, atom: Atom) -> Vector:

@@ -34,12 +34,11 @@ from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.outputs import acceleration, dynamics, position, velocity
 from mbdae.symbolic.vectors import Expr
 
-AXES = (
-    "The axes $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ are fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
-    " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn. Coordinates are those of l relative to k, 0 as"
-    " drawn. A vector $\\mathbf{a}$ fixed to a body changes by"
-    " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$."
-)
+FRAMES = ("The axes $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ are fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
+          " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn.")
+COORDINATES = "Coordinates are those of l relative to k, 0 as drawn."
+FIXED = ("A vector $\\mathbf{a}$ fixed to a body changes by $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}"
+         "\\times\\mathbf{a}$.")
 SIDE = (
     "The equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} + \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots ="
     " \\mathbf{0}$: forces listed here stand on the left-hand side, what acts on a body is the opposite."
@@ -127,7 +126,7 @@ class JointReport(LawPage):
         pages: list[tuple[Any, list[Block]]] = [(self, [*sections, *none]), *further]
         trees = [page for page, _ in pages if isinstance(page, RecursivePage)]
         tail: list[Block] = [provenance(self.d, planar), *([origin(trees)] if trees else [])]
-        convention = f"{AXES} {SIDE}" if self.s.sides else SIDE  # a coupling of coordinates has no frames
+        convention = f"{FRAMES} {COORDINATES} {FIXED} {SIDE}" if self.s.sides else SIDE  # a coupling of coordinates has no frames
         return document(title_of_joint(self.s), head, pages, convention, tail)
 
     def _solutions(self) -> list[Section]:

@@ -14,6 +14,7 @@ import symengine as se
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section
 from mbdae.errors import LawError
 from mbdae.kernels.plan import Outputs, plan
+from mbdae.notation import together
 from mbdae.reports.calculus import ForwardDerivative, Pair, summed, times
 from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, rate_of, unit_text
 from mbdae.reports.page import BOTH, Check, Page
@@ -271,7 +272,8 @@ class LawPage(Page):
                 lines.append(self.line(rf"\frac{{\partial {part.latex}}}{{\partial {letter.latex}}}", e,
                                        np.imag(part.values(changed)) / STEP, COMPLEX, share))
             without += [] if found else [f"${letter.latex}$"]
-        text = "At the same motion, multipliers and internal states; what these add in a run has `r.sensitivity(...)`."
+        held = ["motion"] + ["multipliers"] * bool(self.d.rows) + ["internal states"] * bool(self.d.states)
+        text = f"At the same {together(held)}; what {'these add' if held[1:] else 'it adds'} in a run has `r.sensitivity(...)`."
         text += f" No force depends on {', '.join(without)}." if without else ""
         return [self.section("Derivatives by the parameters", text, *lines)] if lines else []
 

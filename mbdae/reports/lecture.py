@@ -330,7 +330,8 @@ def lecture(law: type[Joint], structure: Structure) -> Document:
 
 #: sections of a full report that a lecture leaves out
 _LEFT_OUT = ("Symbols", "Planar form", "Origin", "Origin of the recursion", "As a recursive joint", "Solution set and branches",
-             "Geometric stiffness", "Balance of forces and moments", "Sparsity", "Tangent of the element")
+             "Geometric stiffness", "Balance of forces and moments", "Sparsity", "Tangent of the element",
+             "Derivatives by the parameters")
 
 
 def taught(full: Document, further: list[Block]) -> Document:
@@ -340,9 +341,8 @@ def taught(full: Document, further: list[Block]) -> Document:
     for block in full.blocks:
         if isinstance(block, Section) and block.title == "Numeric check":
             said = next(b.text for b in block.blocks if isinstance(b, Paragraph)).partition("motion of the bodies. ")[2]
-            text = ("Every numbered equation was read back as it is printed and compared at random states with the equations that"
-                    " are integrated.")
-            out += [*further, Paragraph(f"{text} {said}")]
+            text = "Every numbered equation was read back as it is printed and compared at random states with those integrated."
+            out += [*further, Paragraph(f"{text} {'All hold.' if said[:4] == 'All ' else said}")]
         elif isinstance(block, Section) and any(isinstance(b, Section) and b.title == "Numeric check" for b in block.blocks):
             out.append(Section(block.title, taught(Document(block.title, block.blocks), []).blocks, block.level))
         elif getattr(block, "title", "") not in _LEFT_OUT and "Other statements: " not in getattr(block, "text", ""):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section
@@ -224,16 +225,18 @@ def name_vectors(record: NamedQuantities, others: frozenset[str] = frozenset()) 
 
 
 def name_scalars(record: NamedQuantities, others: frozenset[str] = frozenset()) -> dict[str, str]:
-    """Letters of named scalars: given by the law, else eta with a number. others: letters already used."""
+    """Letters of named scalars: given by the law, with as many primes as what they follow from, else eta with a number. others:
+    letters already used."""
     found: dict[str, str] = {}
-    start = max((int(letter[6:-1]) for letter in others if letter.startswith(r"\eta_")), default=0)
-    for symbol in record.scalars:
+    numbers = count(1 + max((int(letter[6:-1]) for letter in others if letter.startswith(r"\eta_")), default=0))
+    for symbol, value in record.scalars.items():
         label = record.labels.get(symbol)
         if symbol in record.changes:
             sign, of = record.changes[symbol]
             found[str(symbol)] = f"{sign}{{{found[str(of)]}}}"
         else:
-            found[str(symbol)] = _own(label, {*found.values(), *others}) if label else f"\\eta_{{{start + len(found) + 1}}}"
+            primes = max((found.get(str(of), "").count("'") for of in value.free_symbols), default=0) * "'" if label else ""
+            found[str(symbol)] = _own(label + primes, {*found.values(), *others}) if label else f"\\eta_{{{next(numbers)}}}"
     return found
 
 

@@ -285,7 +285,8 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
     table = Table(SYMBOLS, [*map(list, rows), *results(dict(sides))])
     told = [Paragraph(convention)] if convention else []
     body = [b for part in blocks for b in part]
-    return Document(title, [*head, *told, *body, Section("Symbols", [table]), checks_section(checks), *tail])
+    symbols = [Section("Symbols", [table])] if table.rows else []
+    return Document(title, [*head, *told, *body, *symbols, *([checks_section(checks)] if checks else []), *tail])
 
 
 # -- names and origin of laws

@@ -12,7 +12,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.documents import COMPILERS, Document
-from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table, folded, inside, pieces
+from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table, every, folded, inside, pieces, tokens
 from mbdae.documents.mathml import FormulaError, display, inline
 from mbdae.reports import names
 
@@ -93,6 +93,19 @@ def test_a_wide_term_breaks_within_its_brackets(whole, parts):
     r"\left( a + b \middle| c \right)"])
 def test_other_terms_do_not(whole):
     assert inside(whole) == [whole]
+
+
+@pytest.mark.parametrize("name", ["rolling", "jointfriction", "cylinderonplane"])
+def test_broken_formulas_say_what_they_said(name):
+    """Every token in its place, but for the sizes of brackets; with lines so short that most brackets are broken."""
+    def plain(latex):
+        return [t for t in tokens(re.sub(r"\\quad ", "", latex)) if not re.match(r"\\(left|right|[bB]ig+[lr]|quad)$| |\.$", t)]
+
+    formulas = [e.latex for e in every(Equation, mb.report(name).blocks) if r"\\" not in e.latex]
+    assert len(formulas) > 20
+    for latex in formulas:
+        assert plain("".join(folded(latex, 12.0))) == plain(latex)
+    assert any(r"\biggl(" in line for latex in formulas for line in folded(latex, 12.0))
 
 
 def test_products_of_wide_brackets_are_broken_in_every_format_and_scaled_in_none():

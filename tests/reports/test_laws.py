@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -39,9 +39,44 @@ def test_report_holds_and_defines_its_symbols(name):
     if law is not None and issubclass(law, mb.Joint | mb.Force):
         assert fingerprint(derived(law, structure_of(law, {}))) in document.to_markdown()
     if name != "clearance":  # which consists of two others
-        rows = next(b for b in document.blocks if getattr(b, "title", "") == "Symbols").blocks[0].rows
+        rows = [row for b in document.blocks if getattr(b, "title", "") == "Symbols" for row in b.blocks[0].rows]
+        assert rows or name == "beamnode"  # whose page has no formula, and thus no check
         assert [row for row in rows if not row[1]] == []
         assert name in ("weightedsum", "jointcoordinate") or [row for row in rows if " or " in row[1]] == []
+
+
+@pytest.mark.parametrize("level", ["lecture", "full"])
+def test_a_page_without_formulas_has_no_check(level):
+    text = mb.report("beamnode", level=level).to_markdown()
+    assert "hold" not in text
+    assert "read back" not in text
+
+
+def test_pages_speak_of_what_their_laws_have():
+    """A derivative at fixed multipliers of a law without rows, forces of a potential alone, a body k of gravity."""
+    gravity, spring = (mb.report(name).to_markdown() for name in ("gravity", "pointspring"))
+    assert r"from $-\delta V$; about" in gravity
+    assert "body k" not in gravity
+    assert r"from $-\delta V$ and $-\partial D" in spring
+    assert "Coordinates are those" not in spring
+    assert "At the same motion; what it adds" in gravity
+    assert "At the same motion and internal states; what these add" in mb.report("jointfriction").to_markdown()
+    assert "At the same motion and multipliers; what these add" in mb.report("screw").to_markdown()
+    assert "Derivatives by the parameters" not in mb.report("pointspring", level="lecture").to_markdown()
+
+
+def test_letters_of_two_places_have_the_primes_of_what_they_follow_from():
+    """And names without a letter are numbered from 1."""
+    text = mb.report("cylinderonplane", level="lecture").to_markdown()
+    for mark in ("", "'"):
+        assert f"\na{mark} = \\begin{{cases}} p{mark} & p{mark} > 0" in text
+        assert re.search(rf"\nf_n{mark} = \\begin{{cases}} (\\eta_{{\d}}) & \1 > 0", text)
+        force = re.search(rf"\n\\mathbf{{f}}{mark} = (.*)", text)[1]
+        assert f"f_n{mark}" in force
+        assert f"a{mark}^{{3/2}}" in force
+        assert ("'" in force) == bool(mark)
+    hertz = mb.report("hertz").to_markdown()
+    assert set(re.findall(r"\\eta_{(\d+)}", hertz)) == {"1"}
 
 
 def test_forces_have_their_derivatives_by_the_parameters():
@@ -165,12 +200,13 @@ def test_of_values_models_and_joints():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["revolute", "classical", "recursive", "clearance", "coulomb", "lugre", "beam", "weld"])
 def test_cold_report_takes_less_than_five_seconds(name, tmp_path):
-    start = time.perf_counter()
+    """Of the processor: the clock counts what else the machine does."""
     for ending in ("html", "md", "tex"):
+        before = os.times()
         subprocess.run([sys.executable, "-m", "mbdae", "report", name, "--out", str(tmp_path / f"{name}.{ending}")], check=True,
                        capture_output=True)
-        assert time.perf_counter() - start < 5
-        start = time.perf_counter()
+        after = os.times()
+        assert after.children_user + after.children_system - before.children_user - before.children_system < 5
 
 
 @pytest.mark.parametrize("read", [mb.report, mb.selftest])
