@@ -41,6 +41,11 @@ SLOW = 0.1
 #: force at an interface towards the centre, over the stiffness of the lowest vibration with an interface held and its size, that
 #: is not told: a cantilever buckles at 0.8
 LIGHT = 0.008
+MOST = 0.05  #: share of the elastic energy by a uniform acceleration, left out by the modes, from which on advice is given
+ROUGH = 1e-3  #: accuracy of what is not asked for one, by which what the modes leave out is told
+#: part of the accuracy from which on what the modes leave out is told: vibrations that began with it were off by 2 to 7 times it
+NEARLY = 0.3
+MORE_MODES = "keep more modes, reduce it with accelerations=True, or give it an interface where it is loaded"
 ADVICE = "reduce it with stiffening=True, or use s.beam"
 STEPS = 1000  #: largest number of steps of a run at which forces at interfaces are looked at
 MORE = 6  #: further modes, beside twice as many, of the body by which the error of its modes is measured
@@ -79,6 +84,9 @@ class ReducedBody(NamesAttributes):
     #: (k, 6, n) stresses at the nodes by the modes, Pa/m, xx yy zz yz xz xy; none where they are not known
     stresses: Array = field(default_factory=lambda: np.zeros((0, 6, 0)))
     edges: Array = field(default_factory=lambda: np.zeros((0, 2)))  #: (e, 2) numbers of nodes between which lines are drawn
+    #: (6,) largest displacement of a node by a uniform acceleration of 1 m/s^2 along x y z and of 1 rad/s^2 about them, with the
+    #: interfaces held, that the modes kept do not show, m
+    unshown: Array = field(default_factory=lambda: np.zeros(6))
     free: bool = False  #: made by `free_interface`: the modes kept, and `held_frequencies`, are those with free interfaces
 
     def __post_init__(self) -> None:
@@ -86,7 +94,7 @@ class ReducedBody(NamesAttributes):
         wanted = {"mass": (), "left_out": (), "center": (3,), "inertia": (3, 3), "nodes": (k, 3), "modal_mass": (n,),
                   "shapes": (k, 3 if len(self.shapes) and np.shape(self.shapes)[1] == 3 else 6, n), "modal_stiffness": (n,),
                   "held_frequencies": (np.size(self.held_frequencies),), "points": (len(self.points), 3, 1 + n),
-                  "bends": (s, n, n) if s else (0, 0, 0), "stretches": (s, 3, 3),
+                  "bends": (s, n, n) if s else (0, 0, 0), "stretches": (s, 3, 3), "unshown": (6,),
                   "stresses": (k, 6, n) if len(self.stresses) else (0, 6, 0), "edges": (len(self.edges), 2)}
         found = {name: np.asarray(getattr(self, name), dtype=float) for name in wanted}
         found |= {name: x.reshape(wanted[name]) for name, x in found.items() if not x.size and not np.prod(wanted[name])}
@@ -150,8 +158,9 @@ class ReducedBody(NamesAttributes):
         names = item.scalars[: len(self.modal_mass)]
         return np.asarray(q[:, [prepared.model.coordinate_node(item.name, mode).q for mode in names]])
 
-    def doubts(self, result: Any, item: Any) -> list[str]:
-        """What a run, or a state, may have left out, a sentence each; item: that of its modes in the scene."""
+    def doubts(self, result: Any, item: Any, unshown: Array) -> list[str]:
+        """What a run, or a state, may have left out, a sentence each; item: that of its modes in the scene; unshown: (nt,) what
+        its modes leave out of its deformation at the result's times, m."""
         run, found = result.solution, []
 
         def above(sizes: Array, bound: float) -> list[tuple[str, float, float]]:
@@ -167,6 +176,11 @@ class ReducedBody(NamesAttributes):
         found += [f"{when}a mode displaces by up to {most:.3g} m, more than {bound:.3g} m: the body moves as with small "
                   f"deformations, which leaves out about {SQUARE * most**2 / self.size:.1g} m of displacements and grows with "
                   f"their square; use s.beam, or several bodies" for when, most, _ in above(sizes, bound)]
+        if not (known and known.mesh is not None):  # else it is measured
+            bound = NEARLY * ((known and known.asked) or ROUGH) * result.prepared.length
+            found += [f"{when}its modes leave out up to {most:.2g} m of how its weight and acceleration deform it between its "
+                      f"interfaces, {NEARLY * part:.2g} times the accuracy: {MORE_MODES}; verify=True measures it"
+                      for when, most, part in above(unshown, bound)]
         if len(self.bends):
             return found
         speed, bound = np.linalg.norm(result[item.k.name].angular_velocity, axis=1), SLOW * 2 * np.pi * self.lowest_held
@@ -190,10 +204,12 @@ class ReducedBody(NamesAttributes):
     def summary(self) -> str:
         """Its modes in a sentence."""
         f = self.frequencies
+        lost = (f", by 9.81 m/s^2 up to {9.81 * np.max(self.unshown[:3]):.2g} m of its displacements between interfaces"
+                if np.any(self.unshown[:3]) else "") + (f": {MORE_MODES}" if self.left_out > MOST else "")
         if not len(f):
-            return "no modes: it is rigid"
+            return f"no modes: it is rigid{lost and ', which leaves out its deformation'}{lost}"
         held = ("free; with these static deformations are complete" if self.free else
-                f"held; these leave out {100 * self.left_out:.3g} % of the elastic energy by a uniform acceleration")
+                f"held; these leave out {100 * self.left_out:.3g} % of the elastic energy by a uniform acceleration{lost}")
         return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
                 f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
                 f"{held}; loads {'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")

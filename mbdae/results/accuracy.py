@@ -22,6 +22,7 @@ from mbdae.process import unchanging
 from mbdae.results.errors import AGAINST_MESH, Errors
 from mbdae.results.quantities import named
 from mbdae.system.base import Array
+from mbdae.system.model.nodes import rotation_matrices
 from mbdae.system.prepare import Prepared
 from mbdae.values import number, option, shown, text
 
@@ -163,6 +164,23 @@ def second_order(prepared: Prepared, q: Array) -> float | None:
     """`Accuracy.deformation` of positions q (k, nq)."""
     kept = with_modes(prepared.model.scene.connections)
     return None if not kept else float(max(c.joint.reduced.left_out_of(prepared, c, q) for c in kept) / prepared.length)
+
+
+def left_by_modes(prepared: Prepared, t: Array, q: Array, u: Array) -> list[tuple[Any, Array]]:
+    """The modes of every reduced body in a scene, and (k,) about how far a node is off because these leave out how its weight and
+    the acceleration of its frame deform it, m, at times t (k,) of positions q and velocities u (k, ...). In motion twice what
+    they do at rest: as far a load deforms that comes suddenly."""
+    found, new = [], np.r_[True, np.diff(t) > 0]
+    for c in with_modes(prepared.model.scene.connections):
+        node = prepared.model.node(c.k)
+        assert node is not None
+        rates = np.zeros((len(t), 6))
+        if np.sum(new) > 2:
+            rates = np.gradient(u[new, node.u : node.u + 6], t[new], axis=0)[np.cumsum(new) - 1]
+        rates[:, :3] -= prepared.model.scene.gravity
+        rates[:, :3] = np.einsum("tia,ti->ta", rotation_matrices(q[:, node.q + 3 : node.q + 7]), rates[:, :3])
+        found.append((c, (1 + (len(t) > 1)) * np.abs(rates) @ c.joint.reduced.unshown))
+    return found
 
 
 def against_mesh(meshes: Mapping[str, Mapping[str, Any]]) -> str:

@@ -308,6 +308,32 @@ def test_what_the_modes_leave_out_is_told_by_a_verified_run() -> None:
     assert off / 3 < r.accuracy.reactions < 10 * off
 
 
+@pytest.mark.parametrize(("kept", "told"), [({}, True), ({"accelerations": True}, False)])
+def test_a_run_says_what_its_modes_leave_out_of_the_deformation_by_weight(kept: dict[str, bool], told: bool) -> None:
+    """A beam held at both ends: statically 1 / 384 of m g L^3 / (E I) in the middle, and twice that in motion."""
+    body = mb.ReducedBody.craig_bampton(*beam_matrices(10, 2.1e9), ENDS, 0, **kept)
+    sag = 9.81 * PER_LENGTH * LENGTH**4 / (384 * 2.1e9 * SECOND)
+    s = mb.Scene("held", gravity=(0, -9.81, 0))
+    s.reduced_body("beam", body, damping=0.05)
+    s.weld("root", s.ground, "beam.root", at=(0, 0, 0))
+    s.weld("tip", s.ground, "beam.tip", at=(1, 0, 0))
+    words = f"its modes leave out up to {2 * sag:.2g} m"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        r, rest = s.simulate(0.05, 1e-3), s.equilibrium()
+    assert any(words in w for w in r.warnings) == told
+    assert any(f"its modes leave out up to {sag:.2g} m" in str(w.message) for w in caught) == told
+    assert ("the modes kept leave out" in r.accuracy.not_covered["mesh"]) == told
+    assert (f"up to {sag:.2g} m of its displacements between interfaces: keep more modes" in str(s.check())) == told
+    assert rest.accuracy.deformation < 1e-2
+    if told:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            measured = s.simulate(0.05, 1e-3, verify=True)
+        assert sag < measured.accuracy.mesh * r.prepared.length < 3 * sag
+        assert not any(words in w for w in measured.warnings)
+
+
 def test_without_accelerations_a_weight_is_shown_by_the_modes_alone() -> None:
     assert clamped(False, 0)[1] == pytest.approx(0, abs=1e-6)
 
