@@ -289,7 +289,7 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     of_modes = f"; how weight and acceleration deform bodies, the modes kept leave out {statically:.1e}" if statically else ""
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED + of_modes} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, prepared.model.elastic, unknown, forces,
-                    Amplified(run.solution), meshes=found.meshes, deformation=second_order(prepared, q))
+                    Amplified(run.solution), meshes=found.meshes, deformation=second_order(prepared, t, q, u))
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:
