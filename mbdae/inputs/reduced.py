@@ -44,7 +44,7 @@ SLOW = 0.1
 #: is not told: a cantilever buckles at 0.8
 LIGHT = 0.008
 MOST = 0.05  #: share of the elastic energy by a uniform acceleration, left out by the modes, from which on advice is given
-ROUGH, NEARLY = 1e-3, 0.3  #: accuracy where none is asked for; part of it from which on what modes leave out (2 to 7 times) counts
+ROUGH, NEARLY = 1e-3, 0.3  #: accuracy where none is asked for; from which part of it on what modes leave out is told
 MORE_MODES = "keep more modes, reduce it with accelerations=True, or give it an interface where it is loaded"
 ADVICE = "reduce it with stiffening=True, or use s.beam"
 STEPS = 1000  #: largest number of steps of a run at which forces at interfaces are looked at
@@ -191,8 +191,8 @@ class ReducedBody(NamesAttributes):
             part = 0.1 if (known.deformation or 0.0) > known.asked else 1.0  # the rest is what adds up over time
             bound = min(bound, part * float(np.sqrt(known.asked * result.prepared.length * self.size / SQUARE)))
         found += [f"{when}a mode displaces by up to {most:.3g} m, more than {bound:.3g} m: the body moves as with small "
-                  f"deformations, which leaves out about {SQUARE * most**2 / self.size:.1g} m, more over time, and grows with its "
-                  f"square; use s.beam, or several bodies" for when, most, _ in above(sizes, bound)]
+                  f"deformations, which leaves out about {SQUARE * most**2 / self.size:.1g} m, more over time, and grows with "
+                  f"their square; use s.beam, or several bodies" for when, most, _ in above(sizes, bound)]
         if not (known and known.mesh is not None):  # else it is measured
             bound = NEARLY * ((known and known.asked) or ROUGH) * result.prepared.length
             found += [f"{when}its modes leave out up to {most:.2g} m of how its weight and acceleration deform it between its "
