@@ -185,7 +185,8 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
     modes = bool(with_modes(prepared.model.scene.connections))
     finer = " and ".join(["beams of one order more"] * bool(prepared.model.lines) + ["more modes of reduced bodies"] * modes)
     unknown = {"motion": SOLVED, "reactions": SOLVED, "mesh": f"not measured: compare with {finer}"}
-    known = Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=unknown, deformation=second_order(prepared, q[None]))
+    known = Accuracy(None, None, has_mesh=prepared.model.elastic, unknown=unknown,
+                     deformation=second_order(prepared, t[:1], q[None], u[None]))
     info = RunInfo(rest, statics.system.label, known, stats)
     result = Equilibrium(replace(prepared, start=start), solution, info, t)
     result.point, result.kinds = point, statics.kinds

@@ -174,16 +174,15 @@ def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | No
 def _unresisted(r: Reduced, e: Reduced, known: Structure) -> Array:
     """Z (n, k): exact shifts that neither stiffness nor damping resists, and into which neither drives, K Z = C Z = 0 and
     Z^T K = Z^T C = 0 within the errors; none where there are internal states."""
-    n, Z, off = len(r.M), np.zeros((len(r.M), 0)), np.zeros(())
-    if not len(r.Es) and np.any(r.K):
-        Z, off = _null(r.M, r.K, e.K)
+    n, (Z, off) = len(r.M), (np.zeros((len(r.M), 0)), 0.0) if len(r.Es) or not np.any(r.K) else _null(r.M, r.K, e.K)
     for S, dS in ((r.K, e.K), (r.K.T, e.K.T), (r.C, e.C), (r.C.T, e.C.T)) if Z.shape[1] else ():
         bound = (dS + 2 * n * EPS * np.abs(S)) @ np.abs(Z) + np.abs(S) @ off
         if np.any(np.abs(S @ Z) > bound):  # along some of them
             _, sizes, along = np.linalg.svd(S @ Z)
             free = along[np.pad(sizes, (0, len(along) - len(sizes))) <= np.linalg.norm(bound)].T
             Z, off = Z @ free, off @ np.abs(free)
-    return Z if all(known.shifted(p) for p in (r.N @ Z).T) else Z[:, :0]
+    massive = Z.shape[1] > 0 and np.linalg.cond(Z.T @ r.M @ Z) < 1 / NEXT**4
+    return Z if massive and all(known.shifted(p) for p in (r.N @ Z).T) else Z[:, :0]
 
 
 def _on(r: Reduced, W: Array) -> Reduced:

@@ -35,12 +35,17 @@ else:
 #: length, its mode displaces by 5.4 % and the deflection is 1.4 % off; at a tenth of that load by 0.54 % and 0.013 %. What is
 #: left out of positions is SQUARE times the square of that, or less (cantilevers under loads at the end: .6 to 1.1 times)
 SMALL, SQUARE = 0.04, 1.5
+#: share by which frequencies are off, over the square of the largest displacement over the size: 5 to 16 beside exact motions
+DRIFT = 16.0  #: of a lattice that swings (.25 s, 1 s) and of cantilevers under sudden loads (5 and 20 periods)
 #: angular velocity of a body, over its lowest angular frequency with an interface held, that is not told: by the square of this,
 #: 1 %, centrifugal forces stiffen a rotating blade, which its matrices do not say
 SLOW = 0.1
 #: force at an interface towards the centre, over the stiffness of the lowest vibration with an interface held and its size, that
 #: is not told: a cantilever buckles at 0.8
 LIGHT = 0.008
+MOST = 0.05  #: share of the elastic energy by a uniform acceleration, left out by the modes, from which on advice is given
+ROUGH, NEARLY = 1e-3, 0.3  #: accuracy where none is asked for; from which part of it on what modes leave out is told
+MORE_MODES = "keep more modes, reduce it with accelerations=True, or give it an interface where it is loaded"
 ADVICE = "reduce it with stiffening=True, or use s.beam"
 STEPS = 1000  #: largest number of steps of a run at which forces at interfaces are looked at
 MORE = 6  #: further modes, beside twice as many, of the body by which the error of its modes is measured
@@ -79,6 +84,9 @@ class ReducedBody(NamesAttributes):
     #: (k, 6, n) stresses at the nodes by the modes, Pa/m, xx yy zz yz xz xy; none where they are not known
     stresses: Array = field(default_factory=lambda: np.zeros((0, 6, 0)))
     edges: Array = field(default_factory=lambda: np.zeros((0, 2)))  #: (e, 2) numbers of nodes between which lines are drawn
+    #: (6,) largest displacement of a node by a uniform acceleration of 1 m/s^2 along x y z and of 1 rad/s^2 about them, with the
+    #: interfaces held, that the modes kept do not show, m
+    unshown: Array = field(default_factory=lambda: np.zeros(6))
     free: bool = False  #: made by `free_interface`: the modes kept, and `held_frequencies`, are those with free interfaces
 
     def __post_init__(self) -> None:
@@ -86,7 +94,7 @@ class ReducedBody(NamesAttributes):
         wanted = {"mass": (), "left_out": (), "center": (3,), "inertia": (3, 3), "nodes": (k, 3), "modal_mass": (n,),
                   "shapes": (k, 3 if len(self.shapes) and np.shape(self.shapes)[1] == 3 else 6, n), "modal_stiffness": (n,),
                   "held_frequencies": (np.size(self.held_frequencies),), "points": (len(self.points), 3, 1 + n),
-                  "bends": (s, n, n) if s else (0, 0, 0), "stretches": (s, 3, 3),
+                  "bends": (s, n, n) if s else (0, 0, 0), "stretches": (s, 3, 3), "unshown": (6,),
                   "stresses": (k, 6, n) if len(self.stresses) else (0, 6, 0), "edges": (len(self.edges), 2)}
         found = {name: np.asarray(getattr(self, name), dtype=float) for name in wanted}
         found |= {name: x.reshape(wanted[name]) for name, x in found.items() if not x.size and not np.prod(wanted[name])}
@@ -137,9 +145,24 @@ class ReducedBody(NamesAttributes):
                 found.append((float(np.sqrt(max(values[0], 0)) / (2 * np.pi)), float(stiffness)))
         return min(found)
 
-    def left_out_of(self, prepared: Any, item: Any, q: Array) -> float:
-        """About the largest displacement of the second order that small deformations leave out at positions q (k, nq), m."""
-        return float(SQUARE * np.max(self.by_modes(prepared, item, q)) ** 2 / self.size)
+    def left_out_of(self, prepared: Any, item: Any, q: Array, moving: Any = None) -> float:
+        """About the largest displacement that small deformations leave out at positions q (k, nq), their second order, m. moving:
+        times (k,) of a run, velocities (k, nu), accelerations (k, 6) of its frame, its weight included, in its axes, and whether
+        its frame is free to move: with what adds up over time, as frequencies, of pendulums too, are off by DRIFT and by half the
+        share by which loads would stiffen it."""
+        largest, size, (lowest, stiffness) = self.by_modes(prepared, item, q), self.size, self._lowest_held
+        found = SQUARE * (largest := np.maximum.accumulate(largest)) ** 2 / size
+        if moving is not None and len(self.modal_mass):
+            t, u, pulled, free = moving
+            turning = np.linalg.norm(u[:, prepared.model.node(item.k).u + 3 :][:, :3], axis=1)
+            off, rates = DRIFT * (largest / size) ** 2, u[:, self._numbers(prepared, item, "u")]
+            arms = [arm / max(float(np.linalg.norm(arm)), 1e-300) for arm in [*self.interfaces.values()] - self.center]
+            pull = self.mass * np.max(np.abs(pulled[:, :3] @ np.transpose(arms)), axis=1)
+            loads = (turning / (SLOW * 2 * np.pi * lowest)) ** 2 + pull / (LIGHT * stiffness * size)  # %
+            stiffer = 0.0 if len(self.bends) else np.maximum.accumulate(loads) / 200
+            found += np.minimum((t - t[0]) * (off + stiffer) * np.max(np.abs(rates), axis=1), 2 * largest)
+            found += (t - t[0]) * off * turning * size * free
+        return float(np.max(found))
 
     def by_modes(self, prepared: Any, item: Any, q: Array) -> Array:
         """(k,) largest displacements by a mode at positions q (k, nq), m; item: that of its modes in the scene."""
@@ -147,15 +170,17 @@ class ReducedBody(NamesAttributes):
 
     def coordinates(self, prepared: Any, item: Any, q: Array) -> Array:
         """(k, n) coordinates of the modes at positions q (k, nq), m; item: that of its modes in the scene."""
-        names = item.scalars[: len(self.modal_mass)]
-        return np.asarray(q[:, [prepared.model.coordinate_node(item.name, mode).q for mode in names]])
+        return np.asarray(q[:, self._numbers(prepared, item, "q")])
 
-    def doubts(self, result: Any, item: Any) -> list[str]:
-        """What a run, or a state, may have left out, a sentence each; item: that of its modes in the scene."""
+    def _numbers(self, prepared: Any, item: Any, of: str) -> list[int]:
+        """Numbers of its modes among the positions ("q") or velocities ("u")."""
+        return [getattr(prepared.model.coordinate_node(item.name, mode), of) for mode in item.scalars[: len(self.modal_mass)]]
+
+    def doubts(self, result: Any, item: Any, unshown: Array) -> list[str]:
+        """What a run, or a state, may have left out; item: that of its modes; unshown: (nt,) what `left_by_modes` found, m."""
         run, found = result.solution, []
 
-        def above(sizes: Array, bound: float) -> list[tuple[str, float, float]]:
-            """Where sizes are above a bound: when first, the largest, and this over the bound."""
+        def above(sizes: Array, bound: float) -> list[tuple[str, float, float]]:  # when first, the largest, and over the bound
             first = np.flatnonzero(sizes > bound)[:1]
             when = "at t = {:.6g} s: " if len(run.t) > 1 else ""
             return [(when.format(result.t[i]), float(np.max(sizes)), float(np.max(sizes)) / bound) for i in first]
@@ -163,10 +188,16 @@ class ReducedBody(NamesAttributes):
         sizes, bound = self.by_modes(result.prepared, item, result.q), SMALL * self.size
         known = result.info and result.info.accuracy
         if known and known.asked is not None and known.mesh is not None:  # verified: what was measured is within the accuracy
-            bound = min(bound, float(np.sqrt(known.asked * result.prepared.length * self.size / SQUARE)))
+            part = 0.1 if (known.deformation or 0.0) > known.asked else 1.0  # the rest is what adds up over time
+            bound = min(bound, part * float(np.sqrt(known.asked * result.prepared.length * self.size / SQUARE)))
         found += [f"{when}a mode displaces by up to {most:.3g} m, more than {bound:.3g} m: the body moves as with small "
-                  f"deformations, which leaves out about {SQUARE * most**2 / self.size:.1g} m of displacements and grows with "
+                  f"deformations, which leaves out about {SQUARE * most**2 / self.size:.1g} m, more over time, and grows with "
                   f"their square; use s.beam, or several bodies" for when, most, _ in above(sizes, bound)]
+        if not (known and known.mesh is not None):  # else it is measured
+            bound = NEARLY * ((known and known.asked) or ROUGH) * result.prepared.length
+            found += [f"{when}its modes leave out up to {most:.2g} m of how its weight and acceleration deform it between its "
+                      f"interfaces, {NEARLY * part:.2g} times the accuracy: {MORE_MODES}; verify=True measures it"
+                      for when, most, part in above(unshown, bound)]
         if len(self.bends):
             return found
         speed, bound = np.linalg.norm(result[item.k.name].angular_velocity, axis=1), SLOW * 2 * np.pi * self.lowest_held
@@ -190,10 +221,12 @@ class ReducedBody(NamesAttributes):
     def summary(self) -> str:
         """Its modes in a sentence."""
         f = self.frequencies
+        lost = (f", by 9.81 m/s^2 up to {9.81 * np.max(self.unshown[:3]):.2g} m of its displacements between interfaces"
+                if np.any(self.unshown[:3]) else "") + (f": {MORE_MODES}" if self.left_out > MOST else "")
         if not len(f):
-            return "no modes: it is rigid"
+            return f"no modes: it is rigid{lost and ', which leaves out its deformation'}{lost}"
         held = ("free; with these static deformations are complete" if self.free else
-                f"held; these leave out {100 * self.left_out:.3g} % of the elastic energy by a uniform acceleration")
+                f"held; these leave out {100 * self.left_out:.3g} % of the elastic energy by a uniform acceleration{lost}")
         return (f"{counted(len(f), 'mode')} of the free body, {f[0]:.4g} to {f[-1]:.4g} Hz, from static deformations of "
                 f"{counted(len(self.interfaces), 'interface')} and {counted(len(self.held_frequencies), 'mode')} with these "
                 f"{held}; loads {'stiffen and soften it' if len(self.bends) else 'do not change its stiffness'}")

@@ -188,7 +188,7 @@ class FiniteElements:
         held, inner = self.held, self.inner
         solve: Any = lambda forces: forces  # noqa: E731 - of no inner freedoms
         refuse_negative("M", self.M, self._freedom)
-        statics, frequencies, left_out = held.toarray(), np.zeros(0), 0.0
+        statics, frequencies, left_out, unshown = held.toarray(), np.zeros(0), 0.0, np.zeros(6)
         basis, moved, rigid = statics, np.eye(held.shape[1]), self.rigid_interfaces
         if inner.shape[1]:
             K, M = (sp.csc_matrix(inner.T @ A @ inner) for A in (self.K, self.M))
@@ -202,15 +202,16 @@ class FiniteElements:
             frequencies = np.sqrt(values) / (2 * np.pi)
             if accelerations:
                 vectors, left_out = self._with_accelerations(M, factors, vectors), 0.0
+            else:
+                loads, _ = self._accelerated(factors)
+                unshown = self._largest(inner @ (solve(loads) - vectors @ (vectors.T @ loads / values[:, None])), False)
             basis = np.hstack([statics, inner @ vectors])
             moved, rigid = (np.pad(a, ((0, rows), (0, columns))) for a, rows, columns in (
                 (moved, 0, vectors.shape[1]), (rigid, vectors.shape[1], 0)))
         M, K = (basis.T @ (A @ basis) for A in (self.M, self.K))
         values, turned = self._free_modes(M, K, rigid)
         shapes = (basis @ turned).reshape(len(self.nodes), self.freedoms, -1)
-        largest = np.max(np.linalg.norm(shapes[:, :3], axis=1), axis=0, initial=0)
-        if self.freedoms == 6:
-            largest = np.maximum(largest, self.size * np.max(np.linalg.norm(shapes[:, 3:], axis=1), axis=0, initial=0))
+        largest = self._largest(shapes)
         # the sign of a mode is that in which the largest of its components is positive
         flat = turned / largest
         signs = np.sign(flat[[int(np.argmax(np.abs(c) > 0.999 * np.max(np.abs(c)))) for c in flat.T], np.arange(len(values))])
@@ -218,11 +219,19 @@ class FiniteElements:
         at = {name: turned[6 * i : 6 * i + 6] for i, name in enumerate(self.names)}
         found = {"mass": self.mass, "center": self.center, "inertia": self.inertia, "nodes": self.nodes,
                  "interfaces": dict(zip(self.names, self.places, strict=True)), "shapes": shapes, "modal_mass": mass,
-                 "modal_stiffness": values * mass, "interface_shapes": at, "held_frequencies": frequencies, "left_out": left_out}
+                 "modal_stiffness": values * mass, "interface_shapes": at, "held_frequencies": frequencies, "left_out": left_out,
+                 "unshown": unshown}
         if stiffening is not False:
             force = None if stiffening is True else stiffening
             found |= second_displacements(self, found, solve, statics, force)
         return found
+
+    def _largest(self, moved: Array, turns: bool = True) -> Array:
+        """(n,) largest displacement of a node by each of n, m; turns: rotations count too, times the size of the body."""
+        shapes = moved.reshape(len(self.nodes), self.freedoms, -1)
+        found = np.max(np.linalg.norm(shapes[:, :3], axis=1), axis=0, initial=0)
+        rotated = np.max(np.linalg.norm(shapes[:, 3:], axis=1), axis=0, initial=0)
+        return np.asarray(np.maximum(found, turns * self.size * rotated))
 
     @property
     def rigid_interfaces(self) -> Array:

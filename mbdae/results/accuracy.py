@@ -22,6 +22,7 @@ from mbdae.process import unchanging
 from mbdae.results.errors import AGAINST_MESH, Errors
 from mbdae.results.quantities import named
 from mbdae.system.base import Array
+from mbdae.system.model.nodes import rotation_matrices
 from mbdae.system.prepare import Prepared
 from mbdae.values import number, option, shown, text
 
@@ -51,8 +52,8 @@ class Accuracy:
     that reduced bodies leave out; None where it was not measured.
     meshes: where that error, or that of a quantity asked for, misses the accuracy: by name of a beam the elements and order of
     the first mesh with which both were measured to be within it, {"rod": {"elements": 4, "order": 3}}; else empty.
-    deformation: error of positions, over the scene's length, by what reduced bodies leave out as with small deformations, their
-    second order: about 1.5 times the square of the largest displacement by a mode, over the body's size; None without any.
+    deformation: error of positions, over the scene's length, by what reduced bodies leave out as with small deformations: about
+    1.5 times the square of the largest displacement by a mode, over the body's size, and drifts over time; None without any.
     `covers` names the errors within the accuracy asked, `not_covered` the others with the reason.
     """
 
@@ -159,10 +160,31 @@ class Accuracy:
         return f"<Accuracy {', '.join((*told, self.brief))}>{reasons}"
 
 
-def second_order(prepared: Prepared, q: Array) -> float | None:
-    """`Accuracy.deformation` of positions q (k, nq)."""
-    kept = with_modes(prepared.model.scene.connections)
-    return None if not kept else float(max(c.joint.reduced.left_out_of(prepared, c, q) for c in kept) / prepared.length)
+def second_order(prepared: Prepared, t: Array, q: Array, u: Array) -> float | None:
+    """`Accuracy.deformation` of positions q (k, nq) and velocities u (k, nu) at times t (k,); of a state at rest k = 1."""
+    kept = _accelerated(prepared, t, q, u)
+    free = prepared.rank.degrees_of_freedom > sum(len(c.joint.reduced.modal_mass) for c, _ in kept)
+    off = [c.joint.reduced.left_out_of(prepared, c, q, (t, u, rates, free) if len(t) > 1 else None) for c, rates in kept]
+    return max(off) / prepared.length if off else None
+
+
+def left_by_modes(prepared: Prepared, t: Array, q: Array, u: Array) -> list[tuple[Any, Array]]:
+    """The modes of every reduced body, and (k,) about how far a node is off because these leave out how its weight and the
+    acceleration of its frame deform it, m. In motion twice what they do at rest: so far a load deforms that comes suddenly."""
+    return [(c, (1 + (len(t) > 1)) * np.abs(rates) @ c.joint.reduced.unshown) for c, rates in _accelerated(prepared, t, q, u)]
+
+
+def _accelerated(prepared: Prepared, t: Array, q: Array, u: Array) -> list[tuple[Any, Array]]:
+    """The modes of every reduced body in a scene, and the accelerations (k, 6) of its frame, its weight included, in its axes."""
+    found, new = [], np.r_[True, np.diff(t) > 0]
+    for c in with_modes(prepared.model.scene.connections):
+        node: Any = prepared.model.node(c.k)
+        v = u[:, node.u : node.u + 6]
+        rates = np.gradient(v[new], t[new], axis=0)[np.cumsum(new) - 1] if np.sum(new) > 2 else np.zeros((len(t), 6))
+        rates[:, :3] -= prepared.model.scene.gravity
+        rates[:, :3] = np.einsum("tia,ti->ta", rotation_matrices(q[:, node.q + 3 : node.q + 7]), rates[:, :3])
+        found.append((c, rates))
+    return found
 
 
 def against_mesh(meshes: Mapping[str, Mapping[str, Any]]) -> str:

@@ -19,8 +19,7 @@ import math
 import numpy as np
 
 from mbdae.deferred import median
-from mbdae.laws.bodies import with_modes
-from mbdae.results.accuracy import Accuracy, against_mesh
+from mbdae.results.accuracy import Accuracy, against_mesh, left_by_modes
 from mbdae.results.result import Result
 from mbdae.run.amplification import decided_by_round_off
 from mbdae.run.checks import doubts
@@ -275,8 +274,8 @@ def past_their_domain(result: Result) -> list[str]:
             seen = getattr(result[c.name], name)
             if (below := np.flatnonzero(np.any(seen < -PAST * result.prepared.length, axis=1))).size:
                 found.append(f"{c.kind} '{c.name}', at t = {result.t[below[0]]:.6g} s: {words}")
-    return found + [f"reduced body '{c.k.name}', {words}" for c in with_modes(result.prepared.model.scene.connections)
-                    for words in c.joint.reduced.doubts(result, c)]
+    off = left_by_modes(result.prepared, result.t, result.q, result.u)
+    return found + [f"reduced body '{c.k.name}', {words}" for c, x in off for words in c.joint.reduced.doubts(result, c, x)]
 
 
 def missed(known: Accuracy, run: Controlled) -> list[str]:

@@ -25,7 +25,7 @@ from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Beside, Measure, Solution, check_times
 from mbdae.integrators.stored_runs import keeping_runs
 from mbdae.laws.bodies import ORDERS, with_modes
-from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy, against_mesh, second_order
+from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy, against_mesh, left_by_modes, second_order
 from mbdae.results.clearance import OtherRun, some_of
 from mbdae.results.errors import Errors
 from mbdae.results.stored_parts import apart
@@ -284,10 +284,12 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
         at_limit = any(tolerance <= run.limit * (1 + 1e-9) for tolerance, _ in run.told[-1:])
         rounded = ROUNDED.format(run.limit, run.solver.label) if at_limit else ""
         forces.asked, forces.remedy, forces.against_mesh = asked, rounded, against_mesh(found.meshes)
-    unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
+    t, (q, u, _) = run.solution.t, prepared.states(run.solution.t, run.solution(run.solution.t))
+    statically = max((float(np.max(off)) / prepared.length for _, off in left_by_modes(prepared, t, q, u)), default=0.0)
+    of_modes = f"; how weight and acceleration deform bodies, the modes kept leave out {statically:.1e}" if statically else ""
+    unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED + of_modes} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, prepared.model.elastic, unknown, forces,
-                    Amplified(run.solution), meshes=found.meshes, deformation=second_order(
-                        prepared, prepared.states(run.solution.t, run.solution(run.solution.t))[0]))
+                    Amplified(run.solution), meshes=found.meshes, deformation=second_order(prepared, t, q, u))
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:

@@ -103,8 +103,8 @@ def exact(stiffer: float) -> Any:
     return np.array([[y[n + 1 : n + 4] + turned(y[n + 4 : n + 8]) @ tip[node - 24] for y in s] for node in SEEN])
 
 
-def ours(stiffer: float, stiffening: bool, modes: int = 20) -> Any:
-    """The places by a reduced body."""
+def ours(stiffer: float, stiffening: bool, modes: int = 20) -> tuple[Any, float]:
+    """The places by a reduced body, and what it says about their error, m."""
     s, by_loads = mb.Scene("lattice", gravity=tuple(WEIGHT)), second(stiffer) if stiffening else False
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -114,7 +114,8 @@ def ours(stiffer: float, stiffening: bool, modes: int = 20) -> Any:
         s.revolute("hinge", s.ground, "lattice.0", at=(0, 0, 0), axis=(0, 1, 0))
         r = s.simulate(END, 1e-5, outputs=np.linspace(0, END, TIMES))
     moved = body.displacement(r["lattice.modes"], SEEN) + NODES[SEEN] - body.center
-    return np.moveaxis(r["lattice"].position[:, None] + np.einsum("tij,tkj->tki", r["lattice"].rotation, moved), 1, 0)
+    places = np.moveaxis(r["lattice"].position[:, None] + np.einsum("tij,tkj->tki", r["lattice"].rotation, moved), 1, 0)
+    return places, float(r.accuracy.deformation) * r.prepared.length
 
 
 def problem(stiffer: float, modes: int = 20) -> str:
@@ -127,7 +128,8 @@ def problem(stiffer: float, modes: int = 20) -> str:
         "radius": 0.8, "nodes": NODES.tolist()})
 
 
-def off(stiffer: float, found: Any) -> float:
-    """Largest distance from the exact places, over the largest way."""
+def off(stiffer: float, found: Any) -> tuple[float, float]:
+    """Largest distance from the exact places, m, and over the largest way."""
     want = exact(stiffer)
-    return float(np.max(np.linalg.norm(found - want, axis=2)) / np.max(np.linalg.norm(want - want[:, :1], axis=2)))
+    apart = float(np.max(np.linalg.norm(found - want, axis=2)))
+    return apart, apart / float(np.max(np.linalg.norm(want - want[:, :1], axis=2)))
