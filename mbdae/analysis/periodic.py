@@ -18,7 +18,7 @@ from mbdae.analysis.linearization import start_at
 from mbdae.analysis.multipliers import GAIN, ROUND, Floquet, multipliers_of, prepared_from
 from mbdae.analysis.orbit import FEWEST, MOST, acting_states, changed, halved, later, shares_of, timed_item
 from mbdae.analysis.reduced import refuse_rolling
-from mbdae.analysis.returns import DRIVEN, LOST, REST, RESTS, at_rest, last_return, repeats
+from mbdae.analysis.returns import DRIVEN, LOST, OTHER, REST, RESTS, UNFOLLOWED, at_rest, last_return, repeats
 from mbdae.analysis.shooting import NOT_FOUND, SHRINKS, SINGULAR, STALLED, Shooting, Shot
 from mbdae.errors import OptionError, SolverError, SteadyError, naming_arguments, warn
 from mbdae.formulations import shared_system
@@ -38,11 +38,10 @@ from mbdae.values import number, option, optional
 
 SHARE = 0.2  #: part of the accuracy that the error of the shooting may be; the rest is that of the run over the period
 PERIOD = 1e-8  #: largest relative error of a period that is found
-#: changes of the start that change the end by less than SURE, over it, lead to other periodic motions, and so do those by less than
+#: changes of the start that change the end by less than SURE of them lead to other periodic motions, and so do those by less than
 #: ALIKE, or 100 times the error of the motion, of which half as many steps show FALLS times as much; one of which the share TUNES
 #: is of the period leads to other periods; each of them has a multiplier that is not farther from 1 than ONE
 ALIKE, SURE, TUNES, FALLS, ONE = 1e-7, 1e-9, 1e-4, 4.0, 0.1
-UNFOLLOWED = "the motion over one period cannot be followed in steps of one pattern, as its jumps do not stay where they were: {}"
 NEAR = 0.01  #: largest change of the start, over the size, and of the period of a motion that repeats within the one found
 ROUNDING = 1e-15  #: rounding error of the state after a period
 FINE, TIGHTER = 1e-8, 1e-2  #: smallest accuracy of multipliers, and theirs over that asked of the motion
@@ -55,7 +54,6 @@ GROWINGS, GROWS, FOUND_AT = 60, 0.3, 1e-7
 #: what is told of a motion beside which others are
 FAMILY = ("one of a family of periodic motions, as of a scene without losses or with a free turn: others{} lie beside it, and "
           "the one nearest to the start is given; another start= gives another")
-OTHER = "the scene has no drive and repeats by itself after {:.9g} s, which is its period, not the one stated, {:.9g} s"
 
 
 class Periodic(Result):

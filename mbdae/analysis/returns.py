@@ -23,6 +23,8 @@ DRIVEN = ("period = None: it is found for scenes without loads and drives that d
           "the period (s) after which they repeat, such as 2 * pi / rate")
 LOST = ("the motion does not come near to a state in which it was before: give the period, or a start near a periodic motion, "
         "start=(result, t)")
+OTHER = "the scene has no drive and repeats by itself after {:.9g} s, which is its period, not the one stated, {:.9g} s"
+UNFOLLOWED = "the motion over one period cannot be followed in steps of one pattern, as its jumps do not stay where they were: {}"
 DRAWN = ("the motion goes {:.3g} m, {:.2g} times the largest distance in the drawing, to which accuracies refer: draw the scene "
          "at the size of its motion, and start it with velocities or start=")
 

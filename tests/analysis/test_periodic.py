@@ -188,6 +188,57 @@ def test_light_damping_at_resonance_is_no_family_at_low_accuracy(accuracy: float
     assert r.peak("light line.displacement").value == pytest.approx(0.5, abs=2 * accuracy)
 
 
+def oscillator(size: float, begin: float, mu: float = 0.05) -> mb.Scene:
+    """Van der Pol's, of 1 kg and 1 N/m, whose motion is `size` (m) large in a scene of 1 m, started at that part of it."""
+    s = mb.Scene("small oscillator")
+    m = s.point_mass("m", 1.0, (0, 0))
+    at, rate = s.sensor("J.displacement"), s.sensor("J.rate")
+    s.prismatic("J", s.ground, m, at=(0, 0), axis=(1, 0), position0=begin * size, rate0=0.1 * begin * size,
+                force=mu * (1 - (at / size) ** 2) * rate - at)
+    return s
+
+
+@pytest.mark.parametrize(("size", "begin", "mu", "period"), [(1e-2, 0.01, 0.05, 6.284166991), (1e-3, 0.01, 0.05, 6.284166991),
+                                                              (1e-3, 1.0, 30.0, 50.54368646)])
+def test_the_period_is_the_smallest_one_however_small_the_motion(size: float, begin: float, mu: float, period: float) -> None:
+    """Periods of SciPy's Radau on the equation in its size; of three, sixteen and three of them the motion repeats too."""
+    r = oscillator(size, begin, mu).periodic()
+    assert r.period == pytest.approx(period, rel=1e-8)
+    assert r.stable
+    assert len(r.multipliers) == 2
+
+
+def test_small_swings_have_the_smallest_period() -> None:
+    s = mb.Scene("hanging", gravity=(0, -G, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (0, -1), mass=1.0), at=(0, 0), angle0=1e-4)
+    with pytest.warns(mb.AccuracyWarning, match="one of a family"):
+        r = s.periodic()
+    assert r.period == pytest.approx(2 * np.pi * np.sqrt(2 / 3 / G), rel=1e-7)
+
+
+@pytest.mark.parametrize(("loss", "accuracy", "x"), [(1e-8, 1e-6, 30.0), (1e-6, 1e-8, 0.0)])
+def test_errors_near_a_resonance_contain_the_rounding_that_it_amplifies(loss: float, accuracy: float, x: float) -> None:
+    s = mb.Scene("resonance")
+    m = s.point_mass("m", 1.0, (0, 0))
+    s.prismatic("J", s.ground, m, at=(0, 0), axis=(1, 0), spring=1.0, damper=2 * loss, force=2 * loss * sp.sin(mb.t),
+                position0=x)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        r = s.periodic(2 * np.pi, accuracy)
+    assert not r.family
+    assert np.max(np.abs(r["J"].displacement + np.cos(r.t))) < 3 * r.accuracy.estimated
+    assert np.max(np.abs(r.value("J.force[0]") - np.cos(r.t))) < 3 * r.error("J.force[0]")
+
+
+def test_where_every_motion_repeats_the_one_found_is_one_of_a_family() -> None:
+    """Without losses, after two periods of a load at 1.5 times the natural frequency."""
+    s = mb.Scene("all repeat")
+    m = s.point_mass("m", 1.0, (0, 0))
+    s.prismatic("J", s.ground, m, at=(0, 0), axis=(1, 0), spring=1.0, force=sp.sin(1.5 * mb.t), position0=5.0)
+    with pytest.warns(mb.AccuracyWarning, match="others lie beside it"):
+        assert s.periodic(4 * np.pi).family
+
+
 def test_a_swung_beam_with_material_damping_repeats() -> None:
     """Its stresses at the start are those of the motion that was found, not of the start of the scene."""
     s = mb.Scene("swing", gravity=(0, -G, 0))
