@@ -274,7 +274,7 @@ def past_their_domain(result: Result) -> list[str]:
             seen = getattr(result[c.name], name)
             if (below := np.flatnonzero(np.any(seen < -PAST * result.prepared.length, axis=1))).size:
                 found.append(f"{c.kind} '{c.name}', at t = {result.t[below[0]]:.6g} s: {words}")
-    off = left_by_modes(result.prepared, result.t, result.q, result.u)
+    off = left_by_modes(result.prepared, result.t, result.q, result.u) if result.prepared.model.elastic else []
     return found + [f"reduced body '{c.k.name}', {words}" for c, x in off for words in c.joint.reduced.doubts(result, c, x)]
 
 
