@@ -179,22 +179,22 @@ class ClearanceSensor(ContactSensor):
         return super().summary() | {"play": law.outer - law.inner}
 
 
-#: largest number of unknowns at all steps of a run beside the one that is returned that is kept whole (16 MB, with its
-#: derivatives and stages 50 MB); larger ones are kept at the times of the comparison alone
+#: largest number of unknowns at all steps of a run beside the one returned that is kept whole (16 MB); larger ones at some times
 WHOLE = 2_000_000
-#: number of times at which a run is compared with another; with contacts up to MOST, as far as all unknowns at them are at most
-#: NUMBERS: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
+#: number of times at which a run is compared; with contacts up to MOST, as far as all unknowns at them are at most NUMBERS:
+#: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
 FEWEST, MOST, NUMBERS = 200, 2000, 400_000
+BEGIN = 12  #: number of times from the begin on that are all kept: forces are farthest off where a motion begins with a jerk
 KINDS = ("companion", "window", "mesh", "start", "closer")  #: see `OtherRun`
 FURTHER = ("mesh", "start")  #: kinds of which runs of the same scene from the same start show nothing: their errors are added
 LATE = 2 / 3  #: fraction of a window from which on its vibrations are taken to go on after it
 
 
 def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
-    """Those of the times of a comparison at which two runs are read: equally many between any two of them. contacts: whether
-    their scene has some."""
+    """Those of the times of a comparison at which two runs are read: equally many between any two of them, and the first ones.
+    contacts: whether their scene has some."""
     count = int(np.clip(NUMBERS // max(unknowns, 1), FEWEST, MOST if contacts else FEWEST))
-    return np.asarray(times[distinct(np.linspace(0, len(times) - 1, count).astype(int))])
+    return np.asarray(times[distinct(np.r_[: min(BEGIN, len(times)), np.linspace(0, len(times) - 1, count).astype(int)])])
 
 
 def wrenches(prepared: Prepared, at: States, names: list[str] | None = None) -> Array:
