@@ -173,17 +173,18 @@ class _Search(Shooting):
             coarse, shot = shot, self.corrected(self.shot(shot.system, shot.period, halved(shot.shares)))
             last, error = error, self._apart(coarse, shot) / GAIN
             of_period = abs(shot.period - coarse.period) / GAIN
-            done = (max(error, shot.missed) <= min(SHARE * self.accuracy, OWN * shot.size)
+            done = (max(error, shot.off * shot.size) <= min(SHARE * self.accuracy, OWN * shot.size)
                     and of_period <= min(SHARE * self.accuracy, PERIOD) * shot.period)
             if done or 2 * len(shot.shares) > MOST or ROUND * shot.size > error > last / 2:
-                if shot.missed > self.accuracy or shot.off > STALLED:
+                if shot.off * shot.size > self.accuracy or shot.off > STALLED:
                     raise SteadyError(NOT_FOUND.format(shot.period, shot.off))
                 if self.given is None and (once := self._once(shot)) is not shot:
                     return self._found(once)
                 self._refuse_rest(shot)
                 self._refuse_changing(shot)
-                beside = self._beside(coarse, shot, error / shot.size)
-                left = self._left(shot, beside)
+                matrix, right = self.matrix(shot)
+                beside = self._beside(coarse, shot, matrix, error / shot.size)
+                left = self._left(matrix, right, beside)
                 off, beginning = shot.size * float(np.linalg.norm(left)), None
                 if off > error / 10:
                     start = shot.directions.closed(shot.system, shot.system.y0 + shot.directions.start @ left)
@@ -192,13 +193,12 @@ class _Search(Shooting):
                               self.autonomous, len(beside) > 0)
                 return found, bool(np.any(np.abs(beside[:, -1]) > TUNES)) if self.free else True
 
-    def _left(self, shot: Shot, beside: Array) -> Array:
+    def _left(self, matrix: Array, right: Array, beside: Array) -> Array:
         """How far corrections may have left the start off (departures), but for changes that lead to motions `beside`: near a
         resonance the rounding of a period is amplified."""
-        k, last = len(shot.residual), len(shot.residual) + self.free - 1 - len(beside)
+        k, last = len(right) - self.free, len(right) - 1 - len(beside)
         if last < 0 or not k:
             return np.zeros(k)
-        matrix, right = self.matrix(shot)
         _, sizes, rows = np.linalg.svd(matrix)
         x = np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0]
         return np.asarray((np.linalg.norm(x - beside.T @ (beside @ x)) + ROUNDING / max(sizes[last], SURE)) * rows[last, :k])
@@ -231,13 +231,12 @@ class _Search(Shooting):
                 return found
         raise SteadyError(REST) from error
 
-    def _beside(self, coarse: Shot, fine: Shot, error: float) -> Array:
+    def _beside(self, coarse: Shot, fine: Shot, matrix: Array, error: float) -> Array:
         """Changes (k, departures and share of the period) of the start that lead to other periodic motions: their size in the
         matrix is that of rounding, or falls with the steps like their errors, where that of a motion alone stays."""
         k = len(fine.residual)
         if not k:  # all is prescribed
             return np.zeros((0, 1))
-        matrix = self.matrix(fine)[0]
         _, sizes, rows = np.linalg.svd(matrix)
         most = int(np.sum(np.abs(np.linalg.eigvals(matrix[:k, :k])) <= ONE)) - self.free
         sizes = sizes / max(sizes[0], 1.0)  # all are small where everything repeats, or is near a resonance

@@ -51,8 +51,7 @@ SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a
 @dataclass(frozen=True)
 class Shot:
     """A motion over `period` (s) from the start of `system`, with its departures: residual (k,), where it ends off its start;
-    shares (steps + 1,): of the period, at which steps end; size: of the motion, in lengths of the scene and rad, at most 1, to
-    which departures refer."""
+    shares (steps + 1,): of the period, at which steps end; size: of the motion, to which departures refer, over lengths."""
 
     system: SceneSystem
     period: float
@@ -67,11 +66,6 @@ class Shot:
     def off(self) -> float:
         """The length of the residual, of the size of the motion."""
         return float(np.linalg.norm(self.residual))
-
-    @property
-    def missed(self) -> float:
-        """The length of the residual in lengths of the scene and rad."""
-        return self.off * self.size
 
     @property
     def end(self) -> Array:
@@ -113,13 +107,16 @@ class Shooting:
 
     def corrected(self, shot: Shot) -> Shot:
         """The shot that returns to its start, by Newton's method with corrections that are halved where they do not help."""
+        least = 0.0  # a small residual alone leaves much open near a resonance
         for _ in range(ITERATIONS):
-            x, period = self.correction(shot)
-            last = float(np.linalg.norm(x)) <= LAST  # a small residual alone leaves much open near a resonance
+            if shot.off <= min(FOUND, LAST * least):
+                return shot
+            x, period, least = self.correction(shot)
+            last = float(np.linalg.norm(x)) <= LAST
             if last and shot.off <= FOUND:
                 return shot
             for tried in self._tried(shot, x, period):
-                if tried.missed < shot.missed * (1 if last else 0.9):
+                if tried.off * tried.size < shot.off * shot.size * (1 if last else 0.9):
                     shot = tried
                     break
             else:
@@ -141,11 +138,13 @@ class Shooting:
         way = along / max(float(np.linalg.norm(along)), 1e-300)
         return np.block([[M, along[:, None]], [way[None], np.zeros((1, 1))]]), np.append(-shot.residual, 0.0)
 
-    def correction(self, shot: Shot) -> tuple[Array, float]:
-        """The change of the start, in the directions, and of the period (s), after which the motion returns."""
+    def correction(self, shot: Shot) -> tuple[Array, float, float]:
+        """The change of the start, in the directions, and of the period (s), after which the motion returns; and by how much the
+        smallest one of such changes changes the end."""
         k = len(shot.residual)
-        x = np.linalg.lstsq(*self.matrix(shot), rcond=SINGULAR)[0]
-        return np.asarray(x[:k]), float(x[k] * shot.period) if self.free else 0.0
+        x, _, _, sizes = np.linalg.lstsq(*self.matrix(shot), rcond=SINGULAR)
+        least = float(np.min(sizes, where=sizes > SINGULAR * np.max(sizes, initial=0.0), initial=np.inf))
+        return np.asarray(x[:k]), float(x[k] * shot.period) if self.free else 0.0, least
 
     def _tried(self, shot: Shot, x: Array, period: float) -> Iterator[Shot]:
         """Shots with the whole correction, with half of it and so on, those that can be followed."""
