@@ -167,18 +167,20 @@ def _high(row: str) -> str:
 
 
 def _tex_table(table: Table, letters: float) -> str:
-    columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(table))
+    shares, fits = _shares(table)
+    columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in shares)
     head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
     rows = " \\\\\n".join(_high(" & ".join(map(_text, row))) for row in table.rows)
     caption = f"{_text(table.caption)}\n\n" if table.caption else ""
     below = r"\hline\noalign{\smallskip}"
     body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
-    size = "small" if len(table.head) < (6 if letters > NARROW else 3) else "scriptsize"
+    size = "small" if fits and len(table.head) < (6 if letters > NARROW else 3) else "scriptsize"
     return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
 
 
-def _shares(table: Table) -> list[float]:
-    """Column widths by content: no narrower than the longest word, with the remaining width given to long texts."""
+def _shares(table: Table) -> tuple[list[float], bool]:
+    """Column widths by content: no narrower than the longest word, the remaining width given to long texts; whether the words
+    fit in small type."""
     cells = list(zip(table.head, *table.rows, strict=True))
     words = [max(1.25 * _letters(word) + 1.2 for cell in column for word in re.split(_SPACE, cell)) for column in cells]
     texts = [max(map(_letters, column)) for column in cells]
@@ -187,7 +189,7 @@ def _shares(table: Table) -> list[float]:
     room = max(0.0, spare - need)
     share = min(1.0, room / max(sum(more), 1e-9))
     wide = [word + share * m for word, m in zip(words, more, strict=True)]
-    return [(0.98 - 0.014 * len(cells)) * w / max(sum(wide), spare) for w in wide]
+    return [(0.98 - 0.014 * len(cells)) * w / max(sum(wide), spare) for w in wide], need <= spare
 
 
 def _letters(word: str) -> float:

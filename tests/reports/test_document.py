@@ -140,6 +140,13 @@ def test_wide_formulas_are_scaled_where_they_are_wider_than_the_text_and_rows_wi
     assert tex.count(r"\rule[-1.2ex]{0pt}{3.8ex}") == 1
 
 
+def test_tables_of_long_words_are_set_in_smaller_type():
+    long = f"`{'a0' * 16}…`"
+    wider = ["blade.modes", "`mb.report(mb.SecondDisplacement)`", "some rows", long]
+    for cells, size in ((["shaft", "x", long], "small"), (wider, "scriptsize")):
+        assert rf"{{\{size}\begin{{longtable}}" in Document("a", [Table(cells, [cells])]).to_latex()
+
+
 def test_unknown_commands_are_told():
     with pytest.raises(FormulaError, match=r"unknown command '\\foo'"):
         inline(r"\foo + 1")
