@@ -30,6 +30,7 @@ from mbdae.values import Array, array, option
 #: equal it is twice that by u
 SecondForce = Callable[[Array, Array], Array]
 EXACT = 1e-6  #: relative size of what two-node elements may leave of K
+WRONG = 1e-5  #: relative size of what a function of the user may leave of the properties of a force of the second order
 KEPT = 1e-6  #: displacements of the second order, over the largest, below which they are left out
 
 
@@ -43,8 +44,9 @@ def second_displacements(body: FiniteElements, found: dict[str, Any], solve: Cal
     if not n:
         return {}
     by_pairs = _TwoNodes(body)(shapes, *pairs) if force is None else np.column_stack(
-        [option("stiffening", force(shapes[:, i], shapes[:, k]), lambda x: array(x, (len(shapes),)),
-                f"give a function that returns {len(shapes)} forces, N") for i, k in pairs.T])
+        [_forces(force, shapes[:, i], shapes[:, k]) for i, k in pairs.T])
+    if force is not None:
+        _refuse_wrong(body, force)
     turned, more = _turned_interfaces(body, found, shapes, pairs)
     by_pairs = by_pairs + body.K @ turned + more
     inertia = body.M @ body.rigid
@@ -56,6 +58,35 @@ def second_displacements(body: FiniteElements, found: dict[str, Any], solve: Cal
     second += shapes @ _taken(body, found, of_modes, pairs)
     second += body.rigid @ np.linalg.solve(body.rigid.T @ inertia, inertia.T @ (turned - second))
     return _coordinates(body, found, -second, turned, pairs)
+
+
+def _forces(force: SecondForce, u: Array, v: Array) -> Array:
+    """The forces (f k,), N, that a function of the user returns."""
+    return option("stiffening", force(u, v), lambda x: array(x, (len(u),)), f"give a function that returns {len(u)} forces, N")
+
+
+def _refuse_wrong(body: FiniteElements, force: SecondForce) -> None:
+    """Raise OptionError for a function that is not linear in each of its displacements, not symmetric in them, or, of three
+    freedoms a node, no force of the second order of K. A body that is deformed by u and then turned by r, v = r x nodes, has its
+    internal force turned with it: force(u, v) = r x (K u) - K (r x u). A wrong sign or factor does not hold that."""
+    (u, w), turn = np.random.default_rng(5).normal(size=(2, body.K.shape[0])) * body.size, np.array([0.3, -0.5, 0.7])
+
+    def turned(x: Array) -> Array:
+        return np.cross(turn, x.reshape(-1, 3)).ravel()
+
+    rigid = turned(body.nodes.ravel()) if body.freedoms == 3 else w
+    found, other = _forces(force, u, rigid), _forces(force, w, rigid)
+    size = max(float(np.max(np.abs(found))), float(np.max(np.abs(body.K @ rigid))), 1e-300)
+    wrong = {"not symmetric in its two displacements": _forces(force, rigid, u) - found,
+             "not linear in its displacements": _forces(force, u + 2 * w, rigid) - found - 2 * other}
+    if body.freedoms == 3:
+        exact = turned(body.K @ u) - body.K @ turned(u)
+        size = max(size, float(np.max(np.abs(exact))))
+        wrong["not that of K, or has another sign or factor: of a deformed body that turns"] = found - exact
+    for what, off in wrong.items():
+        if (most := float(np.max(np.abs(off)))) > WRONG * size:
+            raise OptionError(f"stiffening: the force of the second order is {what}, {most / size:.2g} of its size off; give the "
+                              "change of K by a small displacement u, times v, which is symmetric in u and v")
 
 
 def _taken(body: FiniteElements, found: dict[str, Any], of_modes: Array, pairs: Any) -> Array:

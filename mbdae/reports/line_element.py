@@ -124,8 +124,8 @@ class StrainElement(DiscretePage):
             lines.append(f"{self._row(name)} = {self.known['weight'].latex}\\,\\left({self.writer.scalar(strain)}\\right) = 0")
         self.writer.used.add("weight")
         told = ("The strains are taken at $p$ Gauss points, of which each has its stress resultants as unknowns; with $p + 1$"
-                " points the element would lock. The functional of an element is the sum over its points of $w\\sum"
-                " N\\,(\\gamma - \\varepsilon) - \\tfrac{1}{2} C N^2$; its derivatives by the stress resultants are the rows")
+                " points the element would lock. The functional of an element, without damping, is the sum over its points of"
+                " $w\\sum N\\,(\\gamma - \\varepsilon) - \\tfrac{1}{2} C N^2$; its derivatives by these are the rows")
         return self.section("The element: rows of the stress resultants", told, *lines)
 
     def _row(self, name: str) -> str:

@@ -737,3 +737,50 @@ def test_a_page_shows_no_round_off_as_a_place() -> None:
     M, K, nodes = beam_matrices(4)
     body = mb.ReducedBody.craig_bampton(M, K, nodes + np.array([0.0, -5.6e-19, 0.0]), {"root": [0], "tip": [4]}, 0)
     assert "e-19" not in mb.report(body).to_markdown()
+
+
+def lattice() -> tuple[Any, Any, Any, Any]:
+    """M, K and nodes of springs between all nodes of two cubes, and their force of the second order."""
+    nodes = np.array([(x, y, z) for x in range(3) for y in range(2) for z in range(2)], dtype=float)
+    i, k = np.triu_indices(len(nodes), 1)
+    along = nodes[k] - nodes[i]
+    length = np.linalg.norm(along, axis=1)
+    n = along / length[:, None]
+
+    def summed(f: Any) -> Any:
+        total = np.zeros(nodes.shape)
+        np.add.at(total, k, f)
+        np.add.at(total, i, -f)
+        return total.ravel()
+
+    def apart(u: Any) -> tuple[Any, Any, Any]:
+        d = u.reshape(-1, 3)
+        d = d[k] - d[i]
+        stretch = np.sum(n * d, axis=1)[:, None]
+        return d, stretch, d - n * stretch
+
+    def second(u: Any, v: Any) -> Any:
+        (d, stretch, across), (_, other, beside) = apart(u), apart(v)
+        return summed(1e6 / length[:, None] * (stretch * beside + other * across + n * np.sum(d * beside, axis=1)[:, None]))
+
+    K = np.array([summed(1e6 * n * apart(e)[1]) for e in np.eye(nodes.size)]).T
+    return np.eye(nodes.size), K, nodes, second
+
+
+@pytest.mark.parametrize(("wrong", "words"), [
+    (None, ""), (lambda f, K: lambda u, v: -f(u, v), "another sign or factor"),
+    (lambda f, K: lambda u, v: 2 * f(u, v), "another sign or factor"), (lambda f, K: lambda u, v: 0 * u, "not that of K"),
+    (lambda f, K: lambda u, v: K @ v, "not symmetric"), (lambda f, K: lambda u, v: 1e6 * u, "not symmetric"),
+    (lambda f, K: lambda u, v: f(u, v) + 1e6 * u * v * abs(u * v).sum(), "not linear"),
+])
+def test_a_force_of_the_second_order_is_that_of_the_matrix(wrong: Any, words: str) -> None:
+    M, K, nodes, second = lattice()
+
+    def made(force: Any) -> Any:
+        return mb.ReducedBody.craig_bampton(M, K, nodes, {"a": [0, 1, 2, 3], "b": [8, 9, 10, 11]}, 2, stiffening=force)
+
+    if wrong is None:
+        assert len(made(second).bends)
+    else:
+        with pytest.raises(mb.OptionError, match=words):
+            made(wrong(second, K))

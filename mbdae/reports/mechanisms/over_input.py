@@ -238,7 +238,7 @@ class OverInput(Dyads):
         unit, x = ("rad" if self.input.turn else "m"), self.latex[str(self.inputs[0])]
         over = {0: "", 1: "one turn, ", 2: "two turns, after which it is on its first branch again, "}[
             round(self.period() / (2 * np.pi))] + f"${x}$ from {low:.6g} to {high:.6g} {unit}"
-        told = (f"The loops close at every value of the input over {over}." if closes else
+        told = (f"{'The loops close at every value of' if self.apart else 'Nothing limits'} the input over {over}." if closes else
                 f"The loops do not close at every value of the input. Reachable from the start: ${x}$ from {low:.6g} to"
                 f" {high:.6g} {unit}.")
         rows = [(v, what) for v, what in rows if closes or low <= v <= high]
