@@ -125,11 +125,11 @@ def _growing(system: System, run: Solution, closely: bool, varying: bool) -> lis
     looks = Looks(systems_at(run, times, system), times, run.y[steps], run.yp[steps], run.t[steps + 1] - times, t1 - t0)
     spectra = roots_at(looks)
     found = spectra.found(VISIBLE)
-    growing_beyond(looks, found, VISIBLE)
     if len(passed := _passed_over(system, run, spectra, found)):
         looks = Looks.of(system, run, distinct(np.append(looks.t, passed)))
         spectra = roots_at(looks)
         found = spectra.found(VISIBLE)
+    growing_beyond(looks, found, VISIBLE)
     ends, late = [t0, *((looks.t[1:] + looks.t[:-1]) / 2).tolist(), t1], [0.0] * len(found)
     if any(one.unseen for one in found):
         found = _persistent(system, run, looks, found, ends, (t1 - t0) / count)
