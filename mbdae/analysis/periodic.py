@@ -205,7 +205,7 @@ class _Search(Shooting):
 
     def _refuse_rest(self, shot: Shot) -> None:
         """Raise SteadyError where nothing moves although no load or drive holds it."""
-        if self.autonomous and self.extent(shot) < RESTS:
+        if self.autonomous and shot.extent < RESTS:
             self.shrinks = True
             raise SteadyError(REST)
 
@@ -222,12 +222,12 @@ class _Search(Shooting):
             start = d.closed(shot.system, shot.system.y0 + d.start @ (times * drift))
             try:
                 larger = self.shot(self.begun_at(shot.system.t0, start), shot.period, shot.shares)
-                if self.extent(larger) <= self.extent(shot):
+                if larger.extent <= shot.extent:
                     break
                 shot, found = larger, self.corrected(larger)
             except (SteadyError, SolverError, OptionError):
                 continue
-            if found.off <= FOUND_AT and self.extent(found) > self.extent(larger) * SHRINKS:
+            if found.off <= FOUND_AT and found.extent > larger.extent * SHRINKS:
                 return found
         raise SteadyError(REST) from error
 

@@ -51,7 +51,7 @@ SHRINKS = 0.9  #: part of its size that a motion which nearly returns keeps in a
 @dataclass(frozen=True)
 class Shot:
     """A motion over `period` (s) from the start of `system`, with its departures: residual (k,), where it ends off its start;
-    shares (steps + 1,): of the period, at which steps end; size: of the motion, to which departures refer, over lengths."""
+    shares (steps + 1,): of the period, at which steps end; extent: its length at its largest velocity, lengths of the scene."""
 
     system: SceneSystem
     period: float
@@ -60,7 +60,12 @@ class Shot:
     directions: Departures
     residual: Array
     returned: Return
-    size: float
+    extent: float
+
+    @property
+    def size(self) -> float:
+        """The size of the motion, to which departures refer, in lengths of the scene and rad."""
+        return _size(self.extent)
 
     @property
     def off(self) -> float:
@@ -100,10 +105,11 @@ class Shooting:
         end = orbit.y[-1, -1]
         sign, turns = later(self.prepared, system, np.stack([system.y0, end]), self.acting)
         returned = Return(0.0, self.acting, shares, sign, [])
-        size = float(np.clip(self._far(orbit) * period / (2 * np.pi), TINY, 1.0))
-        directions = departures(self.prepared, system, returned, period, size)
+        u = self.prepared.states(orbit.t[:, -1], orbit.y[:, -1])[1]
+        extent = float(np.max(np.abs(u) / self.prepared.mechanics.velocity_units, initial=0.0)) * period
+        directions = departures(self.prepared, system, returned, period, _size(extent))
         off = end - sign * system.y0 - turns
-        return Shot(system, period, shares, orbit, directions, directions.read(off[:, None])[:, 0], returned, size)
+        return Shot(system, period, shares, orbit, directions, directions.read(off[:, None])[:, 0], returned, extent)
 
     def corrected(self, shot: Shot) -> Shot:
         """The shot that returns to its start, by Newton's method with corrections that are halved where they do not help."""
@@ -159,19 +165,14 @@ class Shooting:
             except (SolverError, OptionError):
                 continue
             # steps damp a motion without losses a little, which is no reason to go to rest
-            if not self.autonomous or shot.off > STALLED or self.extent(tried) > SHRINKS * self.extent(shot):
+            if not self.autonomous or shot.off > STALLED or tried.extent > SHRINKS * shot.extent:
                 yield tried
             else:
                 self.shrinks = True
 
-    def extent(self, shot: Shot) -> float:
-        """How far the motion goes at its largest velocity in a period, in lengths of the scene and rad."""
-        return self._far(shot.orbit) * shot.period
 
-    def _far(self, orbit: Orbit) -> float:
-        """The largest velocity in an orbit, in lengths of the scene and rad per second."""
-        u = self.prepared.states(orbit.t[:, -1], orbit.y[:, -1])[1]
-        return float(np.max(np.abs(u) / self.prepared.mechanics.velocity_units, initial=0.0))
+def _size(extent: float) -> float:
+    return min(max(extent / (2 * np.pi), TINY), 1.0)
 
 
 def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
