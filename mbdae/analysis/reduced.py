@@ -41,6 +41,8 @@ def refuse_rolling(mechanics: Mechanics, analysis: str, instead: str) -> None:
 def free_basis(G: Array, units: Array) -> Array:
     """(nu, freedoms) basis of the displacements that rows G (m, nu) allow; orthonormal after division by `units` (nu,).
     Displacements that no rows connect are not mixed."""
+    if not len(G):
+        return np.diag(units)
     scaled = G * units
     norms = np.linalg.norm(scaled, axis=1, keepdims=True)
     scaled = scaled / np.where(norms > 0, norms, 1.0)
@@ -61,8 +63,8 @@ def free_basis(G: Array, units: Array) -> Array:
 
 def _connected(G: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Displacements that rows G connect, with the rows, in the order of the first of them."""
-    m, nu = G.shape
-    joined = sp.bmat([[None, sp.csr_matrix(G.T)], [sp.csr_matrix(G), None]]) if m else sp.csr_matrix((nu, nu))
+    nu = G.shape[1]
+    joined = sp.bmat([[None, sp.csr_matrix(G.T)], [sp.csr_matrix(G), None]])
     label = connected_components(joined, directed=False)[1]
     parts = [np.flatnonzero(label == k) for k in dict.fromkeys(label[:nu])]
     return [(at[at < nu], at[at >= nu] - nu) for at in parts]

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache, wraps
+from functools import cache, lru_cache, wraps
 from inspect import Signature, signature
 from itertools import count
 from types import FunctionType
@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from weakref import WeakValueDictionary
 
 import numpy as np
+import symengine as se
 
 from mbdae.errors import NamesAttributes, SceneError, meant
 from mbdae.inputs import text, timed
@@ -169,11 +170,14 @@ def read(stored_: Any) -> Any:
     return text.read(stored_["expression"])
 
 
+_of_expression = lru_cache(1024)(lambda value: stored(timed.expression(value, sensors=True, named=True)))
+
+
 def _encode_expression(value: Any) -> Any:
     try:
         if not getattr(value, "free_symbols", None):
             return number(value)
-        return stored(timed.expression(value, sensors=True, named=True))
+        return dict((_of_expression if isinstance(value, se.Basic) else _of_expression.__wrapped__)(value))
     except Exception:  # the statement that is recorded reports the mistake when it runs
         return {"unreadable": shown(value)}
 
@@ -278,8 +282,7 @@ class SceneItems(NamesAttributes):
         return self._known
 
     def __getitem__(self, name: str) -> Any:
-        found = self._by_name.get(name)
-        if found is not None:
+        if (found := self._by_name.get(name)) is not None:
             return found
         raise SceneError([f"there is no item '{name}' in scene '{self.name}'; it has {self._names()}"])
 
@@ -297,8 +300,7 @@ class SceneItems(NamesAttributes):
             i = left.pop()
             if i not in names:
                 return None
-            new = [j for j in names[i][1] if j not in touched]
-            left += new
+            left += (new := [j for j in names[i][1] if j not in touched])
             touched |= dict.fromkeys(new, "") | {i: names[i][0]}
         return touched
 
@@ -336,9 +338,7 @@ class SceneItems(NamesAttributes):
 def models_of(scene: SceneItems) -> WeakValueDictionary[Any, Any]:
     """The model that was made last, of a scene or of one that shares its items, by what else it depends on, as long as somebody
     uses it."""
-    if "_models" not in vars(scene):
-        vars(scene)["_models"] = WeakValueDictionary[Any, Any]()
-    return vars(scene)["_models"]  # type: ignore[no-any-return]
+    return vars(scene).setdefault("_models", WeakValueDictionary[Any, Any]())  # type: ignore[no-any-return]
 
 
 def apart(scene: SceneItems, other: SceneItems) -> set[str] | None:

@@ -78,6 +78,7 @@ class Derived:
 
     def __init__(self, stated: Stated, key: str | None, run: Callable[[], tuple[Facts, Terms, Variation]]) -> None:
         self.stated, self.key, self._run = stated, key, run
+        self._notes: dict[str, Any] = {}
         self.law: Any = stated.law
         self.frames: tuple[Frame, ...] = stated.frames
         self.feeds: Feeds = stated.feeds
@@ -115,11 +116,13 @@ class Derived:
     def noted(self, what: str, find: Callable[[], Any]) -> Any:
         """A plain value that follows from the terms: from the cache on disk, or computed by `find` and cached. what: its name
         there, with that of its module."""
-        key = None if self.key is None else key_of("note", self.key, what)
-        found = recall(key)
-        if found is None:
-            keep(key, found := (find(),))
-        return found[0]
+        if what not in self._notes:
+            key = None if self.key is None else key_of("note", self.key, what)
+            found = recall(key)
+            if found is None:
+                keep(key, found := (find(),))
+            self._notes[what] = found[0]
+        return self._notes[what]
 
     @property
     def variation(self) -> Variation:
