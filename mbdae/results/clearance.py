@@ -19,8 +19,7 @@ from mbdae.deferred import distinct
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.integrators.solution import Solution
 from mbdae.notation import quantity
-from mbdae.results.sensors import ConnectionSensor, judged, reaction_outputs
-from mbdae.results.states import States
+from mbdae.results.sensors import ConnectionSensor, judged
 from mbdae.scene.shapes import Section
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
@@ -195,18 +194,6 @@ def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
     contacts: whether their scene has some."""
     count = int(np.clip(NUMBERS // max(unknowns, 1), FEWEST, MOST if contacts else FEWEST))
     return np.asarray(times[distinct(np.r_[: min(BEGIN, len(times)), np.linspace(0, len(times) - 1, count).astype(int)])])
-
-
-def wrenches(prepared: Prepared, at: States, names: list[str] | None = None) -> Array:
-    """(nt, names, 6) force (N) and torque (N m) of joints and force elements, by names (None: all), on their bodies l."""
-    m, items = prepared.with_all_rows, names if names is not None else [c.name for c in prepared.model.scene.connections]
-    multipliers = m.accelerations(at.t, at.q, at.u, at.s, at.z)[1]
-    total = np.zeros((len(at.t), len(items), 6))
-    for g, _, values in m.evaluate(reaction_outputs, at.t, at.q, at.u, at.s, multipliers):
-        for i, instance in enumerate(prepared.model.groups[g].instances):
-            if instance.item in items:
-                total[:, items.index(instance.item)] += values[:, i]
-    return total
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,10 @@ import numpy as np
 
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
-from mbdae.results.clearance import FURTHER, LATE, AtTimes, OtherRun, at_the_same_times, wrenches
+from mbdae.results.clearance import FURTHER, LATE, AtTimes, OtherRun, at_the_same_times
 from mbdae.results.contacts import averaged, fallen, largest
 from mbdae.results.quantities import Estimate, Quantity, absent, difference, differences, magnitudes, moves, named, unit_of, value
-from mbdae.results.states import states_of
+from mbdae.results.sensors import forces_apart
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
@@ -99,12 +99,7 @@ class Errors:
         scene = other.prepared or self.prepared
         meshes = scene is not self.prepared  # the inertia of reduced bodies with more modes is at other points
         items = [c.name for c in self.prepared.model.scene.connections if not (meshes and c.kind == "inertia")]
-        own = wrenches(self.prepared, states_of(self.prepared, self.solution, other.times), items)
-        compared = wrenches(scene, states_of(scene, other.run, other.times), items)
-        size, apart = (float(np.max(np.maximum(np.linalg.norm(w[..., :3], axis=2),
-                                               np.linalg.norm(w[..., 3:], axis=2) / self.prepared.length), initial=0.0))
-                       for w in (own, compared - own))
-        return size, apart
+        return forces_apart((self.prepared, self.solution), (scene, other.run), other.times, items, self.asked)
 
     @cached_property
     def _largest_force(self) -> float:

@@ -308,10 +308,10 @@ def _steep(e: Any) -> bool:
     return bool(exponent.free_symbols or (falls and any(term.is_Number for term in base.args)))
 
 
-#: a run is repeated for forces down from an accuracy of TIGHT, with a tolerance with which AIMED of the accuracy is expected, if
-#: that takes at most DEARER times its work, which rises with POWERS of the inverse of the tolerance, of implicit and of explicit
-#: methods
-TIGHT, AIMED, DEARER, POWERS = 1e-5, 0.5, 2.5, (0.2, 0.125)
+#: a run is repeated for forces down from an accuracy of TIGHT, where a tolerance with which AIMED of the accuracy is expected
+#: takes at most WORTH times its work, which rises with POWERS of the inverse of the tolerance, of implicit and explicit methods;
+#: at most DEARER times is spent: companions far looser than the run show its forces up to 50 times too far off
+TIGHT, AIMED, WORTH, DEARER, POWERS = 1e-5, 0.5, 3.3, 2.0, (0.2, 0.125)
 
 
 def with_stiff_forces(run: Controlled, system: SceneSystem, prepared: Prepared, accuracy: float, asked: Asked,
@@ -321,13 +321,14 @@ def with_stiff_forces(run: Controlled, system: SceneSystem, prepared: Prepared, 
     solver, stiff = run.solver, prepared.contacts or any(not c.is_joint for c in prepared.model.scene.connections)
     if accuracy > TIGHT or not stiff or not run.others or unseen(run.growth) or run.vibrations:
         return run
-    off, before = Errors(prepared, run.solution, run.others)(), run.others[-1]
+    off, before = Errors(prepared, run.solution, run.others, accuracy)(), run.others[-1]
     if off <= accuracy or isinstance(before.run.interpolant, AtTimes):
         return run
-    least = solver.companion if prepared.contacts else companions(system, solver)[0]
-    rtol = solver.tolerance * min((AIMED * accuracy / off) ** (1 / FALL), 1 / least)
-    dearer = (solver.tolerance / rtol) ** POWERS[is_explicit(run.solution)]
-    if dearer > DEARER or rtol < run.limit:
+    least, power = solver.companion if prepared.contacts else companions(system, solver)[0], POWERS[is_explicit(run.solution)]
+    needed = max((off / (AIMED * accuracy)) ** (1 / FALL), least)
+    closer = min(needed, DEARER ** (1 / power))
+    rtol, dearer = solver.tolerance / closer, closer**power
+    if needed**power > WORTH or closer < least or rtol < run.limit:
         return run
     known = [(before.ratio * solver.tolerance, before.run), (solver.tolerance, run.solution)][-1 - bool(prepared.contacts) :]
     most = replace(asked, max_residuals=int(2 * dearer * run.solution.stats.residuals))
@@ -337,7 +338,7 @@ def with_stiff_forces(run: Controlled, system: SceneSystem, prepared: Prepared, 
             made = Search(system, prepared, with_rtol(solver, None), accuracy, most, times, False, known=(known, rtol)).run()
     except SolverError as error:
         return run.after(1, cpu_of(error))
-    better = made.estimate <= accuracy and made.others and Errors(prepared, made.solution, made.others)() < off
+    better = made.estimate <= accuracy and made.others and Errors(prepared, made.solution, made.others, accuracy)() < off
     if not better or hidden_contacts(system, made.solution, 0.0):
         return run.after(made.runs, made.cpu_s)
     return replace(made, growth=tuple(growing(system, made.solution)), notes=run.notes).after(run.runs, run.cpu_s)

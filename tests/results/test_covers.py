@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import signal
 import threading
@@ -11,14 +12,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 from beam_scenes import bend45, cantilever, slider_crank, steel_pendulum, thin
 from contact_scenes import ball
 
 import mbdae as mb
 from mbdae.integrators.base import Asked
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.clearance import AtTimes, OtherRun, wrenches
+from mbdae.results.clearance import AtTimes, OtherRun
 from mbdae.results.errors import Errors
+from mbdae.results.sensors import forces_apart, wrenches
 from mbdae.results.states import states_of
 from mbdae.run import verification
 from mbdae.run.estimate import Controlled
@@ -103,6 +106,37 @@ def test_forces_of_impacts_are_not_covered():
     assert (r.stats.contacts > 10, len(r.accuracy.found_reactions.others)) == (True, 2)
     assert 1e-3 < error < 3 * r.accuracy.reactions
     assert "reactions" not in r.accuracy.covers
+
+
+@pytest.mark.parametrize(("late", "asked", "apart"), [(1e-7, 1e-6, 0.0), (1e-5, 1e-6, 0.5), (1e-7, None, 0.5)],
+                         ids=["within the accuracy", "later than that", "no accuracy"])
+def test_a_force_may_jump_within_the_accuracy_earlier_or_later(late, asked, apart):
+    """A force of 10 N across a guide becomes 5 N, in another run a little later."""
+    def run(jump: float) -> mb.Result:
+        s = mb.Scene("loaded")
+        block = s.rigid_body("block", 1.0, 1.0, at=(0, 0), velocity=(1, 0, 0))
+        s.prismatic("guide", s.ground, block, at=(0, 0), axis=(1, 0, 0))
+        s.force("load", block, (0, sp.Piecewise((10, mb.t < jump), (5, True)), 0))
+        return s.simulate(1.0, 1e-6)
+
+    own, other = run(0.5), run(0.5 + late)
+    times = np.array([0.1, 0.5 - 1e-3, 0.5 + late / 2, 0.9])
+    runs = [(one.prepared, one.solution) for one in (own, other)]
+    assert forces_apart(*runs, times, ["guide"], asked) == pytest.approx((10.0, 10 * apart), abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["stick_slip", "latched_door"])
+def test_stiff_forces_come_within_a_tight_accuracy_too(name, monkeypatch):
+    """Friction that sticks, a latch that strikes: the true error of all reactions beside a far closer run."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+    made = importlib.import_module(name)
+    r = made.scene().simulate(made.t_end, 1e-6)
+    exact = made.scene().simulate(made.t_end, solver=mb.RadauIIA(5, rtol=1e-12))
+    other = OtherRun(exact.solution, np.linspace(0, made.t_end, 3001), 1.0, exact.prepared)
+    true = Errors(r.prepared, r.solution, (other,), 1e-6)()
+    assert true < 1e-6
+    assert true < 3 * r.accuracy.reactions < 3e-6
 
 
 def test_verification_compares_reactions_with_another_method():

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import mbdae as mb
 from mbdae.laws.joint_rows import FixedOrientation, Free, PointOnLine, PointOnPlane
 from mbdae.laws.joints import Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal
-from mbdae.results.clearance import wrenches
+from mbdae.results.sensors import wrenches
 from mbdae.results.states import States
 from mbdae.system.prepare import Prepared
 

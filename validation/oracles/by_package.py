@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.laws import joints
-from mbdae.results.clearance import wrenches
+from mbdae.results.sensors import wrenches
 from mbdae.results.states import States
 from mbdae.system.prepare import Prepared, prepare
 from oracles.trees import DRIVE, FORCE, GROUND, LEAD, TORQUE, Answer, Array, State, Tree, Wave, far

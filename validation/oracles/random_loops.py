@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import mbdae as mb
-from mbdae.results.clearance import wrenches
+from mbdae.results.sensors import wrenches
 from mbdae.results.states import States
 from mbdae.system.prepare import prepare
 from oracles import loops
