@@ -19,6 +19,7 @@ from mbdae.results.clearance import FURTHER, LATE, AtTimes, OtherRun, at_the_sam
 from mbdae.results.contacts import averaged, fallen, largest
 from mbdae.results.quantities import Estimate, Quantity, absent, difference, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.sensors import forces_apart
+from mbdae.results.states import RunStates
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
@@ -96,10 +97,10 @@ class Errors:
 
     def _forces(self, other: OtherRun) -> tuple[float, float]:
         """Largest force at the times of a comparison, and the largest difference there, N."""
-        scene = other.prepared or self.prepared
-        meshes = scene is not self.prepared  # the inertia of reduced bodies with more modes is at other points
-        items = [c.name for c in self.prepared.model.scene.connections if not (meshes and c.kind == "inertia")]
-        return forces_apart((self.prepared, self.solution), (scene, other.run), other.times, items, self.asked)
+        own, beside = self._both(other)
+        meshes = beside.prepared is not own.prepared  # the inertia of reduced bodies with more modes is at other points
+        items = [c.name for c in own.prepared.model.scene.connections if not (meshes and c.kind == "inertia")]
+        return forces_apart(own, beside, items, self.asked)
 
     @cached_property
     def _largest_force(self) -> float:
@@ -162,9 +163,10 @@ class Errors:
         times, else what `part` makes of times and values of both runs there, relative to `size` (default: the largest value)."""
         unit, found, known = unit_of(result, quantity), [], size or 0.0
         asked, (first, last) = self.asked or 0.0, (-np.inf, np.inf) if part is None else result.t[[0, -1]]
+        alone = sum(other.kind == "companion" for other in self._shown) == 1  # of two the differences are taken together
         try:
             for other in self._shown:
-                both = self._both(result, other)
+                both = self._both(other, result)
                 own, beside = (value(one, quantity) for one in both)
                 if (at_time := absent(result, quantity, [(other.times, one) for one in (own, beside)])) is not None:
                     self.endless.setdefault(named(quantity), at_time)
@@ -173,7 +175,8 @@ class Errors:
                 known = max(known, top) if size is None else size
                 at = other.between(first, last)
                 if part is None or part is np.max:
-                    shown = differences(*both, quantity, unit, asked * self.prepared.time, asked * top)
+                    least = asked * top / ((alone and other.share) or 1.0)
+                    shown = differences(*both, quantity, unit, asked * self.prepared.time, least)
                     found.append((other, float(np.max(shown[at]))))
                 else:
                     found.append((other, part(other, other.times[at], own[at], beside[at])))
@@ -200,7 +203,7 @@ class Errors:
     def _at_peak(self, result: Any, quantity: Quantity, size: float, t: float, other: OtherRun) -> float:
         """The difference of another run that counts for the peak of this one."""
         begin, end = float(other.times[0]), float(other.times[-1])
-        own, beside = self._both(result, other)
+        own, beside = self._both(other, result)
         if other.kind == "window" and not begin <= t <= end:
             # a peak elsewhere: of the vibrations that go on at the end of the window a crest may meet it
             late, apart = other.times >= begin + LATE * (end - begin), magnitudes(value(beside, quantity) - value(own, quantity))
@@ -238,12 +241,16 @@ class Errors:
         end = max((other.times[-1] for other in given if other.kind == "closer"), default=-np.inf)
         return [cut for other in given if len((cut := other if other.kind in ("closer", *FURTHER) else other.after(end)).times)]
 
-    def _both(self, result: Any, other: OtherRun) -> tuple[Any, Any]:
-        """The run and another one at the times of their comparison, to be read without telling anything."""
-        key = id(other.run), len(other.times)
-        if key not in self._views:
+    def _both(self, other: OtherRun, result: Any = None) -> tuple[Any, Any]:
+        """The run and another one at the times of their comparison, to be read without telling anything. result: the run, read
+        itself where it tells nothing and has these times."""
+        key, kind = (id(other.run), len(other.times)), type(result) if result is not None else RunStates
+        if not isinstance(self._views.get(key, (None,))[0], kind):
             runs = (self.prepared, self.solution), (other.prepared or self.prepared, other.run)
-            self._views[key] = tuple(type(result)(prepared, run, None, other.times) for prepared, run in runs)
+            own, beside = (type(result)(*run, None, other.times) if result is not None else RunStates(*run, other.times)
+                           for run in runs)
+            same = result is not None and result.info is None and np.array_equal(result.t, other.times)
+            self._views[key] = (result if same else own), beside
         return self._views[key]
 
     @cached_property

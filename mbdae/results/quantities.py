@@ -8,7 +8,6 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -92,19 +91,6 @@ def difference(own: Array, compared: Array, unit: str) -> Array:
     """Difference of two readings of a quantity; of angles without whole turns."""
     found = compared - own
     return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
-
-
-@dataclass(frozen=True)
-class AtSome:
-    """A run of a prepared scene at times t (nt,), s, for quantities that are functions of it."""
-
-    prepared: Any
-    solution: Any
-    t: Array
-
-    def __call__(self, t: Array) -> AtSome:
-        """The same run at other times (k,)."""
-        return replace(self, t=t)
 
 
 def differences(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float, least: float) -> Array:

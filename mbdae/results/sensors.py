@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError
-from mbdae.integrators.solution import Solution
 from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import UNITS, quantity
 from mbdae.process import unchanging
 from mbdae.results.contacts import Contacts, contacts_at
-from mbdae.results.quantities import AtSome, differences
-from mbdae.results.states import RunStates, States, states_of
+from mbdae.results.quantities import differences
+from mbdae.results.states import RunStates, States
 from mbdae.scene.components import Body, Connection
 from mbdae.scene.sensed import drives_of, has_length, rates_of
 from mbdae.symbolic.derive import Derived
@@ -50,33 +49,32 @@ def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [] if isinstance(d.law, Element) else reaction(d)
 
 
-def wrenches(prepared: Prepared, at: States, names: list[str] | None = None) -> Array:
-    """(nt, names, 6) force (N) and torque (N m) of joints and force elements, by names (None: all), on their bodies l."""
+def wrenches(prepared: Prepared, at: States, names: list[str] | None = None, multipliers: Array | None = None) -> Array:
+    """(nt, names, 6) force (N) and torque (N m) of joints and force elements, by names (None: all), on their bodies l.
+    multipliers: where they are known."""
     m, items = prepared.with_all_rows, names if names is not None else [c.name for c in prepared.model.scene.connections]
-    multipliers = m.accelerations(at.t, at.q, at.u, at.s, at.z)[1]
+    known = m.accelerations(at.t, at.q, at.u, at.s, at.z)[1] if multipliers is None else multipliers
     total = np.zeros((len(at.t), len(items), 6))
-    for g, _, values in m.evaluate(reaction_outputs, at.t, at.q, at.u, at.s, multipliers):
+    for g, _, values in m.evaluate(reaction_outputs, at.t, at.q, at.u, at.s, known):
         for i, instance in enumerate(prepared.model.groups[g].instances):
             if instance.item in items:
                 total[:, items.index(instance.item)] += values[:, i]
     return total
 
 
-def forces_apart(own: tuple[Prepared, Solution], other: tuple[Prepared, Solution], times: Array, names: list[str],
-                 asked: float | None) -> tuple[float, float]:
+def forces_apart(own: RunStates, other: RunStates, names: list[str], asked: float | None) -> tuple[float, float]:
     """Largest force, N (torques over the length of the scene), of the named items in one run, and the largest difference from it
     in another. Where a force jumps, the other may jump within the accuracy asked, of the time of the motion, earlier or later."""
-    scene, runs = own[0], (AtSome(*own, times), AtSome(*other, times))
-    per_force = np.repeat([1.0, 1 / scene.length], 3)
+    per_force = np.repeat([1.0, 1 / own.prepared.length], 3)
 
-    def forces(at: AtSome, some: Any = slice(None)) -> Any:
-        return wrenches(at.prepared, states_of(at.prepared, at.solution, at.t), names)[:, some] * per_force
+    def forces(run: RunStates, some: Any = slice(None)) -> Any:
+        return wrenches(run.prepared, States(run.t, *run._states, None), names, run.multipliers)[:, some] * per_force
 
-    first, second = map(forces, runs)
+    first, second = forces(own), forces(other)
     size, apart = (np.max(np.linalg.norm(w.reshape(*w.shape[:2], 2, 3), axis=3), axis=2) for w in (first, second - first))
-    largest, shift = float(np.max(size, initial=0.0)), (asked or 0.0) * scene.time
+    largest, shift = float(np.max(size, initial=0.0)), (asked or 0.0) * own.prepared.time
     for i in np.flatnonzero(np.max(apart, axis=0, initial=0.0) > (asked or 0.0) * largest) if shift else ():
-        jumping = differences(*runs, partial(forces, some=i), "", shift, (asked or 0.0) * largest)
+        jumping = differences(own, other, partial(forces, some=i), "", shift, (asked or 0.0) * largest)
         apart[:, i] = np.minimum(apart[:, i], jumping)
     return largest, float(np.max(apart, initial=0.0))
 

@@ -91,6 +91,10 @@ class RunStates(NamesArguments):
         self.prepared, self.solution, self.t = prepared, solution, unchanging(np.array(t, dtype=float))
         self._silent = False  # while an expression is read, its sensors tell nothing: it does
 
+    def __call__(self, t: Any) -> RunStates:
+        """The same run at other times t (s)."""
+        return RunStates(self.prepared, self.solution, t)
+
     def _judge(self, quantity: Any) -> None:
         """Tell where the error of a quantity that was read is above the accuracy asked; here nothing is known of it."""
 

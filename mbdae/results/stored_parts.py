@@ -272,6 +272,7 @@ class AskedToo:
     def __init__(self, prepared: Prepared, system: SceneSystem, wanted: Wanted) -> None:
         self.prepared, self.names, self.wanted = prepared, system.names, wanted
         self.motion = 0.0
+        self._last: tuple[tuple[bytes, ...], float] = (), 0.0
 
     def __call__(self, t: Array, a: Array, b: Array) -> Array:
         found = np.array(distance(self.prepared, t, a, b))
@@ -282,7 +283,10 @@ class AskedToo:
             of = first[np.searchsorted(times, some)]
             k = int(np.argmax(found))
             other = OtherRun(self._run(some, a[of]), some, 1.0)
-            found[k] = max(found[k], apart(self.prepared, self._run(some, b[of]), other, self.wanted))
+            key = tuple(part.tobytes() for part in (some, a[of], b[of]))
+            if key != self._last[0]:  # the same two runs are compared by several estimates
+                self._last = key, apart(self.prepared, self._run(some, b[of]), other, self.wanted)
+            found[k] = max(found[k], self._last[1])
         return found
 
     def _run(self, t: Array, y: Array) -> Solution:

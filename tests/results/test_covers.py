@@ -121,8 +121,7 @@ def test_a_force_may_jump_within_the_accuracy_earlier_or_later(late, asked, apar
 
     own, other = run(0.5), run(0.5 + late)
     times = np.array([0.1, 0.5 - 1e-3, 0.5 + late / 2, 0.9])
-    runs = [(one.prepared, one.solution) for one in (own, other)]
-    assert forces_apart(*runs, times, ["guide"], asked) == pytest.approx((10.0, 10 * apart), abs=1e-9)
+    assert forces_apart(own(times), other(times), ["guide"], asked) == pytest.approx((10.0, 10 * apart), abs=1e-9)
 
 
 @pytest.mark.slow
