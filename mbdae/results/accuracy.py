@@ -31,7 +31,7 @@ WORDS = ("motion", "reactions", "mesh", "deformation")  #: the errors of a run
 #: why an error is not known where the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
 NO_RUN_BESIDE = "not estimated: no second run for comparison was completed"
-NOT_REPEATED = "not measured: verify=True repeats the run on a finer mesh"
+NOT_REPEATED = "not measured: simulate(..., verify=True) repeats a run on a finer mesh"
 MODEL = ("how far the model itself (rigid bodies, ideal joints, laws and their numbers) differs from the real system cannot be "
          "estimated by a solver")
 

@@ -74,9 +74,9 @@ class Section:
     """A cross-section of a beam about its centroid, axes 2 and 3 principal.
 
     EA axial, GA2 and GA3 shear stiffness along axes 2 and 3 (shear correction included), N; GJ torsional, EI2 and EI3
-    bending stiffness about axes 2 and 3, N m^2; math.inf is a rigid strain. mass_per_length kg/m. rotary_inertia about axes
-    1, 2, 3, kg m; one number j for equal axes 2 and 3 is (2 j, j, j). damping: stress = C (strain + damping * strain
-    rate), s.
+    bending stiffness about axes 2 and 3, N m^2; `s.beam` wants finite ones (1e4 times the real one is nearly rigid).
+    mass_per_length kg/m. rotary_inertia about axes 1, 2, 3, kg m; one number j for equal axes 2 and 3 is (2 j, j, j).
+    damping: stress = C (strain + damping * strain rate), s.
     """
 
     EA: float

@@ -21,6 +21,7 @@ import numpy as np
 from mbdae.errors import ListsAttributes, OptionError, naming_arguments, warn
 from mbdae.notation import counted
 from mbdae.results.contacts import Mean, Peak
+from mbdae.results.quantities import library
 from mbdae.results.reads import reads
 from mbdae.run.checkpoint import versions
 from mbdae.scene.scene import SceneData
@@ -116,6 +117,13 @@ class Sweep(ListsAttributes):
         """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""
         rows = [{"point": row.point, "values": row.values, "error": row.error, "warnings": row.warnings} for row in self.rows]
         return as_json({"complete": self.complete, "rows": _finite(json.loads(as_line(rows)))}, path)
+
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame with a row for every point: its numbers, the values that the job returned (of an array every entry,
+        of a peak its error too), why the point failed, and its warnings."""
+        told = [{"failure": row.error or "", "warnings": "\n".join(row.warnings)} for row in self.rows]
+        table = [row.point | _entries("", row.values or {}) | said for row, said in zip(self.rows, told, strict=True)]
+        return library("pandas").DataFrame(table)
 
     def __repr__(self) -> str:
         return f"<Sweep: {len(self.done)} of {len(self.points)} points done, {len(self.failures)} failed>"
@@ -274,6 +282,15 @@ def _with_errors(values: dict[str, Any]) -> dict[str, Any]:
     """Values of a job; in the place of a peak or a mean its value, and its error beside it."""
     errors = {f"{name} error": one.error for name, one in values.items() if isinstance(one, Peak | Mean)}
     return {name: one.value if isinstance(one, Peak | Mean) else one for name, one in values.items()} | errors
+
+
+def _entries(name: str, value: Any) -> dict[str, Any]:
+    """Plain values by name; those in dictionaries and lists each by itself, "forces[0]"."""
+    if not isinstance(value, dict | list):
+        return {name: value}
+    parts = {f"{name}[{i}]": part for i, part in enumerate(value)} if isinstance(value, list) else {
+        f"{name}.{key}".removeprefix("."): part for key, part in value.items()}
+    return {found: one for inner, part in parts.items() for found, one in _entries(inner, part).items()}
 
 
 def _finite(value: Any) -> Any:

@@ -40,6 +40,10 @@ def test_rows_arrays_and_failures() -> None:
     assert "ValueError: a = 2 is not wanted" in found.table()
     data = json.loads(found.to_json())
     assert data["rows"][5] == {"point": {"a": 3, "b": 1.0}, "values": found.rows[5].values, "error": None, "warnings": []}
+    frame = found.to_dataframe()
+    assert list(frame["product"].dropna()) == [0, 1, 0, 3]
+    assert list(frame["pair[1]"].dropna()) == list(frame["b"][frame["a"] != 2])
+    assert list(frame["failure"] == "") == list(frame["a"] != 2)
     with pytest.raises(mb.OptionError, match="key = 'sum' is no value of any row; they have pair, pid, product"):
         found.array("sum")
 
