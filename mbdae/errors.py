@@ -277,8 +277,7 @@ def naming_arguments(function: Callable[P, T]) -> Callable[P, T]:
         try:
             return function(*args, **kwargs)
         except MbdaeError as error:
-            own = of_user_alone(error.__cause__)
-            raise error.with_traceback(process.of_user(error.__traceback__)) from own
+            raise error.with_traceback(process.of_user(error.__traceback__)) from of_user_alone(error.__cause__)
         except TypeError:
             owner = (args[0] if isinstance(args[0], type) else type(args[0])).__name__ if args and _bound(function) else ""
             name = owner if function.__name__ == "__init__" else ".".join(filter(None, (owner, function.__name__)))
@@ -331,7 +330,8 @@ class NamesAttributes:
             if name.startswith("_"):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
             known = [n for n in dir(self) if not n.startswith("_")]
-            raise AttributeError(f"{self._called} has no '{name}': {meant(name, known)}it has {', '.join(known)}")
+            close = f"write mbdae.{name}; " if name in getattr(sys.modules.get("mbdae"), "__all__", ()) else meant(name, known)
+            raise AttributeError(f"{self._called} has no '{name}': {close}it has {', '.join(known)}")
 
 
 class ListsAttributes(NamesAttributes, NamesArguments):

@@ -34,3 +34,8 @@ def test_warnings_point_to_the_line_of_the_user():
     with pytest.warns(mb.AccuracyWarning) as of_law:
         mb.LuGre(mu_s=0.3, mu_k=0.2, v_s=0.01, sigma0=1e5, sigma1=300.0, damping_decay=False)
     assert [warning.filename for told in (of_run, of_law) for warning in told] == [__file__, __file__]
+
+
+def test_what_is_a_function_of_the_package_and_no_method_says_so() -> None:
+    with pytest.raises(AttributeError, match=r"scene 'plain' has no 'compare': write mbdae\.compare; it has add"):
+        mb.Scene("plain").compare(1.0)
