@@ -10,7 +10,7 @@ import numpy as np
 
 from mbdae.errors import MbdaeError
 from mbdae.scene.components import Beam, Body, Connection
-from mbdae.scene.record import SceneItems, Statement, models_of
+from mbdae.scene.record import SceneItems, Statement, encode, models_of
 from mbdae.scene.replay import Known, repeat
 from mbdae.scene.sensed import read_by
 
@@ -89,7 +89,8 @@ def _onto(made: Any, name: str, bodies: Mapping[Any, Any]) -> bool:
 def drawn_as(body: Body, other: Body) -> bool:
     """Whether a body is drawn as another one, and starts as it: they differ in mass, inertia and gravity at most."""
     a, b = vars(body), vars(other)
-    if a["shapes"] is not b["shapes"] or any(a[key] != b[key] for key in ("is_point", "principal_plane", "color")):
+    if any(a[key] != b[key] for key in ("is_point", "principal_plane", "color")) or not (
+            a["shapes"] is b["shapes"] or encode(a["shapes"]) == encode(b["shapes"])):
         return False
     pairs = [] if a["drawn"] is b["drawn"] else [*zip(vars(a["drawn"]).values(), vars(b["drawn"]).values(), strict=True)]
     return all(x is y or np.array_equal(x, y) for x, y in (*pairs, (a["outline"], b["outline"])))

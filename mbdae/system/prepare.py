@@ -154,23 +154,22 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError(problems)
     if start is None and not ideal and not (moved.alone and _closed(all_rows, starter.t, q)):
         q = start_positions(starter)
-    always = {row for row in all_rows.rows if not moved.keeps(row)}
     rank = (RankReport(list(all_rows.rows), degrees_of_freedom=all_rows.nu - all_rows.m) if moved.alone else
-            analyse(all_rows, starter, q, always))
+            analyse(all_rows, starter, q, {row for row in all_rows.rows if not moved.keeps(row)}))
     if problems := _massless(all_rows, all_bodies, rank, starter, q) + undecided(all_rows, rank, starter.t, q):
         raise SceneError(problems)
     mechanics = all_rows if moved.alone else mechanics_of(model, rank.kept, all_bodies)
     try:
-        begin = (continued(mechanics, start) if start is not None else
-                 Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))
+        moving = Starter(mechanics, t0, changes=starter.changes)
+        begin = continued(mechanics, start) if start is not None else moving.run(q, ideal.u if ideal else None)
     except StartError as error:
         raise StartError([*error.problems, *rank.locking]) from None
     problems, model.conditions.time = _contradictions(all_rows, rank, begin), None
     if problems := problems or _later_contradictions(all_rows, mechanics, rank, begin, end):
         raise StartError(problems)
     found = _begun(Prepared(model, mechanics, rank, begin, 0.0, all_bodies), ideal.reactions if ideal else {}, start is not None)
-    found.kept["placed"] = starter.drawn
     if start is None and not loose:
+        found.kept.update(placed=starter.drawn, projected=moving.projected)
         _keep(scene, found, (t0, t_end))
     return found
 
@@ -225,7 +224,7 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
             starter.drawn = bare.drawn
         if (again or how.inertia) and not all_inert(model) and _massless(mechanics, all_bodies, r, starter, q):
             return None
-        if q is not last.start.q or (how.inertia and u.any() and last.rank.degrees_of_freedom):
+        if q is not last.start.q or (how.inertia and u.any() and r.degrees_of_freedom and last.kept["projected"]):
             begin = starter.run(q)
         else:
             s = starter.states(q, u)
@@ -235,7 +234,8 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
         if not all(np.isfinite(x).all() for x in (begin.q, begin.u, begin.s, begin.acceleration, begin.multipliers)):
             return None
         made = _begun(Prepared(model, mechanics, r, begin, 0.0, all_bodies), {}, False)
-        made.kept["placed"] = starter.drawn if how.placed else last.kept["placed"]
+        placed, projected = (starter.drawn if how.placed else last.kept["placed"]), starter.projected or last.kept["projected"]
+        made.kept.update(placed=placed, projected=projected)
         _keep(scene, made, (t0, t_end))
         return made
     return None

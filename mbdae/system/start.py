@@ -73,6 +73,7 @@ class Starter(ConsistentPositions):
 
     #: in scenes with loops: gives the relative velocities of all joints, the sum of whose squares is minimised
     joints: JointMotions | None = None
+    projected = False  #: whether velocities were projected: then they depend on the masses
 
     def run(self, q: Array, u: Array | None = None) -> Start:
         """The start at positions q (nq,) at which the loops are closed. u (nu,): velocities, which are projected on the
@@ -169,6 +170,7 @@ class Starter(ConsistentPositions):
         states of a body are kept where joints and held rates allow it; where they do not, they are changed like all others."""
         if self.fits(q, u):
             return u
+        self.projected = True
         given = self.rigid.given(q) if self.holding else []
         projected, change = self._projected(q, u, given)
         fastest = max(self.mechanics.speed(v) for v in (u, projected))
