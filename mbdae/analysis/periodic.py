@@ -147,7 +147,7 @@ class _Search(Shooting):
             raise OptionError(DRIVEN.format(name))
         super().__init__(prepared, shared_system(prepared, highest_index=3), timed_item(prepared) is None)
         self.accuracy, self.given, self.rests = accuracy, period, False
-        self.measure = measure_of(self.system, prepared, wanted)
+        self.measure = measure_of(self.system, prepared, wanted, accuracy)
 
     def run(self) -> Found:
         """The motion of the given period; of a scene without drives the period is found, unless a family has one of each."""

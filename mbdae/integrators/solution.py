@@ -187,18 +187,23 @@ class Beside:
     """A run beside another one: a companion, a run of a second method, on a finer mesh, of a short window. Both are compared at
     `times` (k,) in a `measure`; the error of the other one counts as `margin` times their distance.
 
-    better: whether this is the more accurate one of the two, to whose size the measure relates differences."""
+    better: whether this is the more accurate one of the two, to whose size the measure relates differences; ratio: its tolerance
+    over that of the other one."""
 
     run: Solution
     times: Array
     measure: Measure
     margin: float = 1.0
     better: bool = False
+    ratio: float = 1.0
 
     def distance(self, other: Solution) -> float:
         """Largest distance of the other run from this one."""
         a, b = (other, self.run) if self.better else (self.run, other)
-        return float(np.max(self.measure(self.times, a(self.times), b(self.times))))
+        between = getattr(self.measure, "between", None)  # of two runs that are known between the times too
+        found = self.measure(self.times, a(self.times), b(self.times)) if between is None else (
+            between(self.times, a, b, self.ratio))
+        return float(np.max(found))
 
     def error(self, other: Solution) -> float:
         """The error of the other run that the distance shows."""

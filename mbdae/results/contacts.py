@@ -142,8 +142,7 @@ def mean(result: Any, quantity: Quantity, power: int) -> Mean:
 
 def averaged(t: Array, values: Array, begin: float, length: float) -> float:
     """The largest integral of values (k, n) at times t (k,), s, from `begin` up to any of them, over at least `length` (s)."""
-    held = np.r_[values[:1], values]
-    sums = np.cumsum((held[1:] + held[:-1]) * np.diff(np.r_[begin, t])[:, None] / 2, axis=0)
+    sums = np.cumsum((values + np.r_[values[:1], values[:-1]]) * np.diff(np.r_[begin, t])[:, None] / 2, axis=0)
     return float(np.max(np.linalg.norm(sums, axis=1)) / max(length, t[-1] - begin))
 
 
@@ -165,6 +164,7 @@ def _mean(result: Any, quantity: Quantity, power: int, steps: Array, points: int
 def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple[float, float]:
     """The largest magnitude of a quantity between two times (s), and its time; nan where it has no finite value."""
     steps = result.solution.t
+    last -= 4 * float(np.spacing(last)) * (first < last < steps[-1])  # the value after a jump at the end of a part is not its own
     steps = distinct(np.r_[first, steps[(steps > first) & (steps < last)], last])
     times = _inside(steps, _where_it_may_be(result, quantity, steps))
     found = sizes(result, quantity, times)

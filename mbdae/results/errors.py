@@ -100,7 +100,7 @@ class Errors:
         own, beside = self._both(other)
         meshes = beside.prepared is not own.prepared  # the inertia of reduced bodies with more modes is at other points
         items = [c.name for c in own.prepared.model.scene.connections if not (meshes and c.kind == "inertia")]
-        return forces_apart(own, beside, items, self.asked)
+        return forces_apart(own, beside, items, self.asked, other.ratio)
 
     @cached_property
     def _largest_force(self) -> float:
@@ -176,7 +176,7 @@ class Errors:
                 at = other.between(first, last)
                 if part is None or part is np.max:
                     least = asked * top / ((alone and other.share) or 1.0)
-                    shown = differences(*both, quantity, unit, asked * self.prepared.time, least)
+                    shown = differences(*both, quantity, unit, asked * max(1.0, other.ratio) * self.prepared.time, least)
                     found.append((other, float(np.max(shown[at]))))
                 else:
                     found.append((other, part(other, other.times[at], own[at], beside[at])))
@@ -213,26 +213,24 @@ class Errors:
         first, last = max(begin, float(result.t[0])), min(end, float(result.t[-1]))
         if first > last:
             return 0.0
-        if isinstance(other.run.interpolant, AtTimes):
+        if sampled := isinstance(other.run.interpolant, AtTimes):
             within = (other.times >= first) & (other.times <= last)
-            sizes = np.where(within, magnitudes(value(beside, quantity)), 0.0)
-            k = int(np.argmax(sizes))
-            there, when = float(sizes[k]), float(other.times[k])
+            both = np.array([np.where(within, magnitudes(value(one, quantity)), 0.0) for one in (own, beside)])
+            k, apart = int(np.argmax(both[1])), np.abs(both[1] - both[0])
+            there, when = float(both[1, k]), float(other.times[k])
         else:
             there, when = largest(beside, quantity, first, last)
         if not first <= t <= last:
             return max(there - size, 0.0)
         if other.kind == "closer":
-            return abs(there - size)
+            return float(max(abs(there - np.max(both[0])), *apart[np.argmax(both, axis=1)])) if sampled else abs(there - size)
         if other.kind in ("window", "start"):
             near = np.abs(other.times - t) <= NEAR * (end - begin)
             apart = magnitudes(value(beside, quantity) - value(own, quantity))
             return max(there - size, float(np.max(apart[near], initial=0.0)))
-        sampled = isinstance(other.run.interpolant, AtTimes)
         at = other.times[[int(np.argmin(np.abs(other.times - t)))]] if sampled else np.array([t])
-        both = np.sort(np.r_[at, when])
-        apart = magnitudes(value(beside(both), quantity) - value(own(both), quantity))
-        return max(abs(there - size), float(np.max(apart)))
+        at = np.sort(np.r_[at, when])
+        return max(abs(there - size), float(np.max(magnitudes(value(beside(at), quantity) - value(own(at), quantity)))))
 
     @property
     def _shown(self) -> list[OtherRun]:

@@ -255,9 +255,10 @@ def _read(one: Any, start: Result) -> Quantity:
     return quantity
 
 
-def apart(prepared: Prepared, run: Solution, other: OtherRun, wanted: Wanted) -> float:
-    """The largest difference of a quantity in a run and another one, over its size; 0 where it is rounding."""
-    errors = Errors(prepared, run, (other,), wanted=tuple(wanted.values()))
+def apart(prepared: Prepared, run: Solution, other: OtherRun, wanted: Wanted, asked: float | None = None) -> float:
+    """The largest difference of a quantity in a run and another one, over its size; 0 where it is rounding. asked: accuracy
+    within which a jump may come earlier or later."""
+    errors = Errors(prepared, run, (other,), asked, wanted=tuple(wanted.values()))
     view = Result(prepared, run, None, other.times)  # type: ignore[arg-type]
     estimates = [errors.of(view, quantity) for quantity in wanted.values()]
     return max((one.relative for one in estimates if one is not None), default=0.0)
@@ -269,12 +270,14 @@ class AskedToo:
 
     motion: the largest distance of the motions at the last call."""
 
-    def __init__(self, prepared: Prepared, system: SceneSystem, wanted: Wanted) -> None:
-        self.prepared, self.names, self.wanted = prepared, system.names, wanted
+    def __init__(self, prepared: Prepared, system: SceneSystem, wanted: Wanted, asked: float | None = None) -> None:
+        self.prepared, self.names, self.wanted, self.asked = prepared, system.names, wanted, asked
         self.motion = 0.0
-        self._last: tuple[tuple[bytes, ...], float] = (), 0.0
+        self._last: tuple[tuple[object, ...], float] = (), 0.0
 
-    def __call__(self, t: Array, a: Array, b: Array) -> Array:
+    def __call__(self, t: Array, a: Array, b: Array, run: Solution | None = None, ratio: float = 1.0) -> Array:
+        """run: of which b is the trajectory, where it is known between the times too: jumps of its quantities are sought; ratio:
+        the tolerance of a over that of b."""
         found = np.array(distance(self.prepared, t, a, b))
         self.motion = float(np.max(found, initial=0.0))
         times, first = np.unique(t, return_index=True)
@@ -282,12 +285,16 @@ class AskedToo:
         if len(some) > 1:
             of = first[np.searchsorted(times, some)]
             k = int(np.argmax(found))
-            other = OtherRun(self._run(some, a[of]), some, 1.0)
-            key = tuple(part.tobytes() for part in (some, a[of], b[of]))
+            other, own = OtherRun(self._run(some, a[of]), some, 1.0, ratio=ratio), run or self._run(some, b[of])
+            key = *(part.tobytes() for part in (some, a[of], b[of])), bool(run)
             if key != self._last[0]:  # the same two runs are compared by several estimates
-                self._last = key, apart(self.prepared, self._run(some, b[of]), other, self.wanted)
+                self._last = key, apart(self.prepared, own, other, self.wanted, self.asked if run else None)
             found[k] = max(found[k], self._last[1])
         return found
+
+    def between(self, t: Array, a: Solution, b: Solution, ratio: float) -> Array:
+        """The same of two runs."""
+        return self(t, a(t), b(t), None if isinstance(b.interpolant, AtTimes) else b, ratio)
 
     def _run(self, t: Array, y: Array) -> Solution:
         return Solution(t, y, y[:0], None, Stats(), Instant("", y, y), self.names, True, AtTimes(t, y))
@@ -296,7 +303,7 @@ class AskedToo:
         """The part of an estimate, made with this measure of a run and others, that speaks of the motion."""
         motion = both = 0.0
         for other in others:
-            apart = float(np.max(self(other.times, other.run(other.times), run(other.times))))
+            apart = float(np.max(self.between(other.times, other.run, run, other.ratio)))
             motion, both = max(motion, other.share * self.motion), max(both, other.share * apart)
         return estimate * motion / both if both > 0 and math.isfinite(estimate) else estimate
 

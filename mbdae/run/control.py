@@ -101,7 +101,7 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
         warnings.simplefilter("always", AccuracyWarning)
         run = _passing_nothing_over(system, prepared, solver, accuracy, asked, outputs, besides)
         second = None if solver.by_steps else second_method(
-                solver, system, asked, accuracy, measure_of(system, prepared, asked.wanted))
+                solver, system, asked, accuracy, measure_of(system, prepared, asked.wanted, accuracy))
         if second is not None:
             distance = second.distance(run.solution, run.estimate)
             second.tell(run.estimate, distance, accuracy)
@@ -167,7 +167,7 @@ class Search:
                  grown: bool, besides: Besides = None, known: tuple[list[RunAt], float] | None = None) -> None:
         self.system, self.prepared, self.solver, self.accuracy = system, prepared, solver, accuracy
         self.asked, self.outputs, self.grown, self.besides, self.known = asked, outputs, grown, besides, known
-        self.measure = measure_of(system, prepared, asked.wanted)
+        self.measure = measure_of(system, prepared, asked.wanted, accuracy)
         self.made: list[RunAt] = []
 
     def by_steps(self) -> Controlled:

@@ -157,8 +157,8 @@ def estimated(system: System, solver: Solver, runs: Sequence[RunAt], measure: Me
     (tolerance, fine), forces = runs[-1], isinstance(measure, AskedToo)
     gaps, ratios, found = [], [], 0.0
     for before, coarse in runs[:-1]:
-        gaps.append(Beside(coarse, check_times(coarse, outputs), measure).distance(fine))
         ratios.append(before / tolerance)
+        gaps.append(Beside(coarse, check_times(coarse, outputs), measure, ratio=ratios[-1]).distance(fine))
         found = max(found, gaps[-1] * max(share_of(system, solver, tolerance / before, forces), least))
     if len(gaps) == 2 and contradicted(gaps, ratios, fall_of(system, solver)):
         found = max(found, *gaps)
@@ -220,11 +220,11 @@ def cpu_of(error: SolverError) -> float:
     return 0.0 if error.solution is None else float(error.solution.stats.cpu_s)
 
 
-def measure_of(system: System, prepared: Prepared | None, wanted: Any = None) -> Measure:
-    """The distance between two trajectories of a system: of motions for a scene, and of the quantities `wanted`, else of
-    unknowns."""
+def measure_of(system: System, prepared: Prepared | None, wanted: Any = None, asked: float | None = None) -> Measure:
+    """The distance between two trajectories of a system: of motions for a scene, and of the quantities `wanted`, `asked` for with
+    this accuracy, else of unknowns."""
     if wanted and prepared is not None and isinstance(system, SceneSystem):
-        return AskedToo(prepared, system, wanted)
+        return AskedToo(prepared, system, wanted, asked)
     if prepared is not None and isinstance(system, SceneSystem):
         return partial(distance, prepared)
     if system.measure is not None:

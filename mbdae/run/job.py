@@ -105,7 +105,7 @@ class Job:
         """The run, judged with the vibrations of stiff springs that its steps leave out. Where it misses the accuracy, one that
         follows them, if that takes at most about half a second longer."""
         with keeping(run.solution, UNTESTED):
-            measure = measure_of(system, self.prepared, self.asked.wanted)
+            measure = measure_of(system, self.prepared, self.asked.wanted, self.accuracy)
             found = with_vibrations(run, system, self.prepared, self.accuracy, measure)
             asked, met = replace(self.asked, begin=self.begin), found.estimate <= self.accuracy
             if met and self.choice and not asked.wanted:
@@ -139,7 +139,7 @@ class Job:
 
     def _lost(self, solver: Solver, system: SceneSystem) -> Callable[[Controlled], Controlled]:
         """What gives a run the estimate with the elastic vibrations that its steps damp away."""
-        measure = measure_of(system, self.prepared, self.asked.wanted)
+        measure = measure_of(system, self.prepared, self.asked.wanted, self.accuracy)
         return partial(with_lost_vibrations, self.prepared, self._resolving(solver), measure)
 
     def _controlled(self, system: SceneSystem, solver: Solver, besides: Besides = None) -> Controlled:
@@ -239,7 +239,7 @@ class Job:
                 other = verified(self.prepared, self.form, run, self.accuracy, self.asked, self.continued)
                 run = run.after(other.runs, time.process_time() - begin)
             wanted = self.asked.wanted
-            if isinstance(measure := measure_of(self._system(run.solver), self.prepared, wanted), AskedToo):
+            if isinstance(measure := measure_of(self._system(run.solver), self.prepared, wanted, self.accuracy), AskedToo):
                 run = replace(run, estimate=measure.of_motion(run.solution, run.others, run.estimate))
             known = accuracy_of(self.prepared, self.accuracy, run, other)
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
