@@ -8,10 +8,12 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 UNITS: dict[str, str] = {}  #: quantity of sensors -> its SI unit, "" where it has none; `quantity` enters them
+SENTENCE = 80  #: letters from which on a line without columns is a sentence that may break
 LOOPS: set[str] = {"drive"}  #: those that follow from accelerations and reactions, so that no load can read them
 
 
@@ -72,8 +74,11 @@ def lines(text: str) -> str:
 
 
 def plain(text: str) -> str:
-    """Text with its line breaks and columns kept."""
-    return f'<pre style="white-space:pre;overflow-x:auto">{html.escape(text)}</pre>'
+    """Text with its line breaks; columns stay side by side and scroll where they are wider than their box, sentences break."""
+    shown = {True: "pre-wrap", False: "pre;overflow-x:auto"}
+    blocks = groupby(text.splitlines(), lambda line: len(line) > SENTENCE and "  " not in line.strip())
+    return "".join(f'<pre style="margin:0;white-space:{shown[said]}">{html.escape(chr(10).join(block))}</pre>'
+                   for said, block in blocks)
 
 
 def picture(file: bytes, kind: str = "png") -> str:
