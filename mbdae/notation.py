@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 from typing import Any, TypeVar
@@ -71,6 +72,12 @@ def lines(text: str) -> str:
         elif line.strip():
             found.append(["", line.strip()])
     return rows(found)
+
+
+def whole(page: str) -> str:
+    """HTML whose numbers, such as 1e-6, stay on one line, by the class `kept`."""
+    elsewhere = "span|code|pre|text|tspan|title|style|script|m[a-z]+"  # elements that keep what they hold
+    return re.sub(rf"(?<![\w.])(-?[\d.]+e-\d+)(?!\w)(?=[^<>]*<(?!/(?:{elsewhere})>))", r'<span class="kept">\1</span>', page)
 
 
 def plain(text: str) -> str:

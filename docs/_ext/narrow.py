@@ -8,6 +8,8 @@ import re
 from itertools import count
 from typing import Any
 
+from mbdae.notation import whole
+
 WIDE = 5  #: smallest number of columns of a table whose rows become lists in a narrow window
 
 
@@ -34,12 +36,6 @@ def code(found: re.Match[str]) -> str:
         plain = html.unescape(re.sub(r"<[^>]+>", "", line))
         lines.append(f'<span class="line" style="--in: {len(plain) - len(plain.lstrip()) + 2}ch">{line}\n</span>')
     return f"{found[1]}{''.join(lines)}</pre>"
-
-
-def whole(text: str) -> str:
-    """A page whose numbers, such as 1e-6, stay on one line."""
-    elsewhere = "span|code|pre|text|tspan|style|script|m[a-z]+"  # elements that keep what they hold
-    return re.sub(rf"(?<![\w.])(-?[\d.]+e-\d+)(?!\w)(?=[^<>]*<(?!/(?:{elsewhere})>))", r'<span class="whole">\1</span>', text)
 
 
 def fitted(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:

@@ -15,13 +15,13 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError
 from mbdae.files import write_file
-from mbdae.notation import counted, plain, titled
+from mbdae.notation import counted, plain, titled, whole
 from mbdae.values import Array, array, file_to_write, number, option, optional, sequence, shown, text
 
 STYLE = """
-:root { color-scheme: only light; }
+:root { color-scheme: light dark; --ground: #fff; }
 * { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 84rem; padding: 1rem 1.25rem 2rem; color: #1a1a1a; background: #fff;
+body { margin: 0 auto; max-width: 84rem; padding: 1rem 1.25rem 2rem; color: #1a1a1a; background: var(--ground);
   font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", sans-serif; overflow-wrap: anywhere; }
 h1 { font-size: 1.5rem; line-height: 1.25; margin: .5rem 0; }
 h2 { font-size: 1.15rem; margin: 2rem 0 .5rem; }
@@ -45,9 +45,15 @@ figure { margin: 1rem 0; }
 figure svg { display: block; width: 100%; height: auto; }
 .narrow { display: none; max-width: 30rem; margin: 0 auto; }
 .note { color: #444; font-size: .875rem; }
+.kept { white-space: nowrap; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem; font-size: .875rem; }
 dd { margin: 0; }
 @media (max-width: 700px) { .wide { display: none; } .narrow { display: block; } body { padding: .5rem .9rem 2rem; } }
+@media screen and (prefers-color-scheme: dark) {
+  :root { --ground: #16181b; } body { color: #e4e4e4; } a { color: #7cc0f5; } caption, .note { color: #b5b5b5; }
+  th, td { border-bottom-color: #34383d; } .scroll, thead th { border-bottom-color: #777; }
+  figure svg { filter: invert(1) hue-rotate(180deg); } tr.front { background: #1d2f3f; } tr.failed :is(td, th) { color: #ff9f7a; }
+}
 @media print {
   body { max-width: none; padding: 0; font-size: 10pt; }
   .scroll { overflow: visible; } table { font-size: 7pt; } th, td { padding: 1pt 3pt; }
@@ -62,7 +68,7 @@ def document(title: str, style: str, parts: Sequence[str], script: str = "") -> 
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
             f"<title>{escape(title)}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n<main>\n"
-            f"<h1>{escape(title)}</h1>\n{''.join(parts)}</main>\n{scripts}</body>\n</html>\n")
+            f"<h1>{escape(title)}</h1>\n{whole(''.join(parts))}</main>\n{scripts}</body>\n</html>\n")
 
 
 def section(name: str, title: str, content: str) -> str:
