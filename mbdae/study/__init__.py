@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError
 from mbdae.files import write_file
-from mbdae.notation import counted, plain, titled, whole
+from mbdae.notation import counted, plain, titled
 from mbdae.values import Array, array, file_to_write, number, option, optional, sequence, shown, text
 
 STYLE = """
@@ -45,7 +45,6 @@ figure { margin: 1rem 0; }
 figure svg { display: block; width: 100%; height: auto; }
 .narrow { display: none; max-width: 30rem; margin: 0 auto; }
 .note { color: #444; font-size: .875rem; }
-.kept { white-space: nowrap; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem; font-size: .875rem; }
 dd { margin: 0; }
 @media (max-width: 700px) { .wide { display: none; } .narrow { display: block; } body { padding: .5rem .9rem 2rem; } }
@@ -68,7 +67,7 @@ def document(title: str, style: str, parts: Sequence[str], script: str = "") -> 
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
             f"<title>{escape(title)}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n<main>\n"
-            f"<h1>{escape(title)}</h1>\n{whole(''.join(parts))}</main>\n{scripts}</body>\n</html>\n")
+            f"<h1>{escape(title)}</h1>\n{''.join(parts)}</main>\n{scripts}</body>\n</html>\n")
 
 
 def section(name: str, title: str, content: str) -> str:
