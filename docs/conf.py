@@ -17,7 +17,7 @@ import mbdae  # noqa: E402
 
 project, author, version, release = "mbdae", "the authors of mbdae", mbdae.__version__, mbdae.__version__
 project_copyright = author
-extensions = ["myst_nb", "sphinx.ext.autodoc", "formulas", "docstrings", "tables", "made"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "formulas", "docstrings", "narrow", "made"]
 exclude_patterns = ["_ext"]
 nitpicky = True
 smartquotes = False  # docstrings name sensors and options in straight quotes
@@ -46,4 +46,4 @@ html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
 html_theme_options = {"light_css_variables": {"font-stack": "system-ui, Segoe UI, Roboto, Liberation Sans, sans-serif"}}
-pygments_style, pygments_dark_style = "friendly", "monokai"
+pygments_style, pygments_dark_style = "a11y-light", "monokai"  # of 4.5 to 1 and more on the ground of code

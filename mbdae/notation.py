@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 UNITS: dict[str, str] = {}  #: quantity of sensors -> its SI unit, "" where it has none; `quantity` enters them
+SENTENCE = 80  #: letters from which on a line without columns is a sentence that may break
 LOOPS: set[str] = {"drive"}  #: those that follow from accelerations and reactions, so that no load can read them
 
 
@@ -71,9 +74,18 @@ def lines(text: str) -> str:
     return rows(found)
 
 
+def whole(page: str) -> str:
+    """HTML whose numbers, such as 1e-6, stay on one line, by the class `kept`."""
+    elsewhere = "span|code|pre|text|tspan|title|style|script|m[a-z]+"  # elements that keep what they hold
+    return re.sub(rf"(?<![\w.])(-?[\d.]+e-\d+)(?!\w)(?=[^<>]*<(?!/(?:{elsewhere})>))", r'<span class="kept">\1</span>', page)
+
+
 def plain(text: str) -> str:
-    """Text with its line breaks and columns kept."""
-    return f'<pre style="white-space:pre;overflow-x:auto">{html.escape(text)}</pre>'
+    """Text with its line breaks; columns stay side by side and scroll where they are wider than their box, sentences break."""
+    shown = {True: "pre-wrap", False: "pre;overflow-x:auto"}
+    blocks = groupby(text.splitlines(), lambda line: len(line) > SENTENCE and "  " not in line.strip())
+    return "".join(f'<pre style="margin:0;white-space:{shown[said]}">{html.escape(chr(10).join(block))}</pre>'
+                   for said, block in blocks)
 
 
 def picture(file: bytes, kind: str = "png") -> str:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.page import Comparison, inline_svg
+from mbdae.compare.page import Comparison, inline_svg, ticks
 from mbdae.compare.table import Row
 from mbdae.engines import CANNOT, OTHER
 from mbdae.errors import OptionError
@@ -34,13 +34,7 @@ SILENT = 3.0  #: a run silently misses what was asked of it where its error is m
 LARGEST = 1000.0  #: largest ratio of CPU times in a profile
 COLOURS = {"mbdae": "#0072B2", "scipy": "#D55E00", "exudyn": "#009E73", "mujoco": "#CC79A7"}
 FURTHER = ("#E69F00", "#56B4E9", "#882255", "#999933")
-DARK = """
-:root { color-scheme: light dark; }
-@media (prefers-color-scheme: dark) {
-  body { color: #e4e4e4; background: #16181b; } a { color: #7cc0f5; }
-  caption, .note { color: #b5b5b5; } th, td { border-bottom-color: #34383d; } .scroll, thead th { border-bottom-color: #777; }
-  figure svg { filter: invert(1) hue-rotate(180deg); } tr.failed td, tr.failed th { color: #ff9f7a; }
-}
+STYLE = """
 .scenes { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(26rem, 100%), 1fr)); gap: 1rem 1.5rem; }
 .missed :is(th, td):last-child, .stays :is(th, td):is(:nth-child(2), :last-child) { text-align: left; }
 @media (max-width: 700px) {
@@ -250,14 +244,7 @@ def figure(comparisons: Compared, stacked: bool = False, ax: Any = None) -> Any:
         axes[-1].legend(handles.values(), handles, frameon=False)
         return axes[0].figure
     made.legend(handles.values(), handles, loc="outside lower center", ncols=2 if stacked else 4, frameon=False)
-    return clear(made)
-
-
-def clear(figure: Any) -> Any:
-    """The figure without a background, so that it takes that of the page."""
-    for part in (figure, *figure.axes):
-        part.patch.set_alpha(0.0)
-    return figure
+    return made
 
 
 def work(w: Comparison) -> Any:
@@ -277,11 +264,12 @@ def work(w: Comparison) -> Any:
     if w.reference.difference and (low := axis.get_ylim()[0]) < w.reference.difference:
         axis.axhspan(low, w.reference.difference, color="0.5", alpha=0.2, linewidth=0, zorder=0)
         axis.set_ylim(bottom=low)
+    ticks(axis)
     axis.set(xlabel="CPU time [ms]", ylabel="error of the motion")
     axis.grid(True, color="0.9")
     axis.spines[["top", "right"]].set_visible(False)
     made.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=4)
-    return clear(made)
+    return made
 
 
 # -- the page
@@ -327,7 +315,7 @@ def page(a: Arena) -> str:
                          + '<p class="note">First digits of SHA-256; whole ones are in arena.json.</p>\n'))
     others = {"programs": ", ".join(a.asked["engines"])} if a.asked["engines"] else {}
     parts.append(made_with(f"{sum(w.total_cpu_s for _, w in done):.0f} s", others | a.environment))
-    return document(a.scene, DARK, parts)
+    return document(a.scene, STYLE, parts)
 
 
 def _scene(number: int, name: str, w: Comparison) -> str:

@@ -134,7 +134,7 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False, a
     for axis, (work, title) in zip(axes, PANELS, strict=True):
         for i, label in enumerate(labels):
             _line(axis, [row for row in w.runs if row.label == label and not row.loose], work, i, names[i])
-        _ticks(axis)
+        ticks(axis)
         axis.set_xlabel(title)
         axis.grid(True, which="major", color="0.9")
         axis.spines[["top", "right"]].set_visible(False)
@@ -167,7 +167,7 @@ def inline_svg(figure: Any, title: str, name: str) -> str:
     out = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context({"svg.hashsalt": name}):
-        figure.savefig(out, format="svg", metadata=nothing)
+        figure.savefig(out, format="svg", metadata=nothing, transparent=True)
     text = out.getvalue()
     text = text[text.index("<svg") :].strip()
     ids = sorted(set(re.findall(r'\bid="([^"]+)"', text)), key=len, reverse=True)
@@ -210,7 +210,7 @@ def own_look(i: int) -> tuple[dict[str, Any], str]:
     return style(i) | {"color": colours[i % len(colours)]}, MARKERS[(i + i // len(colours)) % len(MARKERS)]
 
 
-def _ticks(axis: Any) -> None:
+def ticks(axis: Any) -> None:
     """Label the ticks at 1, 2 and 5 times every power of ten with plain numbers; only the powers of ten where there are many."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

@@ -50,6 +50,12 @@ class SelfTest:
     refused: dict[str, str]
     worst: dict[str, tuple[float, str]]
 
+    def __repr__(self) -> str:
+        name = max(self.worst, key=lambda one: self.worst[one][0] / (BOUNDS[one] or 1.0))
+        refused = f", {len(self.refused)} are refused" if self.refused else ""
+        return (f"<SelfTest of {self.law}: {len(self.variants)} variants keep the contract{refused}; nearest to its bound of "
+                f"{BOUNDS[name]:g}: {name}, {self.worst[name][0]:.1e}>")
+
     def __str__(self) -> str:
         lines = [f"{self.law}: {len(self.variants)} variants keep the contract"]
         lines += [f"  {name:20s} {error:8.1e}  (bound {BOUNDS[name]:g})  {where}" for name, (error, where) in self.worst.items()]

@@ -32,10 +32,10 @@ KINDS = {name: f"v{i}" for i, name in enumerate(VERDICTS)}
 STYLE = "".join(
     f".{KINDS[name]} {{ background: {back}; color: {front}; }}\n" for name, (back, front) in COLOURS.items()
 ) + """
-table.map td { text-align: center; border: 1px solid #fff; min-width: 4.2rem; }
-table.map th { border-color: #fff; } table.map thead th { text-align: center; }
+table.map td { text-align: center; border: 1px solid var(--ground); min-width: 4.2rem; }
+table.map th { border-color: var(--ground); } table.map thead th { text-align: center; }
 table.map thead th:first-child { text-align: left; }
-table.map tbody th { position: sticky; left: 0; background: #fff; }
+table.map tbody th { position: sticky; left: 0; background: var(--ground); }
 .legend { list-style: none; padding: 0; } .legend li { margin: .15rem 0; display: flex; gap: .6rem; align-items: baseline; }
 .swatch { flex: none; min-width: 6.2rem; text-align: center; border-radius: 2px; padding: .1rem .4rem; font-size: .875rem; }
 .holds { font-weight: 600; }

@@ -206,12 +206,12 @@ def report(what: Any, level: str = "full", **options: Any) -> Document:
     statement, forces and what they mean, Jacobian and an example in numbers, without the prescribed motions that a joint may
     have. options: those of the law; a parameter given as None is left out of the statement. Options of joints:
 
-    kept       whether the coordinates are unknowns; by default True where the joint cannot be stated without them
-    friction   a friction law, such as mb.Coulomb(0.3, 1e-3), pressed by the joint's own reaction; by default none
-    rubs       with friction: the name of the coordinate against which it acts, "angle" or "displacement" of a joint that has
-               several; by default the first one
-    model      a joint model: mb.Kinematic(), the default; mb.Classical(), with kept=True; mb.Recursive(), the joint in a tree
-               without multipliers; for mb.Revolute also mb.Clearance(...), with its contact
+        kept       whether the coordinates are unknowns; by default True where the joint cannot be stated without them
+        friction   a friction law, such as mb.Coulomb(0.3, 1e-3), pressed by the joint's own reaction; by default none
+        rubs       with friction: the name of the coordinate against which it acts, "angle" or "displacement" of a joint that has
+                   several; by default the first one
+        model      a joint model: mb.Kinematic(), the default; mb.Classical(), with kept=True; mb.Recursive(), the joint in a tree
+                   without multipliers; for mb.Revolute also mb.Clearance(...), with its contact
 
     `.save("x.html")` writes it, also as .md, .tex or .pdf. Raises OptionError or LawError for what a law does not have."""
     if option("level", level, word, "give one of these", words=("full", "lecture")) == "lecture":

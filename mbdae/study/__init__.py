@@ -19,9 +19,9 @@ from mbdae.notation import counted, plain, titled
 from mbdae.values import Array, array, file_to_write, number, option, optional, sequence, shown, text
 
 STYLE = """
-:root { color-scheme: only light; }
+:root { color-scheme: light dark; --ground: #fff; }
 * { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 84rem; padding: 1rem 1.25rem 2rem; color: #1a1a1a; background: #fff;
+body { margin: 0 auto; max-width: 84rem; padding: 1rem 1.25rem 2rem; color: #1a1a1a; background: var(--ground);
   font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", sans-serif; overflow-wrap: anywhere; }
 h1 { font-size: 1.5rem; line-height: 1.25; margin: .5rem 0; }
 h2 { font-size: 1.15rem; margin: 2rem 0 .5rem; }
@@ -48,6 +48,11 @@ figure svg { display: block; width: 100%; height: auto; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem; font-size: .875rem; }
 dd { margin: 0; }
 @media (max-width: 700px) { .wide { display: none; } .narrow { display: block; } body { padding: .5rem .9rem 2rem; } }
+@media screen and (prefers-color-scheme: dark) {
+  :root { --ground: #16181b; } body { color: #e4e4e4; } a { color: #7cc0f5; } caption, .note { color: #b5b5b5; }
+  th, td { border-bottom-color: #34383d; } .scroll, thead th { border-bottom-color: #777; }
+  figure svg { filter: invert(1) hue-rotate(180deg); } tr.front { background: #1d2f3f; } tr.failed :is(td, th) { color: #ff9f7a; }
+}
 @media print {
   body { max-width: none; padding: 0; font-size: 10pt; }
   .scroll { overflow: visible; } table { font-size: 7pt; } th, td { padding: 1pt 3pt; }

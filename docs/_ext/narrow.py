@@ -1,0 +1,52 @@
+"""What fits windows of every width: lines of code that continue further in, names and numbers that break where a reader would,
+and wide tables, of which every cell knows the head of its column, so that a row can stand as a list (site.css)."""
+
+from __future__ import annotations
+
+import html
+import re
+from itertools import count
+from typing import Any
+
+from mbdae.notation import whole
+
+WIDE = 5  #: smallest number of columns of a table whose rows become lists in a narrow window
+
+
+def table(found: re.Match[str]) -> str:
+    """A table whose names may break behind their marks; of many columns, with their heads at the cells."""
+    text = re.sub(r'(?<=<span class="pre">)[^<]*', lambda name: re.sub(r"([_/.,=(]+)(?=\w)", r"\1<wbr>", name[0]), found[0])
+    head, row, body = text.partition("</thead>")
+    names = [html.escape(html.unescape(re.sub(r"<[^>]+>", "", cell)).strip(), quote=True)
+             for cell in re.findall(r"<th\b[^>]*>(.*?)</th>", head, re.DOTALL)]
+    if len(names) < WIDE or "colspan" in text or "rowspan" in text:
+        return text
+
+    def cells(found: re.Match[str]) -> str:
+        column = count()
+        return re.sub(r"<td\b", lambda _: f'<td data-label="{names[next(column) % len(names)]}"', found[0])
+
+    return head.replace('class="', 'class="many ', 1) + row + re.sub(r"<tr\b.*?</tr>", cells, body, flags=re.DOTALL)
+
+
+def code(found: re.Match[str]) -> str:
+    """A block of code, every line a box of its own, whose continuation stands two letters further in than its beginning."""
+    lines = []
+    for line in found[2].removesuffix("\n").split("\n"):
+        plain = html.unescape(re.sub(r"<[^>]+>", "", line))
+        lines.append(f'<span class="line" style="--in: {len(plain) - len(plain.lstrip()) + 2}ch">{line}\n</span>')
+    return f"{found[1]}{''.join(lines)}</pre>"
+
+
+def fitted(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """All tables, blocks of code and numbers of a page."""
+    if "body" in context:
+        body = re.sub(r"<table\b(?:(?!<table\b).)*?</table>", table, context["body"], flags=re.DOTALL)
+        body = re.sub(r'(<div class="highlight"><pre>(?:<span></span>)?)(.*?)</pre>', code, body, flags=re.DOTALL)
+        context["body"] = whole(body)
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """As an extension of Sphinx."""
+    app.connect("html-page-context", fitted)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
