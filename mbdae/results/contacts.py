@@ -164,7 +164,7 @@ def _mean(result: Any, quantity: Quantity, power: int, steps: Array, points: int
 def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple[float, float]:
     """The largest magnitude of a quantity between two times (s), and its time; nan where it has no finite value."""
     steps = result.solution.t
-    last -= 4 * float(np.spacing(last)) * (first < last < steps[-1])  # the value after a jump at the end of a part is not its own
+    last -= 16 * float(np.spacing(last)) * (first < last < steps[-1])  # a jump at the end of a part is not in it
     steps = distinct(np.r_[first, steps[(steps > first) & (steps < last)], last])
     times = _inside(steps, _where_it_may_be(result, quantity, steps))
     found = sizes(result, quantity, times)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 from beam_scenes import slider_crank
 from contact_scenes import ball
 
@@ -121,3 +122,32 @@ def test_a_run_whose_steps_meet_kinks_is_kept_where_no_closer_one_is_needed(monk
     assert r.stats.retaken
     assert r.accuracy.of["axle.force"] <= FAR * 1e-6
     assert {other.kind for other in r.accuracy.errors.others} == {"companion"}
+
+
+def slide(damping: float) -> mb.Scene:
+    """A mass that a force presses against a stop with damping, whose force jumps at every touch."""
+    s = mb.Scene("slide", gravity=(0, -9.81, 0))
+    block = s.rigid_body("block", 1.0, 0.1, at=(0, 0))
+    s.prismatic("J", s.ground, block, at=(0, 0), axis=(1, 0), spring=30.0, force=4.0, limits=(None, 0.05),
+                stop=mb.Stop(1e4, damping))
+    return s
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-6])
+def test_a_force_that_jumps_at_touches_is_as_accurate_as_asked(accuracy: float) -> None:
+    """Its jumps come in every run at another instant: that is no error of the force."""
+    times = np.linspace(0, 1, 501)
+    r = slide(20.0).simulate(1.0, accuracy, of=["J.force"], outputs=times)
+    exact = slide(20.0).simulate(1.0, solver=mb.RadauIIA(5, rtol=1e-12), outputs=times)["J"].force
+    off = np.linalg.norm(r["J"].force - exact, axis=1)
+    assert r.accuracy.met
+    assert r.accuracy.of["J.force"] <= accuracy
+    assert np.sort(off)[-4] <= 3 * r.error("J.force")  # measured: .05; at most a time of each touch is at another side of a jump
+
+
+def test_a_peak_up_to_a_jump_is_that_before_it() -> None:
+    s = mb.Scene("pushed")
+    block = s.rigid_body("block", 1.0, 0.1, at=(0, 0))
+    s.prismatic("J", s.ground, block, at=(0, 0), axis=(1, 0), force=sp.Piecewise((1, mb.t < 0.4), (100, True)))
+    r = s.simulate(1.0)
+    assert [r.peak("J.drive", t=t).value for t in ((0.1, 0.4), (0.4, 0.6), (0.1, 1.0))] == pytest.approx([1.0, 100.0, 100.0])
