@@ -69,7 +69,7 @@ def forces_apart(own: RunStates, other: RunStates, names: list[str], asked: floa
     per_force = np.repeat([1.0, 1 / own.prepared.length], 3)
 
     def forces(run: RunStates, some: Any = slice(None)) -> Any:
-        return wrenches(run.prepared, States(run.t, *run._states, None), names, run.multipliers)[:, some] * per_force
+        return wrenches(run.prepared, States(run.t, *run._states, None), names, run._dynamics[1])[:, some] * per_force
 
     first, second = forces(own), forces(other)
     size, apart = (np.max(np.linalg.norm(w.reshape(*w.shape[:2], 2, 3), axis=3), axis=2) for w in (first, second - first))
