@@ -176,7 +176,7 @@ def check_times(coarse: Solution, outputs: Array | None = None) -> Array:
     steps."""
     t = coarse.t
     if len(t) > MOST:
-        t = t[:: len(t) // MOST + 1]
+        t = np.append(t[:: len(t) // MOST + 1], t[-1])
     inner = (t[:-1, None] + np.diff(t)[:, None] * (np.arange(BETWEEN) + 0.5) / BETWEEN).ravel()
     asked = np.zeros(0) if outputs is None else outputs[outputs <= coarse.t[-1]]
     return distinct(np.concatenate([asked, t, inner]))

@@ -254,10 +254,11 @@ class Job:
                                     asdict, Rechecked.again)
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
                 found = found._replace(notes=(*found.notes, *missed.notes))
-            followed = not (run.solver.fixed or run.solver.rtol is None or run.vibrations)
+            followed = not (run.solver.fixed or run.solver.rtol is None)
             if (errors := known.errors) is not None and followed and found.reliable:
                 waves = self._system(run.solver).assembly.passes and not run.waves
-                errors.closer = CloserRun(self.prepared, self.form, run.solver, run.solution, self.accuracy, self.asked, waves)
+                asked = replace(self.asked, bounds=(*self.asked.bounds, *run.vibrations))
+                errors.closer = CloserRun(self.prepared, self.form, run.solver, run.solution, self.accuracy, asked, waves)
             if wanted:
                 known, notes = told(made, known, wanted)
                 found = found._replace(notes=(*found.notes, *notes))

@@ -181,3 +181,15 @@ def test_forces_just_after_the_start_count_in_the_error_of_reactions() -> None:
     close = errors.closer()
     assert close.times[1] < 1e-4
     assert errors._forces(close)[1] < 10 * told * errors._largest_force
+
+
+@pytest.mark.parametrize("law", ["spring", "bushing"])
+def test_the_error_of_a_force_whose_vibrations_are_left_out_is_shown_by_a_run_that_follows_them(law: str) -> None:
+    """Thousands of steps, of which some are compared: up to the end of the run."""
+    r = quiet(two(law), 2.0, accuracy=1e-3)
+    errors, times = r.accuracy.errors, np.linspace(0, 2, 4001)
+    assert errors is not None
+    off = float(np.max(np.abs(np.abs(r(times).value("S.force[0]")) - np.abs(force(times)))))
+    told = r.error("S.force[0]")
+    assert [(other.run.stats.steps > 2000, other.times[-1]) for other in errors.others if other.kind == "closer"] == [(True, 2.0)]
+    assert off / 3 <= told <= 2 * off
