@@ -176,7 +176,7 @@ class Errors:
                 at = other.between(first, last)
                 if part is None or part is np.max:
                     least = asked * top / ((alone and other.share) or 1.0)
-                    shown = differences(*both, quantity, unit, asked * max(1.0, other.ratio) * self.prepared.time, least)
+                    shown = differences(*both, quantity, unit, asked, other.ratio, least)
                     found.append((other, float(np.max(shown[at]))))
                 else:
                     found.append((other, part(other, other.times[at], own[at], beside[at])))

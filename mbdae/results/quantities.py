@@ -34,6 +34,7 @@ _SIGNS: dict[type, Callable[[Any, Any], Any]] = {
 #: largest number of jumps of a quantity that are looked at where two runs differ; a jump is sought at ACROSS times, then at as
 #: many between the two that differ most, and so on: 32^6 times finer than the shift of its instant that is allowed
 JUMPS, ACROSS, NARROWINGS = 50, 33, 6
+LATEST = 1e-3  #: share of the motion's characteristic time by which jumps of a looser run may be shifted
 NAME_A_QUANTITY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a "
                    "function of the result (lambda r: r[\"J\"].angle)")
 
@@ -93,9 +94,11 @@ def difference(own: Array, compared: Array, unit: str) -> Array:
     return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
 
 
-def differences(own: Any, beside: Any, quantity: Quantity, unit: str, shift: float, least: float) -> Array:
-    """Magnitudes (nt,) of the differences of a quantity between two runs at the times of both. Up to `shift` (s) from an instant
-    at which it jumps in the first, the other may show either side of the jump; differences up to `least` are not asked about."""
+def differences(own: Any, beside: Any, quantity: Quantity, unit: str, asked: float, ratio: float, least: float) -> Array:
+    """Magnitudes (nt,) of the differences of a quantity between two runs at the times of both. Where it jumps in the first, of an
+    accuracy `asked`, the other may show either side: within that share of the motion's characteristic time, with a tolerance
+    `ratio` times as large up to LATEST of it. 0: no jumps; differences up to `least` are not asked about."""
+    shift = asked and max(asked, min(asked * ratio, LATEST)) * own.prepared.time
     compared = value(beside, quantity)
     found = magnitudes(difference(value(own, quantity), compared, unit))
     for _ in range(JUMPS):

@@ -64,8 +64,7 @@ def wrenches(prepared: Prepared, at: States, names: list[str] | None = None, mul
 
 def forces_apart(own: RunStates, other: RunStates, names: list[str], asked: float | None, ratio: float) -> tuple[float, float]:
     """Largest force, N (torques over the length of the scene), of the named items in one run, and the largest difference from it
-    in another, whose tolerance is `ratio` times as large: where a force jumps, it may jump so many times the accuracy asked, of
-    the time of the motion, earlier or later."""
+    in another, whose tolerance is `ratio` times as large, where no jump comes earlier or later (see `differences`)."""
     per_force = np.repeat([1.0, 1 / own.prepared.length], 3)
 
     def forces(run: RunStates, some: Any = slice(None)) -> Any:
@@ -73,9 +72,9 @@ def forces_apart(own: RunStates, other: RunStates, names: list[str], asked: floa
 
     first, second = forces(own), forces(other)
     size, apart = (np.max(np.linalg.norm(w.reshape(*w.shape[:2], 2, 3), axis=3), axis=2) for w in (first, second - first))
-    largest, shift = float(np.max(size, initial=0.0)), (asked or 0.0) * max(1.0, ratio) * own.prepared.time
-    for i in np.flatnonzero(np.max(apart, axis=0, initial=0.0) > (asked or 0.0) * largest) if shift else ():
-        jumping = differences(own, other, partial(forces, some=i), "", shift, (asked or 0.0) * largest)
+    largest = float(np.max(size, initial=0.0))
+    for i in np.flatnonzero(np.max(apart, axis=0, initial=0.0) > asked * largest) if asked else ():
+        jumping = differences(own, other, partial(forces, some=i), "", asked or 0.0, ratio, (asked or 0.0) * largest)
         apart[:, i] = np.minimum(apart[:, i], jumping)
     return largest, float(np.max(apart, initial=0.0))
 

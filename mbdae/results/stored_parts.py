@@ -286,7 +286,7 @@ class AskedToo:
             of = first[np.searchsorted(times, some)]
             k = int(np.argmax(found))
             other, own = OtherRun(self._run(some, a[of]), some, 1.0, ratio=ratio), run or self._run(some, b[of])
-            key = *(part.tobytes() for part in (some, a[of], b[of])), bool(run)
+            key = *(part.tobytes() for part in (some, a[of], b[of])), bool(run), ratio
             if key != self._last[0]:  # the same two runs are compared by several estimates
                 self._last = key, apart(self.prepared, own, other, self.wanted, self.asked if run else None)
             found[k] = max(found[k], self._last[1])
