@@ -132,3 +132,11 @@ def test_further_statements_of_either_scene_are_its_own():
     assert "push" not in [c.name for c in s.connections]
     assert "turn" not in [c.name for c in other.connections]
     made(other, choose(prepared_from(other, None, 1.0), other, 1e-6))
+
+
+def test_another_mass_of_a_body_with_a_shape_keeps_the_start(monkeypatch):
+    base = rubbing()
+    prepared_from(base, None, 1.0, True)
+    monkeypatch.setattr(prepare.Starter, "placed", lambda self: pytest.fail("the start was sought again"))
+    heavier = prepared_from(changed(base, "door.mass", lambda x: 2 * x)[0], None, 1.0, True)
+    assert heavier.mechanics.mass.diagonal()[0] == 6.0
