@@ -15,6 +15,7 @@ import numpy as np
 from mbdae.deferred import Later, distinct
 from mbdae.integrators.solution import Solution
 from mbdae.results.quantities import Quantity, magnitudes, named, unit_of, value
+from mbdae.results.states import inside
 from mbdae.system.base import Array
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
@@ -163,8 +164,7 @@ def _mean(result: Any, quantity: Quantity, power: int, steps: Array, points: int
 
 def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple[float, float]:
     """The largest magnitude of a quantity between two times (s), and its time; nan where it has no finite value."""
-    steps = result.solution.t
-    last -= 16 * float(np.spacing(last)) * (first < last < steps[-1])  # a jump at the end of a part is not in it
+    steps, last = result.solution.t, inside(first, last, result.solution)
     steps = distinct(np.r_[first, steps[(steps > first) & (steps < last)], last])
     times = _inside(steps, _where_it_may_be(result, quantity, steps))
     found = sizes(result, quantity, times)

@@ -19,7 +19,7 @@ from mbdae.results.clearance import FURTHER, LATE, AtTimes, OtherRun, at_the_sam
 from mbdae.results.contacts import averaged, fallen, largest
 from mbdae.results.quantities import Estimate, Quantity, absent, difference, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.sensors import forces_apart
-from mbdae.results.states import RunStates
+from mbdae.results.states import RunStates, inside
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
@@ -161,11 +161,11 @@ class Errors:
                    size: float | None = None) -> Estimate | None:
         """From the differences over time: the largest of the run, with np.max that between the first and the last of the result's
         times, else what `part` makes of times and values of both runs there, relative to `size` (default: the largest value)."""
-        unit, found, known = unit_of(result, quantity), [], size or 0.0
+        unit, found, known, others = unit_of(result, quantity), [], size or 0.0, self._shown
         asked, (first, last) = self.asked or 0.0, (-np.inf, np.inf) if part is None else result.t[[0, -1]]
-        alone = sum(other.kind == "companion" for other in self._shown) == 1  # of two the differences are taken together
+        alone = sum(other.kind == "companion" for other in others) == 1  # of two the differences are taken together
         try:
-            for other in self._shown:
+            for other in others:
                 both = self._both(other, result)
                 own, beside = (value(one, quantity) for one in both)
                 if (at_time := absent(result, quantity, [(other.times, one) for one in (own, beside)])) is not None:
@@ -213,6 +213,7 @@ class Errors:
         first, last = max(begin, float(result.t[0])), min(end, float(result.t[-1]))
         if first > last:
             return 0.0
+        last = inside(first, last, self.solution)
         if sampled := isinstance(other.run.interpolant, AtTimes):
             within = (other.times >= first) & (other.times <= last)
             both = np.array([np.where(within, magnitudes(value(one, quantity)), 0.0) for one in (own, beside)])

@@ -84,6 +84,11 @@ def states_of(prepared: Prepared, solution: Solution, t: Array) -> States:
     return States(t, *prepared.states(t, solution(t)), stresses(prepared, solution, t))
 
 
+def inside(first: float, last: float, run: Solution) -> float:
+    """The end (s) of the part of a run from `first` to `last`, just before a jump at `last`: the value after it is not in it."""
+    return last - 16 * float(np.spacing(last)) if first < last < run.t[-1] else last
+
+
 class RunStates(NamesArguments):
     """A run of a prepared scene, read at times t (nt,)."""
 
