@@ -52,7 +52,7 @@ class SelfTest:
 
     def __repr__(self) -> str:
         name = max(self.worst, key=lambda one: self.worst[one][0] / (BOUNDS[one] or 1.0))
-        refused = f", {len(self.refused)} are refused" if self.refused else ""
+        refused = f", {len(self.refused)} refused" if self.refused else ""
         return (f"<SelfTest of {self.law}: {len(self.variants)} variants keep the contract{refused}; nearest to its bound of "
                 f"{BOUNDS[name]:g}: {name}, {self.worst[name][0]:.1e}>")
 
