@@ -187,7 +187,8 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
     close = RadauIIA(5).at_accuracy(max(DEEPER * accuracy, SMALLEST), resolving.label)
     most, span = run.solution.stats.residuals + SPARE / resolving.n, asked.t_end - run.solution.t[0]
     dearer = PACE * span * _evaluations(run, close) > most
-    if accuracy > FORCES or not run.others or dearer or (off := Errors(prepared, run.solution, run.others)()) <= accuracy:
+    if accuracy > FORCES or not run.others or dearer or (
+            off := Errors(prepared, run.solution, run.others, accuracy)()) <= accuracy:
         return run
 
     def too_slow(so_far: Solution) -> bool:
@@ -201,7 +202,7 @@ def with_forces(run: Controlled, resolving: SceneSystem, prepared: Prepared, acc
         again = run_controlled(resolving, prepared, RadauIIA(5), max(DEEPER * accuracy, SMALLEST), within, times)
     except SolverError as error:
         return run.after(1, cpu_of(error))
-    better = again.others and again.estimate <= accuracy and Errors(prepared, again.solution, again.others)() < off
+    better = again.others and again.estimate <= accuracy and Errors(prepared, again.solution, again.others, accuracy)() < off
     return replace(again, waves=True).after(run.runs, run.cpu_s) if better else run.after(again.runs, again.cpu_s)
 
 
