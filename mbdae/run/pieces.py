@@ -328,7 +328,7 @@ def _change(system: System, run: Solution, excitation: tuple[float, float], h: f
     velocities = np.array([kind == "v" for kind in system.kinds])
     a, b = excitation
     aside = 1e-9 * max(abs(a), abs(b), h)
-    times = np.array([max(a - h, run.t[0]), a - aside, b + aside, min(b + h, run.t[-1])])
+    times = np.clip([a - h, a - aside, b + aside, b + h], run.t[0], run.t[-1])
     y, yp = run(times), run.derivative(times)
     moved = np.abs(y[2] - y[1]) + h * np.abs(yp[2] - yp[1]) + h * np.abs(yp[3] - yp[2] - yp[1] + yp[0])
     return float(np.max((moved / system.scale)[velocities], initial=0.0))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import mbdae as mb
 from mbdae.integrators.solution import in_the_same_steps
@@ -74,6 +75,14 @@ def test_torque_of_a_stiff_shaft_is_within_its_error(accuracy: float, stiffness:
     assert off <= accuracy or r.warnings
     peak = r.peak("JB.torque[2]")
     assert abs(abs(peak.value) - np.max(exact)) <= 3 * peak.error
+
+
+def test_a_load_may_begin_by_rounding_later_than_the_run() -> None:
+    """The part of the run that is looked at for vibrations begins with the run."""
+    s = shaft(1e8, kink=False)
+    s.torque("late", "A", (0, 0, 10 * sp.Max(0, mb.t - 1e-17)))
+    r = quiet(s, 1.0, accuracy=1e-3, of=["JB.torque[2]"])
+    assert np.max(np.abs(np.abs(r.value("JB.torque[2]")) - torque(r.t, 1e8, False) * 2)) <= 3 * r.error("JB.torque[2]")
 
 
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4])
