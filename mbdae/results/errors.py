@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
-from mbdae.results.clearance import FURTHER, LATE, AtTimes, OtherRun, at_the_same_times
+from mbdae.results.clearance import FURTHER, AtTimes, OtherRun, at_the_same_times
 from mbdae.results.contacts import averaged, fallen, largest
 from mbdae.results.quantities import Estimate, Quantity, absent, difference, differences, magnitudes, moves, named, unit_of, value
 from mbdae.results.sensors import forces_apart
@@ -33,9 +33,9 @@ LEAST = 1e-6
 IDLE = 0.1
 #: rounding error of forces and what follows from them, relative to the largest force of the run
 ROUNDED = 1e-11
-#: of a peak outside of a window in which another run shows vibrations that this one leaves out counts MEETING times their
-#: amplitude from LATE (a fraction of the window) on; of one inside it the largest difference within NEAR of it
-MEETING, NEAR = 0.3, 0.05
+#: of a peak inside a window in which another run shows vibrations that this one leaves out counts the largest difference within
+#: NEAR (a fraction of the window) of it; of any that no closer run follows at least MEETING times the error over time
+NEAR, MEETING = 0.05, 0.3
 #: fraction of the accuracy below which the estimate of a run that leaves out vibrations stands without a closer one. Measured:
 #: peaks of a wing 5.5 times as far off as run and companion differ, where vibrations begin in mid-run; the tension of a rope that
 #: tightens 7 times, where both end a step in the same moment
@@ -186,7 +186,8 @@ class Errors:
         return Estimate(max(together(found), limit), size, limit, by_mesh(found)) if found else None
 
     def _estimated_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
-        """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks."""
+        """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks; where all may leave out
+        vibrations, and no closer run follows it, the error over time too, as a crest of them may meet it."""
         unit = unit_of(result, quantity)
         try:
             found = [(other, self._at_peak(result, quantity, size, t, other)) for other in self._shown]
@@ -196,8 +197,10 @@ class Errors:
         if not found or over_time is None:
             return None
         followed = any(other.kind == "closer" and other.times[-1] >= t for other in self.others)
-        meeting, limit = 0.0 if followed else MEETING, ROUNDED * self._typical(unit)
-        error, mesh = max(together(found), meeting * over_time.error), max(by_mesh(found), meeting * over_time.mesh)
+        error, mesh, limit = together(found), by_mesh(found), ROUNDED * self._typical(unit)
+        if not followed:
+            meeting = 1.0 if self._leaves_out else MEETING
+            error, mesh = max(error, meeting * over_time.error), max(mesh, meeting * over_time.mesh)
         return Estimate(max(error, limit), max(size, self._scale(result, quantity, unit)), limit, mesh)
 
     def _at_peak(self, result: Any, quantity: Quantity, size: float, t: float, other: OtherRun) -> float:
@@ -205,11 +208,8 @@ class Errors:
         begin, end = float(other.times[0]), float(other.times[-1])
         own, beside = self._both(other, result)
         if other.kind == "window" and not begin <= t <= end:
-            # a peak elsewhere: of the vibrations that go on at the end of the window a crest may meet it
-            late, apart = other.times >= begin + LATE * (end - begin), magnitudes(value(beside, quantity) - value(own, quantity))
             asked = (other.times >= result.t[0]) & (other.times <= result.t[-1])
-            over = float(np.max(magnitudes(value(beside, quantity))[asked], initial=0.0)) - size
-            return max(over, MEETING * float(np.max(apart[late])))
+            return float(np.max(magnitudes(value(beside, quantity))[asked] - size, initial=0.0))
         first, last = max(begin, float(result.t[0])), min(end, float(result.t[-1]))
         if first > last:
             return 0.0

@@ -77,6 +77,24 @@ def test_torque_of_a_stiff_shaft_is_within_its_error(accuracy: float, stiffness:
     assert abs(abs(peak.value) - np.max(exact)) <= 3 * peak.error
 
 
+def struck() -> mb.Scene:
+    """A cantilever that falls into its sag, with a step of force at its tip in mid-run."""
+    s = mb.Scene("struck")
+    section = mb.Section.rectangular(0.02, 0.01, E=70e9, nu=0.3, rho=2700.0)
+    beam = s.beam("b", (0, 0), (1, 0), section=section, elements=3, order=2)
+    s.weld("w", s.ground, beam, at=(0, 0))
+    s.force("f", beam, (0, mb.table([0, 0.013], [0, 10], kind="step"), 0), at=(1, 0))
+    return s
+
+
+def test_a_peak_that_no_closer_run_follows_has_the_error_over_time() -> None:
+    """All runs beside the run damp the vibrations that the step excites after the end of the closer one."""
+    exact = quiet(struck(), 0.04, accuracy=1e-4, of=["w.force[1]"]).peak("w.force[1]")
+    peak = quiet(struck(), 0.04, accuracy=1e-4).peak("w.force[1]")
+    assert exact.error < 1e-3 * exact.value
+    assert abs(peak.value - exact.value) <= 2 * peak.error
+
+
 def test_a_load_may_begin_by_rounding_later_than_the_run() -> None:
     """The part of the run that is looked at for vibrations begins with the run."""
     s = shaft(1e8, kink=False)
