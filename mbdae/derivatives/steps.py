@@ -347,4 +347,4 @@ class _Implicit:
             yield
         except SingularMatrixError as error:
             raise DerivativeError(f"a step of the run near t = {equations.times[error.unknown, 0]:.6g} s has no derivative: the "
-                                  "equations of its stages are singular") from None
+                                  "equations of its stages are singular; ask for a smaller accuracy, with other steps") from None
