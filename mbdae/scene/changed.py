@@ -39,7 +39,7 @@ def with_statements(scene: SceneItems, statements: list[Statement]) -> Any:
             new: Any = made._known.get(touched[i])
             if isinstance(old, Body) and drawn_as(new, old):
                 bodies[old] = new
-                vars(new).update(drawn=old.drawn, outline=old.outline)
+                vars(new).update(drawn=old.drawn, outline=old.outline, shapes=old.shapes)
             if isinstance(old, Connection) and read_by(new) != read_by(old):
                 return None  # which coordinates are unknowns of their own may change
     except MbdaeError:  # it is told of all statements

@@ -336,9 +336,9 @@ class SceneItems(NamesAttributes):
 
 
 def models_of(scene: SceneItems) -> WeakValueDictionary[Any, Any]:
-    """The model that was made last, of a scene or of one that shares its items, by what else it depends on, as long as somebody
-    uses it."""
-    return vars(scene).setdefault("_models", WeakValueDictionary[Any, Any]())  # type: ignore[no-any-return]
+    """The model that was made last, of a scene or one that shares its items, by what else it depends on, while it is in use."""
+    known: WeakValueDictionary[Any, Any] | None = vars(scene).get("_models")
+    return vars(scene).setdefault("_models", WeakValueDictionary()) if known is None else known
 
 
 def apart(scene: SceneItems, other: SceneItems) -> set[str] | None:
