@@ -4,6 +4,7 @@ statements and of all that name them. Of these, items on bodies that are drawn a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ def with_statements(scene: SceneItems, statements: list[Statement]) -> Any:
     bodies: dict[Any, Any] = {}  # those that are drawn as they were, by those in the place of which they are
     try:
         for i in sorted(touched):
-            if of_bodies and i not in own and _onto(made, touched[i], bodies):
+            if of_bodies and i not in own and _onto(made, statements[i][0], touched[i], bodies):
                 continue
             old = _repeated(made, i, touched[i], scene)
             new: Any = made._known.get(touched[i])
@@ -71,14 +72,18 @@ def _repeated(made: Any, number: int, name: str, scene: SceneItems) -> Any:
     return old
 
 
-def _onto(made: Any, name: str, bodies: Mapping[Any, Any]) -> bool:
-    """Put a joint or force on the bodies that are in the place of others (old -> new), drawn as these; False where one of its
-    bodies is drawn otherwise."""
+def _onto(made: Any, method: str, name: str, bodies: Mapping[Any, Any]) -> bool:
+    """Put a joint, force or frame on the bodies that are in the place of others (old -> new), drawn as these; False where one of
+    its bodies is drawn otherwise. method: that states it."""
     def moved(thing: Any) -> Any:
         other = object.__new__(type(thing))
         vars(other).update((key, bodies.get(v, v) if isinstance(v, Body) else v) for key, v in vars(thing).items())
         return other
 
+    if method == "frame":
+        frame = made.frames[name]
+        made.frames[name] = replace(frame, body=bodies.get(frame.body, frame.body))
+        return frame.body in bodies
     old = made._known.get(name)
     if not isinstance(old, Connection) or not all(
             body in bodies or body is made._known.get(body.name) for body in (old.k, old.l, *old.others.values())):

@@ -239,7 +239,8 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
             if not alone and smallest(unit_rows(m, m.constraint_matrix(t, q)), m.m) < SOUND:
                 return None
             starter.drawn = bare.drawn
-        if (again or how.inertia) and not all_inert(model) and _massless(mechanics, all_bodies, r, starter, q):
+        inert = all_inert(model, last.kept.get("inert", ()))
+        if (again or how.inertia) and not inert and _massless(mechanics, all_bodies, r, starter, q):
             return None
         if q is not last.start.q or (how.inertia and u.any() and r.degrees_of_freedom and last.kept["projected"]):
             starter.along = None if again else last.kept["along"]
@@ -254,7 +255,7 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
         made = _begun(Prepared(model, mechanics, r, begin, 0.0, all_bodies), {}, False)
         placed, projected = (starter.drawn if how.placed else last.kept["placed"]), starter.projected or last.kept["projected"]
         along = last.kept["along"] if starter.along is None else starter.along
-        made.kept.update(placed=placed, projected=projected, along=along)
+        made.kept.update(placed=placed, projected=projected, along=along, inert={b for _, b in model.bodies} if inert else ())
         if as_long and begin.q is last.start.q and not how.placed and "sizes_of_rows" in vars(last):
             vars(made)["sizes_of_rows"] = last.sizes_of_rows
         _keep(scene, made, (t0, t_end))

@@ -3,13 +3,14 @@ unique because of redundant constraints; and for prescribed motions that contrad
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import symengine as se
 
 from mbdae.deferred import LinearOperator, as_full, eigsh, sp, splu
 from mbdae.errors import SceneError, StartError
+from mbdae.scene.components import Body
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
@@ -33,10 +34,12 @@ NOTHING = 1e-13
 INERT = 1e-9  #: least moment of inertia of a body, over its largest, that is surely more than round-off
 
 
-def all_inert(model: Model) -> bool:
-    """Whether every motion of every body has inertia, so that all motions of the scene have."""
-    J = [b.inertia for _, b in model.bodies if b.inertia is not None]
-    return all(b.mass > 0 for _, b in model.bodies) and all(
+def all_inert(model: Model, known: Collection[Body] = ()) -> bool:
+    """Whether every motion of every body has inertia, so that all motions of the scene have. known: bodies all of whose motions
+    have."""
+    bodies = [b for _, b in model.bodies if b not in known]
+    J = [b.inertia for b in bodies if b.inertia is not None]
+    return all(b.mass > 0 for b in bodies) and all(
         (j[2, 2] if model.planar else np.linalg.eigvalsh(j)[0]) > INERT * j.max() for j in J)
 
 
