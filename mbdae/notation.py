@@ -1,6 +1,8 @@
 """Units of what sensors measure, and numbers of things in words.
 
 HTML that notebooks show for objects: tables, pictures and whole pages.
+
+The arguments of calls by name.
 """
 
 from __future__ import annotations
@@ -8,7 +10,8 @@ from __future__ import annotations
 import base64
 import html
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from inspect import Parameter, Signature
 from itertools import groupby
 from typing import Any, TypeVar
 
@@ -96,3 +99,40 @@ def picture(file: bytes, kind: str = "png") -> str:
 def framed(page: str, height: int = PLAYER_HEIGHT) -> str:
     """A whole page in a frame of some height (px), so that its scripts and styles do not mix with those around it."""
     return f'<iframe srcdoc="{html.escape(page)}" style="width:100%;height:{height}px;border:0"></iframe>'
+
+
+class Arguments:
+    """The arguments of calls of one method, without the object itself, by name: as `Signature.bind` has them, which takes longer
+    than to read most arguments."""
+
+    def __init__(self, signature: Signature) -> None:
+        self.signature, own = signature, list(signature.parameters.values())[1:]
+        kinds = {kind: [p.name for p in own if p.kind is kind] for kind in {p.kind for p in own}}
+        self.names = tuple(p.name for p in own)
+        self.placed = tuple(kinds.get(Parameter.POSITIONAL_OR_KEYWORD, ()))  #: those that may be given by their place
+        self.rest = next(iter(kinds.get(Parameter.VAR_POSITIONAL, ())), "")  #: name of *rest
+        self._free = bool(kinds.get(Parameter.VAR_KEYWORD))
+        self._known = {*self.placed, *kinds.get(Parameter.KEYWORD_ONLY, ())}
+        self._needed = {p.name for p in own if p.name in self._known and p.default is Parameter.empty}
+
+    def by_name(self, args: Sequence[Any], given: Mapping[str, Any]) -> dict[str, Any]:
+        """The arguments in the order of the method; TypeError as a call with them raises."""
+        found = dict(zip(self.placed, args, strict=False))
+        if len(args) > len(found) and self.rest:
+            found[self.rest] = tuple(args[len(self.placed) :])
+        plain = self.rest in found or len(args) <= len(self.placed)
+        if not plain or self._free or not (given.keys() <= self._known) or given.keys() & found.keys():
+            return dict([*self.signature.bind(None, *args, **given).arguments.items()][1:])
+        found.update(given)
+        if not (self._needed <= found.keys()):
+            self.signature.bind(None, *args, **given)
+        return {name: found[name] for name in self.names if name in found}
+
+    def as_call(self, found: Mapping[str, Any]) -> tuple[list[Any], dict[str, Any]]:
+        """Arguments by name as those of a call, by their places as far as these go."""
+        first = next((i for i, name in enumerate(self.placed) if name not in found), len(self.placed))
+        args = [found[name] for name in self.placed[:first]]
+        if first == len(self.placed) and self.rest:
+            args += found.get(self.rest, ())
+        left = {name: value for name, value in found.items() if name not in (*self.placed[:first], self.rest)}
+        return args, left | left.pop("further", {}) if self._free else left

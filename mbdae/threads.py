@@ -48,6 +48,7 @@ class _OneThread:
 
     def __init__(self) -> None:
         self.depth, self.limits, self.lock = 0, list[Any](), Lock()
+        self._limited: Any = None  # what was limited since the outermost context was entered
         self._here = local()  # depth of this thread
 
     def __enter__(self) -> None:
@@ -70,6 +71,9 @@ class _OneThread:
     def limit(self) -> None:
         """Limit the libraries loaded so far."""
         controller = _controller("scipy.linalg" in sys.modules)
+        if self.depth > 1 and controller is self._limited:
+            return
+        self._limited = controller
         if any(library.num_threads != 1 for library in controller.lib_controllers if library.user_api == "blas"):
             self.limits.append(controller.limit(limits=1, user_api="blas"))  # only where needed: takes as long as a short run
 

@@ -36,8 +36,9 @@ from mbdae.results.errors import Errors
 from mbdae.results.quantities import NAME_A_QUANTITY, Quantity, named
 from mbdae.results.result import Result
 from mbdae.results.states import Instant
+from mbdae.scene.changed import refuse_losses
 from mbdae.scene.record import STATEMENTS, encode, item_name
-from mbdae.scene.replay import Known, decoded, refuse_losses, replay
+from mbdae.scene.replay import Known, decoded, replay
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.outputs import fingerprint
 from mbdae.symbolic.stated import own

@@ -4,15 +4,17 @@ statements and of all that name them. Of these, items on bodies that are drawn a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import MbdaeError
+from mbdae.errors import MbdaeError, SceneError
 from mbdae.scene.components import Beam, Body, Connection
 from mbdae.scene.record import SceneItems, Statement, encode, models_of
-from mbdae.scene.replay import Known, repeat
+from mbdae.scene.replay import KINDS, Known, repeat
 from mbdae.scene.sensed import read_by
+from mbdae.symbolic.class_checks import PLACES
 
 
 def with_statements(scene: SceneItems, statements: list[Statement]) -> Any:
@@ -22,7 +24,7 @@ def with_statements(scene: SceneItems, statements: list[Statement]) -> Any:
     touched = scene._touched(statements)
     if scene.problems or touched is None or any(isinstance(b, Beam) for b in scene.bodies):
         return None
-    made, _ = object.__new__(type(scene)), models_of(scene)
+    made, _, _ = object.__new__(type(scene)), models_of(scene), vars(scene).setdefault("_stated", {})
     vars(made).update(vars(scene), statements=statements, problems=[], numbers={}, recording=False, _as_named={}, told=[],
                       _known=dict(scene._by_name), _wanted={name: set(of) for name, of in scene._wanted.items()},
                       bodies=[*scene.bodies], connections=[*scene.connections], frames=dict(scene.frames))
@@ -32,13 +34,13 @@ def with_statements(scene: SceneItems, statements: list[Statement]) -> Any:
     bodies: dict[Any, Any] = {}  # those that are drawn as they were, by those in the place of which they are
     try:
         for i in sorted(touched):
-            if of_bodies and i not in own and _onto(made, touched[i], bodies):
+            if of_bodies and i not in own and _onto(made, statements[i][0], touched[i], bodies):
                 continue
-            old = _repeated(made, statements[i], touched[i], scene)
+            old = _repeated(made, i, touched[i], scene)
             new: Any = made._known.get(touched[i])
             if isinstance(old, Body) and drawn_as(new, old):
                 bodies[old] = new
-                vars(new).update(drawn=old.drawn, outline=old.outline)
+                vars(new).update(drawn=old.drawn, outline=old.outline, shapes=old.shapes)
             if isinstance(old, Connection) and read_by(new) != read_by(old):
                 return None  # which coordinates are unknowns of their own may change
     except MbdaeError:  # it is told of all statements
@@ -50,8 +52,9 @@ def with_statements(scene: SceneItems, statements: list[Statement]) -> Any:
     return made
 
 
-def _repeated(made: Any, statement: Statement, name: str, scene: SceneItems) -> Any:
-    """Make an item anew by its statement, in the place of the one that the scene has; returns that one."""
+def _repeated(made: Any, number: int, name: str, scene: SceneItems) -> Any:
+    """Make an item anew by the statement of a number, in the place of the one that the scene has; returns that one."""
+    statement = made.statements[number]
     if statement[0] == "frame":
         old = made.frames.pop(name)
         repeat(made, statement, Known(scene.own))
@@ -62,20 +65,25 @@ def _repeated(made: Any, statement: Statement, name: str, scene: SceneItems) -> 
     at = items.index(old)
     del items[at]
     vars(made)["_read"] = [len(made.bodies), len(made.connections), *scene._read[2:]]
-    repeat(made, statement, Known(scene.own))
+    read = vars(made)["_stated"]
+    read[statement[0], name] = repeat(made, statement, Known(scene.own), read.get((statement[0], name), ({}, {})))
     items.insert(at, items.pop())
     made._known[name] = items[at]
     return old
 
 
-def _onto(made: Any, name: str, bodies: Mapping[Any, Any]) -> bool:
-    """Put a joint or force on the bodies that are in the place of others (old -> new), drawn as these; False where one of its
-    bodies is drawn otherwise."""
+def _onto(made: Any, method: str, name: str, bodies: Mapping[Any, Any]) -> bool:
+    """Put a joint, force or frame on the bodies that are in the place of others (old -> new), drawn as these; False where one of
+    its bodies is drawn otherwise. method: that states it."""
     def moved(thing: Any) -> Any:
         other = object.__new__(type(thing))
         vars(other).update((key, bodies.get(v, v) if isinstance(v, Body) else v) for key, v in vars(thing).items())
         return other
 
+    if method == "frame":
+        frame = made.frames[name]
+        made.frames[name] = replace(frame, body=bodies.get(frame.body, frame.body))
+        return frame.body in bodies
     old = made._known.get(name)
     if not isinstance(old, Connection) or not all(
             body in bodies or body is made._known.get(body.name) for body in (old.k, old.l, *old.others.values())):
@@ -107,3 +115,16 @@ def carried_over(item: Connection, other: Connection) -> bool:
     parts, theirs = ([*c.laws, *c.as_kinematic] for c in (item, other))
     return same(item, other) and len(parts) == len(theirs) and all(map(same, parts, theirs)) and all(
         drawn_as(body, other.others[side]) for side, body in item.others.items())
+
+
+def refuse_losses(scene: Any, copy: Any) -> None:
+    """Raise SceneError where a user's own law in a copy of a scene lacks an attribute of the law in the scene that is neither a
+    parameter nor an option, or has another value of it."""
+    for old, new in zip(scene.connections, copy.connections, strict=True):
+        for law, again in zip(old.laws, new.laws, strict=False):
+            if type(law) is not type(again) or type(law).__module__.startswith("mbdae."):
+                continue
+            for name in sorted(vars(law).keys() - {"params", "states", *KINDS, *PLACES}):
+                if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):
+                    raise SceneError([f"'{old.name}': the attribute {name} of {type(law).__name__} would be lost in a copy of "
+                                      f"the scene: declare it in the class, in `params` (numbers) or `options`"])

@@ -17,10 +17,11 @@ from weakref import WeakValueDictionary
 
 from mbdae.deferred import Later, later
 from mbdae.errors import LawError, SceneError
+from mbdae.scene.changed import refuse_losses
 from mbdae.scene.components import Beam, Body, Classical, Clearance, Connection, Constrained, JointModel, Kinematic, Recursive
 from mbdae.scene.reading import Argument, instance, quantity
 from mbdae.scene.record import STATEMENTS, SceneItems, Statement, encode, item_name
-from mbdae.scene.replay import Known, refuse_losses, replay
+from mbdae.scene.replay import Known, replay
 from mbdae.scene.sensed import keep_read_coordinates
 from mbdae.symbolic.joint import Joint
 from mbdae.values import shown
@@ -277,10 +278,9 @@ def _with_models(scene: SceneItems, chosen: Collection[str], model: JointModel, 
     return statements
 
 
-def keeping(scene: SceneItems, read: list[str]) -> Any:
+def keeping(scene: Any, read: list[str]) -> Any:
     """A copy of the scene in which the angles of joints that these paths of sensors read are unknowns of their own."""
-    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
-    found = replay(data, type(scene), Known(dict(scene.own)))
+    found = scene._copied()
     refuse_losses(scene, found)
     keep_read_coordinates(found, read)
     return found

@@ -16,6 +16,7 @@ import numpy as np
 
 from mbdae.inputs import timed
 from mbdae.inputs.sensed import numbers_in, symbol, with_values
+from mbdae.notation import Arguments
 from mbdae.scene.components import Body, Place
 from mbdae.symbolic.joint import Joint
 from mbdae.values import Array, BadValueError, array, entries, flag, number, shown, text, whole, word
@@ -55,21 +56,24 @@ def reads(**readers: Reader) -> Callable[[F], F]:
         signature = inspect.signature(method)
         parameters = list(signature.parameters.values())[1:]
         assert {p.name for p in parameters} == set(readers), f"{method.__name__}: arguments and readers differ"
-        kind = method.__name__.replace("_", " ")
+        kind, arguments = method.__name__.replace("_", " "), Arguments(signature)
 
         @wraps(method)
         def read(self: Any, *args: Any, **given: Any) -> Any:
-            bound = signature.bind(self, *args, **given)
-            found = bound.arguments
+            found, taken = arguments.by_name(args, given), vars(self).pop("_taken", {})  # taken: those read before, see `repeat`
             item = f"{kind} {_named(found.get('name', getattr(found.get('law'), 'name', None)))}"
             for p in parameters:
-                if p.name in found and _read(Argument(self, item, p.name), found[p.name], lambda v: numbers_in(v, self.numbers),
+                if p.name not in found or p.name in taken:
+                    continue
+                if _read(Argument(self, item, p.name), found[p.name], lambda v: numbers_in(v, self.numbers),
                                              "give every value a name of its own", dict[str, float]()):
                     self._as_named |= found[p.name] if p.kind is p.VAR_KEYWORD else {p.name: found[p.name]}
                     found[p.name] = with_values(found[p.name])
-                if p.name in found and not (found[p.name] is None and p.default is None):
+                if not (found[p.name] is None and p.default is None):
                     found[p.name] = _plain(Argument(self, item, p.name), readers[p.name], p, found[p.name])
-            return method(*bound.args, **bound.kwargs)
+            taken.update(found)
+            placed, named = arguments.as_call(found)
+            return method(self, *placed, **named)
 
         return read  # type: ignore[return-value]
 

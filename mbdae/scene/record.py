@@ -22,6 +22,7 @@ import symengine as se
 from mbdae.errors import NamesAttributes, SceneError, meant
 from mbdae.inputs import text, timed
 from mbdae.inputs.tables import from_data, lookup_of
+from mbdae.notation import Arguments
 from mbdae.scene import reading
 from mbdae.scene.components import AsGiven, Beam, BeamLoad, Body, Connection, Controller, Place, Signal
 from mbdae.scene.reading import Argument, Reader
@@ -53,9 +54,7 @@ STATEMENTS: dict[str, Callable[..., Any]] = {}  #: methods that are statements, 
 
 def statement(method: F) -> F:
     """Record the calls of a public method of a scene in `scene.statements`; calls between methods are not recorded."""
-
-    kinds = signature(method).parameters.values()
-    names = [p.name for p in kinds if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)][1:]
+    names = Arguments(signature(method)).placed
 
     @wraps(method)
     def recorded(self: Any, *args: Any, **kwargs: Any) -> Any:
@@ -88,14 +87,15 @@ def signature_of(method: str) -> Signature:
 
 
 @cache
-def _arguments_of(method: str) -> tuple[str, ...]:
-    return tuple(signature_of(method).parameters)[1:]
+def arguments_of(method: str) -> Arguments:
+    """The arguments of a statement."""
+    return Arguments(signature_of(method))
 
 
 def item_name(statement_: Statement) -> Any:
     """The name of the item of a recorded statement; None where it has none."""
     method, args, kwargs = statement_
-    given = {**dict(zip(_arguments_of(method) if method in STATEMENTS else (), args, strict=False)), **kwargs}
+    given = {**dict(zip(arguments_of(method).names if method in STATEMENTS else (), args, strict=False)), **kwargs}
     law = given.get("law")
     return law.get("name") if isinstance(law, dict) else given.get("name")
 
@@ -103,7 +103,7 @@ def item_name(statement_: Statement) -> Any:
 def without(statement_: Statement, words: tuple[str, ...]) -> Statement:
     """A recorded statement that leaves out arguments, given by name or by place."""
     method, args, kwargs = statement_
-    names = list(signature_of(method).parameters)[1:]
+    names = arguments_of(method).names
     last = next((i for i, name in enumerate(names[: len(args)]) if name in words), len(args))
     given = {**dict(zip(names[last:], args[last:], strict=False)), **kwargs}
     return [method, args[:last], {name: value for name, value in given.items() if name not in words}]
@@ -336,9 +336,9 @@ class SceneItems(NamesAttributes):
 
 
 def models_of(scene: SceneItems) -> WeakValueDictionary[Any, Any]:
-    """The model that was made last, of a scene or of one that shares its items, by what else it depends on, as long as somebody
-    uses it."""
-    return vars(scene).setdefault("_models", WeakValueDictionary[Any, Any]())  # type: ignore[no-any-return]
+    """The model that was made last, of a scene or one that shares its items, by what else it depends on, while it is in use."""
+    known: WeakValueDictionary[Any, Any] | None = vars(scene).get("_models")
+    return vars(scene).setdefault("_models", WeakValueDictionary()) if known is None else known
 
 
 def apart(scene: SceneItems, other: SceneItems) -> set[str] | None:

@@ -20,7 +20,7 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs.reduced import ReducedBody
 from mbdae.laws import exported
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
-from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, signature_of, stored_name, without_module
+from mbdae.scene.record import STATEMENTS, Own, Statement, arguments_of, item_name, read, stored_name, without_module
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphere
 from mbdae.symbolic.class_checks import PLACES
 from mbdae.symbolic.joint import Coupling, Joint
@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 else:
     Normal, Friction = Later("mbdae.laws.contact", "Normal"), Later("mbdae.laws.friction", "Friction")
 
+Stated = tuple[dict[str, Any], dict[str, Any]]  #: arguments of a statement by name, as recorded and as read
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
-_KINDS: dict[str, tuple[type, ...]] = {
+KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place, ReducedBody),
     "over": (list,), "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,), "shape_k": (Shape,), "shape_l": (Shape,),
@@ -45,6 +46,8 @@ _KINDS: dict[str, tuple[type, ...]] = {
     **dict.fromkeys(("reads", "sets"), (list, str)), "of": (dict,),
     **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)),
 }
+
+_OF_ITEMS = {"over", "of", "further"} | {name for name, kinds in KINDS.items() if {Body, Place, Joint, Coupling} & {*kinds}}
 
 
 # ---- classes by name ---------------------------------------------------------------------------------------------------------
@@ -121,7 +124,7 @@ def _in_words(kinds: Iterable[type]) -> str:
 
 def _expected(name: str) -> str:
     """What an argument of a statement is, in a message."""
-    return _in_words(_KINDS[name]) if name in _KINDS else "a number, an expression of mb.t, a place, or a list of these"
+    return _in_words(KINDS[name]) if name in KINDS else "a number, an expression of mb.t, a place, or a list of these"
 
 
 def _word(name: str) -> str:
@@ -204,7 +207,7 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
     sides = {key: np.asarray(one, dtype=float) if isinstance(one, list) else one for key, one in sides.items() if one is not None}
     places = {key: _decode(value[key], scene, known) for key in ("k", "l", "at", "axis")}
     for key, one in {"name": value["name"], **places}.items():
-        if not (isinstance(one, _KINDS[key]) if key in _KINDS else _is_number(one)):
+        if not (isinstance(one, KINDS[key]) if key in KINDS else _is_number(one)):
             raise SceneError([f"{key} = {shown(one)}, where {_expected(key)} is expected: correct the stored scene"])
     given = _options(value["values"], scene, known)
     stated = {key: v for key, v in given.items() if key in cls.params or key in cls.options or not _of_part(cls, key)}
@@ -296,28 +299,34 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
     return scene
 
 
-def repeat(scene: Any, entry: Statement, known: Known) -> None:
-    """Make a recorded statement on a scene; SceneError where that is not possible."""
+def repeat(scene: Any, entry: Statement, known: Known, before: Stated = ({}, {})) -> Stated:
+    """Make a recorded statement on a scene, and return its arguments as recorded and as read; SceneError where that is not
+    possible. before: those of the same statement with other numbers; what is the same object in both is not read again."""
     method, args, kwargs = entry
     if method not in STATEMENTS:
         raise SceneError([f"{shown(method)} is no statement that this version of mbdae knows; it knows {', '.join(STATEMENTS)}"])
-    arguments = [_decode(a, scene, known) for a in args], {k: _decode(v, scene, known) for k, v in kwargs.items()}
-    signature = signature_of(method)
+    arguments = arguments_of(method)
     try:
-        bound = signature.bind(scene, *arguments[0], **arguments[1])
+        stated = arguments.by_name(args, kwargs)
     except TypeError as difference:
         raise SceneError([f"{method} takes other arguments than those stored ({difference}): correct the stored scene"]) from None
-    given = dict(list(bound.arguments.items())[1:])
-    further = given.pop("further", {})
+    taken = {name: before[1][name] for name, value in stated.items() if name in before[1] and name not in _OF_ITEMS
+             and (value is before[0][name] or (type(value) is tuple and [*map(id, value)] == [*map(id, before[0][name])]))}
+    fresh = {name: value for name, value in stated.items() if name not in taken}
+    further = {name: _decode(value, scene, known) for name, value in fresh.pop("further", {}).items()}
+    given = {name: _decode([*value] if type(value) is tuple else value, scene, known) for name, value in fresh.items()}
     options = {name for law in given.values() if isinstance(law, type) for name in getattr(law, "options", ())}
     for name, value in {**given, **further}.items():
-        if value is None or (name in signature.parameters and signature.parameters[name].default is value):
+        if value is None or (name in arguments.names and arguments.signature.parameters[name].default is value):
             continue
         word = name in options and isinstance(value, str | bool)
-        if not (isinstance(value, _KINDS[name]) if name in _KINDS else word or _is_number(value)):
+        if not (isinstance(value, KINDS[name]) if name in KINDS else word or _is_number(value)):
             raise SceneError([f"{name} = {shown(value)} cannot be stored or repeated, {_expected(name)} is expected: "
                               f"change it in the statement or in the stored scene"])
-    getattr(type(scene), method)(scene, *arguments[0], **arguments[1])
+    args, kwargs = arguments.as_call({**taken, **given, **further})
+    vars(scene)["_taken"] = taken
+    getattr(type(scene), method)(scene, *args, **kwargs)
+    return stated, taken
 
 
 def _is_number(value: Any) -> bool:
@@ -334,16 +343,3 @@ def _is_number(value: Any) -> bool:
 def _described(entry: Any) -> str:
     """A statement in a message: its method and the name of its item."""
     return f"{shown(entry[0])} of {shown(item_name(entry))}"
-
-
-def refuse_losses(scene: Any, copy: Any) -> None:
-    """Raise SceneError where a user's own law in a copy of a scene lacks an attribute of the law in the scene that is neither a
-    parameter nor an option, or has another value of it."""
-    for old, new in zip(scene.connections, copy.connections, strict=True):
-        for law, again in zip(old.laws, new.laws, strict=False):
-            if type(law) is not type(again) or type(law).__module__.startswith("mbdae."):
-                continue
-            for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, *PLACES}):
-                if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):
-                    raise SceneError([f"'{old.name}': the attribute {name} of {type(law).__name__} would be lost in a copy of "
-                                      f"the scene: declare it in the class, in `params` (numbers) or `options`"])

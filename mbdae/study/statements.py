@@ -9,7 +9,7 @@ cannot step over it.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from mbdae.inputs import timed
 from mbdae.inputs.breaks import Pulse, pulse_of
 from mbdae.inputs.sensed import named_by, number_symbol, numbers_in, paths, with_values
 from mbdae.scene.changed import with_statements
-from mbdae.scene.record import encode, item_name, read, signature_of, stored
+from mbdae.scene.record import arguments_of, encode, item_name, read, stored
 from mbdae.scene.scene import SceneData
 from mbdae.values import array, option
 
@@ -45,11 +45,11 @@ def changed(scene: SceneData, name: str, value: Value, t_end: float = 1.0) -> tu
         raise OptionError(f"vary: '{name}' names no number; add one of its arguments after a dot, such as '{name}.mass'")
     statements = [*scene.statements]
     index, call = call_of(scene, statements, item)
-    call = copy.deepcopy(call)
     pulse, factor = varying(call, keys, t_end, name), 1.0
     if keys == ["mass"] and callable(value) and (mass := stated_number(scene, item, "mass")) is not None:
         value = value(mass)
     if pulse is not None:
+        call = copy.deepcopy(call)
         pulse.set(call, _of(value, getattr(pulse.pulse, pulse.number)))
     else:
         factor = _set(call, statements[index][0], keys, value, name)
@@ -97,22 +97,19 @@ def _of(value: Value, stated: float) -> float:
 
 def call_of(scene: SceneData, statements: list[Any], item: str) -> tuple[int, dict[str, Any]]:
     """Index of the statement that makes an item, and its arguments by name."""
-    names = [item_name(s) for s in statements]
+    names = vars(scene).get("_names_stated", ())
+    if len(names) != len(statements):
+        names = vars(scene)["_names_stated"] = [item_name(s) for s in statements]
     if item not in names:
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
     method, args, kwargs = statements[names.index(item)]
-    call = dict(list(signature_of(method).bind(None, *args, **kwargs).arguments.items())[1:])
+    call = arguments_of(method).by_name(args, kwargs)
     return names.index(item), call | call.pop("further", {})
 
 
 def restated(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
     """The statement `method(...)` with the arguments `call`, as plain data."""
-    signature = signature_of(method)
-    bound = signature.bind_partial(None)
-    further = {key: value for key, value in call.items() if key not in signature.parameters}
-    bound.arguments |= {key: value for key, value in call.items() if key not in further}
-    bound.arguments |= {"further": further} if further else {}
-    return [method, list(bound.args[1:]), dict(bound.kwargs)]
+    return [method, *arguments_of(method).as_call(call)]
 
 
 def items_of(scene: SceneData) -> str:
@@ -151,25 +148,27 @@ def _set_stiffness(call: dict[str, Any], value: Value, name: str) -> None:
         for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
             fields[key] *= factor
     else:
-        normal = _fields(call, "model", ("normal",), name)["normal"]
-        inside = _fields({"normal": normal}, "normal", ("stiffness",), name)
+        inside = _fields(_fields(call, "model", ("normal",), name), "normal", ("stiffness",), name)
         inside["stiffness"] = _of(value, inside["stiffness"])
 
 
-def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:
-    """The fields of the object (such as a joint model) that is the argument `key`; OptionError where it lacks one of the
-    `wanted`."""
+def _fields(call: dict[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:
+    """A copy, put in their place, of the fields of the object (such as a joint model) that is the argument `key`; OptionError
+    where it lacks one of the `wanted`."""
     fields = (call.get(key) or {}).get("fields", {}) if isinstance(call.get(key), dict | None) else {}
     if not all(isinstance(fields.get(w), float | int | dict) for w in wanted):
         raise OptionError(f"'{name}' cannot be varied: this item states no {name.rpartition('.')[2]}, nor {' and '.join(wanted)} "
                           f"in its argument {key}; state it, or vary one of {_listed(call)}")
-    return dict.__getitem__(call[key], "fields") if isinstance(call[key], dict) else fields
+    call[key] = {**call[key], "fields": {**fields}}
+    return call[key]["fields"]  # type: ignore[no-any-return]
 
 
 def _by_coordinate(call: dict[str, Any], option: str) -> list[tuple[dict[str, Any], str]]:
-    """(mapping, key) of every value that a joint's option has: of one value, or of one for each coordinate."""
+    """(mapping, key) of every value that a joint's option has: of one value, or of one for each coordinate, in a copy of these
+    that is put in their place."""
     stated = call.get(option)
-    holder = stated["by"] if isinstance(stated, dict) and "by" in stated else call
+    holder = {**stated["by"]} if isinstance(stated, dict) and "by" in stated else call
+    call |= {} if holder is call else {option: {"by": holder}}
     return [(holder, key) for key in ([option] if holder is call else holder) if holder.get(key) is not None]
 
 
@@ -217,18 +216,20 @@ def _ratio(value: float, before: float, name: str, quantity: str) -> float:
 
 
 def _descend(holder: Any, keys: list[str], value: Value, name: str) -> None:
-    """Set the number at the path of keys; a list of numbers is scaled so that its largest entry is the value."""
+    """Set the number at the path of keys, of which the parts are copied; a list of numbers is scaled so that its largest entry is
+    the value."""
     key: Any = keys[0]
-    if isinstance(holder, dict):
-        holder = next((holder[part] for part in ("fields", "values", "by") if part in holder), holder)
+    if isinstance(holder, dict) and (part := next((part for part in ("fields", "values", "by") if part in holder), None)):
+        holder[part] = holder = copy.copy(holder[part])
     if isinstance(holder, list) and key.isdigit() and int(key) < len(holder):
         key = int(key)
     elif not (isinstance(holder, dict) and key in holder):
-        law = next((v for v in holder.values() if isinstance(v, dict) and "law" in v), None) if isinstance(holder, dict) else None
-        if law is not None:
-            return _descend(law, keys, value, name)
+        for law in [k for k, v in holder.items() if isinstance(v, dict) and "law" in v] if isinstance(holder, dict) else ():
+            holder[law] = copy.copy(holder[law])
+            return _descend(holder[law], keys, value, name)
         raise OptionError(f"vary: '{name}': there is no number '{key}' stated; there is {_listed(holder)}")
     if len(keys) > 1:
+        holder[key] = copy.copy(holder[key])
         return _descend(holder[key], keys[1:], value, name)
     old = holder[key]
     if isinstance(old, list | tuple):
@@ -268,7 +269,7 @@ def stated_number(scene: SceneData, item: str, kind: str) -> float | None:
         return body.mass if body is not None and method != "beam" else None
     if kind == "speed":
         try:
-            return _set_speed(copy.deepcopy(call), method, 1.0, item)
+            return _set_speed({**call}, method, 1.0, item)
         except OptionError:
             return None
     model = call.get("model")

@@ -4,6 +4,7 @@ then the loops are closed."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from mbdae.deferred import later, sp
 from mbdae.errors import StartError
 from mbdae.inputs import timed
 from mbdae.scene.components import Body, Connection
-from mbdae.scene.models import spanning_tree
+from mbdae.scene.models import Tree, spanning_tree
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
@@ -64,11 +65,20 @@ class ConsistentPositions:
                  changes: list[str] | None = None) -> None:
         self.holding, self.drawn = holding, False  # drawn: whether the start was found to be as drawn, whatever the masses
         self.mechanics, self.model, self.t = mechanics, mechanics.model, np.array([t0])
-        self.scene, self.tree = self.model.scene, spanning_tree(self.model.scene)
+        self.scene = self.model.scene
         self.changes = changes if changes is not None else []
-        self.rigid = RigidMotions(self.model)
         self._roots: tuple[Any, Array] | None = None
         self._motions: dict[Connection, JointMotion] = {}
+
+    @cached_property
+    def tree(self) -> Tree:
+        """The joints along which bodies are placed."""
+        return spanning_tree(self.scene)
+
+    @cached_property
+    def rigid(self) -> RigidMotions:
+        """The coordinates of motions in which beams are rigid."""
+        return RigidMotions(self.model)
 
     def placed(self) -> Array:
         """Positions (nq,) of bodies placed along the tree of joints, with every held or prescribed coordinate at its value; loops

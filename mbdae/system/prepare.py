@@ -31,22 +31,33 @@ from mbdae.system.motion.tree_mechanics import TreeMechanics
 from mbdae.system.nearest import start_positions
 from mbdae.system.redundancy import RankReport, analyse
 from mbdae.system.start import Start, Starter, continued
-from mbdae.system.start_with_contacts import ExpectedContact, characteristic_time, expected_contacts, ideal_start
-from mbdae.system.undetermined import all_inert, massless_coordinates, massless_motions, massless_unknowns, undecided
+from mbdae.system.start_with_contacts import (
+    ExpectedContact,
+    characteristic_time,
+    expected_contacts,
+    ideal_start,
+    sizes_of_rows,
+)
+from mbdae.system.undetermined import (
+    SOUND,
+    all_inert,
+    contradictions,
+    later_contradictions,
+    massless_coordinates,
+    massless_motions,
+    massless_unknowns,
+    undecided,
+)
 from mbdae.threads import single_threaded
 
-SINGULAR = "; the scene starts in a singular position, where rows depend on each other that do not elsewhere: start away from it"
-#: prescribed motions that contradict each other after the start are reported only for positions in which the smallest singular
-#: value of the rows in force, scaled to unit length, is above this
-SOUND = 1e-3
-#: the check for contradicting prescribed motions moves the scene in at most FOLLOWED steps over at most half of the run; before
-#: the loops are closed again, a step may violate joints by at most NEAR (rad, or over the scene's length)
-FOLLOWED, NEAR = 24, 0.2
 #: largest violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which positions
 #: computed along trees count as closed
 PLACED = 1e-11
 #: what was prepared last, of scenes of at most KEPT nodes (100 kB each): others are made again from it
 KEPT, _latest = 100, deque[Any](maxlen=8)
+#: what mechanics compute once, by what it depends on besides the rows in force: the nodes alone, the length of the scene, masses
+OF_NODES, OF_LENGTH = ("rotational", "_kinds", "sparse", "reactive", "closing"), ("velocity_units", "position_units")
+OF_MASSES = ("mass", "weight", "_entries_of_mass", "_inverse_weight", "inertia")
 FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where no later end of the run is known
 
 
@@ -77,6 +88,11 @@ class Prepared:
         if not self.rank.dropped:
             return self.mechanics
         return mechanics_of(self.model, constraint_rows(self.model), self.all_bodies, len(self.rank.dropped))
+
+    @cached_property
+    def sizes_of_rows(self) -> tuple[Any, Array, Array]:
+        """Sizes of the constraint rows at the start, see `sizes_of_rows`."""
+        return sizes_of_rows(self.mechanics, self.start)
 
     def mechanics_with(self, rows: list[Row]) -> Mechanics:
         """The mechanics of all nodes with other rows in force."""
@@ -164,12 +180,12 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         begin = continued(mechanics, start) if start is not None else moving.run(q, ideal.u if ideal else None)
     except StartError as error:
         raise StartError([*error.problems, *rank.locking]) from None
-    problems, model.conditions.time = _contradictions(all_rows, rank, begin), None
-    if problems := problems or _later_contradictions(all_rows, mechanics, rank, begin, end):
+    problems, model.conditions.time = contradictions(all_rows, rank, begin), None
+    if problems := problems or later_contradictions(all_rows, mechanics, rank, begin, end):
         raise StartError(problems)
     found = _begun(Prepared(model, mechanics, rank, begin, 0.0, all_bodies), ideal.reactions if ideal else {}, start is not None)
     if start is None and not loose:
-        found.kept.update(placed=starter.drawn, projected=moving.projected)
+        found.kept.update(placed=starter.drawn, projected=moving.projected, along=moving.along)
         _keep(scene, found, (t0, t_end))
     return found
 
@@ -208,8 +224,9 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
         return None
     model.conditions.time, model.conditions.end = after(last.start.t), t_end if t_end is not None else inf
     alone, mechanics = all_bodies.moved.alone, mechanics_of(model, last.rank.kept, all_bodies)
-    if not how.inertia and "mass" in vars(last.mechanics):
-        vars(mechanics)["mass"] = last.mechanics.mass
+    as_long, known = model.length == last.model.length, vars(last.mechanics)
+    untouched = OF_NODES + as_long * OF_LENGTH + (as_long and not how.inertia) * OF_MASSES
+    vars(mechanics).update({name: known[name] for name in untouched if name in known})
     starter = Starter(mechanics, last.start.t)
     with suppress(StartError):  # which is told by the whole preparation
         t, q, u = starter.t, last.start.q, last.start.u
@@ -222,9 +239,11 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
             if not alone and smallest(unit_rows(m, m.constraint_matrix(t, q)), m.m) < SOUND:
                 return None
             starter.drawn = bare.drawn
-        if (again or how.inertia) and not all_inert(model) and _massless(mechanics, all_bodies, r, starter, q):
+        inert = all_inert(model, last.kept.get("inert", ()))
+        if (again or how.inertia) and not inert and _massless(mechanics, all_bodies, r, starter, q):
             return None
         if q is not last.start.q or (how.inertia and u.any() and r.degrees_of_freedom and last.kept["projected"]):
+            starter.along = None if again else last.kept["along"]
             begin = starter.run(q)
         else:
             s = starter.states(q, u)
@@ -235,7 +254,10 @@ def _renewed(scene: SceneData, t0: float, t_end: float | None) -> Prepared | Non
             return None
         made = _begun(Prepared(model, mechanics, r, begin, 0.0, all_bodies), {}, False)
         placed, projected = (starter.drawn if how.placed else last.kept["placed"]), starter.projected or last.kept["projected"]
-        made.kept.update(placed=placed, projected=projected)
+        along = last.kept["along"] if starter.along is None else starter.along
+        made.kept.update(placed=placed, projected=projected, along=along, inert={b for _, b in model.bodies} if inert else ())
+        if as_long and begin.q is last.start.q and not how.placed and "sizes_of_rows" in vars(last):
+            vars(made)["sizes_of_rows"] = last.sizes_of_rows
         _keep(scene, made, (t0, t_end))
         return made
     return None
@@ -285,66 +307,3 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
         model = build(scene, {**(by_rows or {}), **kept})
         moved = MovedBodies(model, find_trees(model))
     return model, moved
-
-
-def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:
-    """Error messages for redundant rows whose rate or acceleration is not 0 at the start: prescribed motions contradict each
-    other."""
-    t, q, u = np.array([start.t]), start.q[None], start.u[None]
-    if not rank.dropped:
-        return []
-    rate = all_rows.velocity_residual(t, q, u)[0]
-    bias = all_rows.constraint_matrix(t, start.q) @ start.acceleration + all_rows.acceleration_bias(t, q, u)[0]
-    size = 1.0 + float(np.max(np.abs(start.u), initial=0.0)) ** 2 + float(np.max(np.abs(start.acceleration), initial=0.0))
-    dropped = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}
-    found, singular = [], SINGULAR if rank.singular_here else ""
-    for row, v, a in zip(all_rows.rows, rate, bias, strict=True):
-        if row.name in dropped and max(abs(v), abs(a)) > 1e-7 * size:
-            v, a = (value if abs(value) > 1e-7 * size else 0.0 for value in (v, a))
-            found.append(f"{_prescribed(all_rows, start.t, start.q)}: row {row.name} depends on the other rows, but they leave "
-                         f"it a rate of {v:.4g} and an acceleration of {a:.4g} (m or rad, s) at the start{singular}")
-    return found
-
-
-def _prescribed(all_rows: Mechanics, time: float, q: Array) -> str:
-    """That what is prescribed is not possible, by the names of the items that prescribe it, and what to do."""
-    rates = all_rows.velocity_residual(np.array([time]), q[None], np.zeros((1, all_rows.nu)))[0]
-    names = dict.fromkeys(row.name.rsplit(".", 1)[0] for row, rate in zip(all_rows.rows, rates, strict=True)
-                          if row.prescribes or rate)
-    listed = ", ".join(f"'{name}'" for name in list(names)[:4]) + ", ..." * (len(names) > 4)
-    if len(names) == 1:
-        return f"the joints do not allow the motion prescribed for {listed} (prescribe another one, or release a joint)"
-    return f"the prescribed motions of {listed} contradict each other or the joints (release one of them)"
-
-
-def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
-    """As `_contradictions`, for later times up to `end` (s): positions are followed in short steps; prescribed motions contradict
-    each other where the rows in force can be satisfied, but not the redundant ones too."""
-    timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
-    dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
-    if not (timed and dropped):
-        return []
-    kept = set(rank.kept)
-    together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in kept or row.name in dropped])
-    step = 0.01 * (end - start.t)
-    for _ in range(FOLLOWED):
-        step = min(2 * step, 0.5 * (end - start.t) - (t - start.t))
-        while step > 0 and Starter(together, t + step, holding=False).closing_error(q) > NEAR:
-            step /= 2
-        t += step
-        try:
-            q = Starter(together, t, holding=False).close(q)
-            continue
-        except StartError:
-            pass
-        try:
-            q = Starter(mechanics, t, holding=False).close(q)
-        except StartError:
-            break  # not even the rows in force close: the step was too large for the iteration
-        B = unit_rows(mechanics, mechanics.constraint_matrix(np.array([t]), q))
-        off = all_rows.position_residual(np.array([t]), q[None])[0]
-        for row, g in zip(all_rows.rows, off, strict=True):
-            if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, B.shape[0]) > SOUND:
-                return [f"{_prescribed(all_rows, t, q)}: row {row.name} depends on the other rows, but at t = {t:.4g} s they "
-                        f"leave it off by {g:.4g} (m or rad)"]
-    return []

@@ -17,7 +17,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.guards import ContactGuards, switches_of_model
 from mbdae.system.assembled.jacobian_entries import FormSpec
-from mbdae.system.assembled.right_hand_side import numbers_of, partition_of, right_hand_side, state_rates
+from mbdae.system.assembled.right_hand_side import Partition, numbers_of, partition_of, right_hand_side, state_rates
 from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.dependent_rows import Rows
 from mbdae.system.model.moved_bodies import timeline
@@ -27,7 +27,7 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import RowsInForce
 from mbdae.system.sampling import Sampling
 from mbdae.system.start import ChangedVelocity, Start
-from mbdae.system.start_with_contacts import multiplier_scales, state_scale, stress_scale
+from mbdae.system.start_with_contacts import scales
 from mbdae.threads import alone, single_threaded
 from mbdae.values import largest, option, word
 
@@ -65,13 +65,11 @@ class SceneSystem(System):
             self.rate_products = partial(self.owner.alone, lambda *args: made.evaluation.products(*args))
             self.rate_jacobian = lambda t, y: self.rate_products(t, y, np.eye(self.n)).T
         z = _stresses(prepared, made, start.q, start.u)
-        self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
+        self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), scales(prepared, made)
         if not prepared.model.lines:  # with beams `time` stays 1 s, with which the accuracy and cost of beams were measured
             self.time = prepared.time
         else:
             self.vibration = partial(_vibration, prepared)
-        self.partition = None if mechanics.reactive else partition_of(mechanics, all_bodies)
-        self.displaced = Displacements(self.numbering)
         if self.rhs is None and not self.numbering.m:
             self.rhs = partial(self.owner.alone, partial(right_hand_side, made))
         if prepared.contacts:
@@ -83,6 +81,17 @@ class SceneSystem(System):
             self.switches = switches_of_model(prepared.model, all_bodies.moved)
             self.timeline = partial(timeline, prepared.model)
         self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
+
+    @cached_property
+    def partition(self) -> Partition | None:
+        """The parts of the equations of motion; None where friction depends on reactions."""
+        of = self._prepared
+        return None if of.mechanics.reactive else partition_of(of.mechanics, of.all_bodies)
+
+    @cached_property
+    def displaced(self) -> Displacements:  # type: ignore[override]
+        """The function that adds virtual displacements to positions."""
+        return Displacements(self.numbering)
 
     @property
     def stated(self) -> FormSpec:
@@ -316,22 +325,6 @@ def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tup
         blocks["mu"] = (zero, zero)
     parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-
-
-def _scales(prepared: Prepared, system: Assembly) -> Array:
-    """(n,) typical magnitude of every unknown, in its own unit."""
-    mechanics, T, nb, spec = prepared.mechanics, prepared.time, system.numbering, system.spec
-    q, u = nb.of_positions, nb.of_velocities
-    blocks = {
-        "q": mechanics.position_units[q], "v": mechanics.velocity_units[u] / T, "s": state_scale(mechanics),
-        "z": np.full(len(nb.stresses), stress_scale(mechanics, T)),
-    }
-    if "lambda" in spec.blocks:
-        kept = nb.rows_among(mechanics.rows)
-        force, reach = (scale[kept] for scale in multiplier_scales(mechanics, prepared.start, T))
-        force = force / nb.scaling()  # the unknown of a row that its law scales is the multiplier divided by this scaling
-        blocks |= {"lambda": force * T, "mu": reach} if spec.derivatives else {"lambda": force, "mu": reach / T}
-    return np.concatenate([blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)])
 
 
 def _rows_in_force(prepared: Prepared, others: dict[Rows, SceneSystem]) -> RowsInForce:

@@ -74,6 +74,7 @@ class Starter(ConsistentPositions):
     #: in scenes with loops: gives the relative velocities of all joints, the sum of whose squares is minimised
     joints: JointMotions | None = None
     projected = False  #: whether velocities were projected: then they depend on the masses
+    along: Array | None = None  #: the result of `velocities_of_tree` for the positions at which the scene starts, once known
 
     def run(self, q: Array, u: Array | None = None) -> Start:
         """The start at positions q (nq,) at which the loops are closed. u (nu,): velocities, which are projected on the
@@ -88,7 +89,7 @@ class Starter(ConsistentPositions):
         """Velocities (nu,) at the start: those that the user states, held rates, and no relative motion at all other joints. In
         scenes with loops the sum of squares of the relative velocities of all joints is the least, so that it does not matter
         which joints the spanning tree leaves out."""
-        along = self.velocities_of_tree(q)
+        along = self.along = self.velocities_of_tree(q) if self.along is None else self.along
         if not (along.any() or any(b.drawn.velocity.any() or b.drawn.angular_velocity.any() for b in self.scene.bodies)
                 or any(rate for c in self.scene.joints for rate in self.held_rates(c).values())
                 or self.mechanics.velocity_residual(self.t, q[None], along[None]).any()):

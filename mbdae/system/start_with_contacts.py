@@ -55,7 +55,32 @@ def state_scale(mechanics: Mechanics) -> Array:
     return np.array([law.state_scales().get(name, 1.0) for law, name in named])
 
 
-def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Array, Array]:
+def scales(prepared: Any, system: Any) -> Array:
+    """(n,) typical magnitude of every unknown of an `Assembly` of a `Prepared` scene, in its own unit."""
+    mechanics, T, nb, spec = prepared.mechanics, prepared.time, system.numbering, system.spec
+    q, u = nb.of_positions, nb.of_velocities
+    blocks = {
+        "q": mechanics.position_units[q], "v": mechanics.velocity_units[u] / T, "s": state_scale(mechanics),
+        "z": np.full(len(nb.stresses), stress_scale(mechanics, T)),
+    }
+    if "lambda" in spec.blocks:
+        kept = nb.rows_among(mechanics.rows)
+        force, reach = (scale[kept] for scale in _multiplier_scales(mechanics, prepared, T))
+        force = force / nb.scaling()  # the unknown of a row that its law scales is the multiplier divided by this scaling
+        blocks |= {"lambda": force * T, "mu": reach} if spec.derivatives else {"lambda": force, "mu": reach / T}
+    return np.concatenate([blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)])
+
+
+def sizes_of_rows(mechanics: Mechanics, start: Start) -> tuple[Any, Array, Array]:
+    """G (m, nu) at the start, the lengths (m,) of its rows in unit displacements, and SLACK over the displacement (m,) that a
+    unit of mu causes."""
+    G = mechanics.constraint_matrix(np.array([start.t]), start.q)
+    move, turn = (largest_entries(G[:, np.flatnonzero(mask)]) for mask in (~mechanics.rotational, mechanics.rotational))
+    arm = np.where(move > 0, move / mechanics.model.length, np.where(turn > 0, turn, 1.0))
+    return G, row_lengths(in_units(mechanics, G))[:, 0], SLACK / arm
+
+
+def _multiplier_scales(mechanics: Mechanics, prepared: Any, T: float) -> tuple[Array, Array]:
     """Scales (m,) of lambda and of mu. That of lambda is the reaction that moves a body by its unit displacement (the scene's
     length or 1 rad) in the characteristic time T (s), or the reaction at the start if that is larger.
 
@@ -64,13 +89,10 @@ def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Arr
     would stop IDA there. The scale of mu is SLACK over the displacement that a unit of mu causes."""
     if not mechanics.m:
         return np.zeros(0), np.zeros(0)
-    G = mechanics.constraint_matrix(np.array([start.t]), start.q)
-    size = row_lengths(in_units(mechanics, G))[:, 0]
+    G, size, reach = prepared.sizes_of_rows
     mobility = mechanics.mobility(G)
-    force = np.maximum(size / T**2 / np.maximum(mobility, 1e-300), np.abs(start.multipliers))
-    move, turn = (largest_entries(G[:, np.flatnonzero(mask)]) for mask in (~mechanics.rotational, mechanics.rotational))
-    arm = np.where(move > 0, move / mechanics.model.length, np.where(turn > 0, turn, 1.0))
-    return np.max(force * size) / size, SLACK / arm
+    force = np.maximum(size / T**2 / np.maximum(mobility, 1e-300), np.abs(prepared.start.multipliers))
+    return np.max(force * size) / size, reach
 
 
 def stress_scale(mechanics: Mechanics, T: float) -> float:

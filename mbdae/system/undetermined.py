@@ -1,25 +1,28 @@
 """Checks for what the equations of motion leave undetermined: motions without inertia, and friction by a reaction that is not
-unique because of redundant constraints."""
+unique because of redundant constraints; and for prescribed motions that contradict each other or the joints."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import symengine as se
 
 from mbdae.deferred import LinearOperator, as_full, eigsh, sp, splu
-from mbdae.errors import SceneError
+from mbdae.errors import SceneError, StartError
+from mbdae.scene.components import Body
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.dependent_rows import smallest, unit_rows
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.motion import AllBodies
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.redundancy import RankReport, null_space
+from mbdae.system.start import Start, Starter
 
 #: velocities of all bodies over the rates of a motion without inertia (norms), and over the largest derivative of a velocity by a
 #: rate or 1, whichever is larger, up to which the motion is said to move no body
@@ -31,10 +34,12 @@ NOTHING = 1e-13
 INERT = 1e-9  #: least moment of inertia of a body, over its largest, that is surely more than round-off
 
 
-def all_inert(model: Model) -> bool:
-    """Whether every motion of every body has inertia, so that all motions of the scene have."""
-    J = [b.inertia for _, b in model.bodies if b.inertia is not None]
-    return all(b.mass > 0 for _, b in model.bodies) and all(
+def all_inert(model: Model, known: Collection[Body] = ()) -> bool:
+    """Whether every motion of every body has inertia, so that all motions of the scene have. known: bodies all of whose motions
+    have."""
+    bodies = [b for _, b in model.bodies if b not in known]
+    J = [b.inertia for b in bodies if b.inertia is not None]
+    return all(b.mass > 0 for b in bodies) and all(
         (j[2, 2] if model.planar else np.linalg.eigvalsh(j)[0]) > INERT * j.max() for j in J)
 
 
@@ -217,3 +222,75 @@ def undecided(mechanics: Mechanics, rank: RankReport, t: Array, q: Array) -> lis
                              "planar in the plane z = 0, replace joints of the loop by spherical ones, or for a prismatic "
                              "joint give normal_force")
     return found
+
+
+SINGULAR = "; the scene starts in a singular position, where rows depend on each other that do not elsewhere: start away from it"
+#: prescribed motions that contradict each other after the start are reported only for positions in which the smallest singular
+#: value of the rows in force, scaled to unit length, is above this
+SOUND = 1e-3
+#: the check for contradicting prescribed motions moves the scene in at most FOLLOWED steps over at most half of the run; before
+#: the loops are closed again, a step may violate joints by at most NEAR (rad, or over the scene's length)
+FOLLOWED, NEAR = 24, 0.2
+
+
+def contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:
+    """Error messages for redundant rows whose rate or acceleration is not 0 at the start: prescribed motions contradict each
+    other."""
+    t, q, u = np.array([start.t]), start.q[None], start.u[None]
+    if not rank.dropped:
+        return []
+    rate = all_rows.velocity_residual(t, q, u)[0]
+    bias = all_rows.constraint_matrix(t, start.q) @ start.acceleration + all_rows.acceleration_bias(t, q, u)[0]
+    size = 1.0 + float(np.max(np.abs(start.u), initial=0.0)) ** 2 + float(np.max(np.abs(start.acceleration), initial=0.0))
+    dropped = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}
+    found, singular = [], SINGULAR if rank.singular_here else ""
+    for row, v, a in zip(all_rows.rows, rate, bias, strict=True):
+        if row.name in dropped and max(abs(v), abs(a)) > 1e-7 * size:
+            v, a = (value if abs(value) > 1e-7 * size else 0.0 for value in (v, a))
+            found.append(f"{_prescribed(all_rows, start.t, start.q)}: row {row.name} depends on the other rows, but they leave "
+                         f"it a rate of {v:.4g} and an acceleration of {a:.4g} (m or rad, s) at the start{singular}")
+    return found
+
+
+def _prescribed(all_rows: Mechanics, time: float, q: Array) -> str:
+    """That what is prescribed is not possible, by the names of the items that prescribe it, and what to do."""
+    rates = all_rows.velocity_residual(np.array([time]), q[None], np.zeros((1, all_rows.nu)))[0]
+    names = dict.fromkeys(row.name.rsplit(".", 1)[0] for row, rate in zip(all_rows.rows, rates, strict=True)
+                          if row.prescribes or rate)
+    listed = ", ".join(f"'{name}'" for name in list(names)[:4]) + ", ..." * (len(names) > 4)
+    if len(names) == 1:
+        return f"the joints do not allow the motion prescribed for {listed} (prescribe another one, or release a joint)"
+    return f"the prescribed motions of {listed} contradict each other or the joints (release one of them)"
+
+
+def later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
+    """As `contradictions`, for later times up to `end` (s): positions are followed in short steps; prescribed motions contradict
+    each other where the rows in force can be satisfied, but not the redundant ones too."""
+    timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
+    dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
+    if not (timed and dropped):
+        return []
+    kept = set(rank.kept)
+    together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in kept or row.name in dropped])
+    step = 0.01 * (end - start.t)
+    for _ in range(FOLLOWED):
+        step = min(2 * step, 0.5 * (end - start.t) - (t - start.t))
+        while step > 0 and Starter(together, t + step, holding=False).closing_error(q) > NEAR:
+            step /= 2
+        t += step
+        try:
+            q = Starter(together, t, holding=False).close(q)
+            continue
+        except StartError:
+            pass
+        try:
+            q = Starter(mechanics, t, holding=False).close(q)
+        except StartError:
+            break  # not even the rows in force close: the step was too large for the iteration
+        B = unit_rows(mechanics, mechanics.constraint_matrix(np.array([t]), q))
+        off = all_rows.position_residual(np.array([t]), q[None])[0]
+        for row, g in zip(all_rows.rows, off, strict=True):
+            if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, B.shape[0]) > SOUND:
+                return [f"{_prescribed(all_rows, t, q)}: row {row.name} depends on the other rows, but at t = {t:.4g} s they "
+                        f"leave it off by {g:.4g} (m or rad)"]
+    return []

@@ -1,14 +1,17 @@
 """A scene in which a number was changed is made again by what the number touches: equal to the same scene made from nothing."""
 
+import copy
 import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
+import symengine as se
 
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.run.choice import choose, prepared_from
+from mbdae.scene import replay
 from mbdae.study.statements import changed
 from mbdae.system import prepare
 from mbdae.system.model import nodes
@@ -66,14 +69,15 @@ BODY = ("b.mass", "b.inertia.1", "b.at.2", "b.velocity.0", "b.angular_velocity.2
 
 def made(scene: mb.Scene, choice: object) -> list[np.ndarray]:
     """Unknowns, rates, scales, what the tables give at the start, F and its Jacobian, and the motion of all bodies beside it, as
-    a run makes them."""
+    a run makes them; unknowns, rates and scales where multipliers are unknowns too."""
     prepared = prepared_from(scene, None, 1.0, True)
     system = system_for(prepared, choice.form, choice.solver.highest_index)  # type: ignore[attr-defined]
     F = np.empty(system.n)
     system.residual(system.t0, system.y0, system.yp0, F)
     moved = prepared.states(np.array([system.t0]), system.y0[None] + 0.1)[:2]
     parts = map(np.asarray, system.jacobian_parts(system.t0, system.y0, system.yp0))
-    return [system.y0, system.yp0, system.scale, F, *moved, *parts]
+    whole = system_for(prepared)
+    return [system.y0, system.yp0, system.scale, F, *moved, *parts, whole.y0, whole.yp0, whole.scale]
 
 
 def from_nothing(monkeypatch: pytest.MonkeyPatch, scene: mb.Scene, choice: object) -> list[np.ndarray]:
@@ -140,3 +144,39 @@ def test_another_mass_of_a_body_with_a_shape_keeps_the_start(monkeypatch):
     monkeypatch.setattr(prepare.Starter, "placed", lambda self: pytest.fail("the start was sought again"))
     heavier = prepared_from(changed(base, "door.mass", lambda x: 2 * x)[0], None, 1.0, True)
     assert heavier.mechanics.mass.diagonal()[0] == 6.0
+
+
+def driven() -> mb.Scene:
+    """Numbers inside of objects, lists, values by coordinate and pulses."""
+    s = mb.Scene("driven", gravity=(0, -9.81, 0))
+    a = s.rigid_body("a", 3.0, (0.1, 0.2, 0.3), at=(0.5, 0, 0), shape=[mb.Box(size=(1, 0.1, 0.1)), mb.Sphere(radius=0.1)])
+    b = s.rigid_body("b", 1.0, (0.1, 0.1, 0.1), at=(1.5, 0, 0))
+    s.cylindrical("J", s.ground, a, at=(0, 0, 0), axis=(0, 0, 1), spring={"angle": 3.0})
+    s.revolute("K", a, b, at=(1, 0, 0), friction=mb.Coulomb(mu=0.2, v_c=0.05), radius=0.02)
+    s.torque("push", b, (0, 0, se.Piecewise((2.0, (mb.t > 0.1) & (mb.t < 0.2)), (0.0, True))))
+    return s
+
+
+DRIVEN = ("a.mass", "a.inertia.1", "a.shape.0.size.1", "J.spring.angle", "J.stiffness", "J.axis.2", "K.friction.mu",
+          "K.radius", "push.width", "push.strength")
+
+
+@pytest.mark.parametrize(("scene", "names"), [(loop, LOOP), (chain, CHAIN), (rubbing, RUBBING), (driven, DRIVEN)])
+def test_the_statements_of_the_scene_itself_stay(scene, names):
+    s = scene()
+    before = copy.deepcopy(s.statements)
+    for name in names:
+        assert changed(s, name, lambda x: 1.01 * x + 1e-3)[0].statements != before
+        assert s.statements == before, name
+
+
+def test_only_arguments_that_are_others_are_read_again(monkeypatch):
+    s = driven()
+    first = changed(s, "a.mass", 3.5)[0]
+    monkeypatch.setitem(replay._READERS, frozenset({"object", "fields"}), lambda *_: pytest.fail("a shape was read again"))
+    again = changed(s, "a.mass", 4.0)[0]
+    assert (first["a"].mass, again["a"].mass, s["a"].mass) == (3.5, 4.0, 3.0)
+    assert again["a"].shapes is s["a"].shapes
+    monkeypatch.undo()
+    other = changed(s, "a.shape.0.size.1", 0.2)[0]
+    assert [one["a"].shapes[0].size[1] for one in (other, changed(other, "a.mass", 5.0)[0], s)] == [0.2, 0.2, 0.1]

@@ -24,16 +24,19 @@ SAME = 1e-11  #: difference over the largest entry: velocities of a start are pr
 
 
 def made(scene: Any, choice: Any) -> Any:
-    """Unknowns, rates and scales at the start, the residual and its Jacobian there; or the text of what is refused."""
+    """Unknowns, rates and scales at the start, the residual and its Jacobian there, the numbers in the tables, and unknowns,
+    rates and scales where multipliers are unknowns too; or the text of what is refused."""
     try:
-        system = system_for(prepared_from(scene, None, 1.0), choice.form, choice.solver.highest_index)
+        prepared = prepared_from(scene, None, 1.0)
+        system, full = system_for(prepared, choice.form, choice.solver.highest_index), system_for(prepared)
     except mb.MbdaeError as error:
         return str(error)
     F = np.empty(system.n)
     system.residual(system.t0, system.y0, system.yp0, F)
     parts = system.jacobian_parts(system.t0, system.y0, system.yp0)
     whole = [part.toarray() if hasattr(part, "toarray") else np.asarray(part, dtype=float) for part in parts]
-    return [system.y0, system.yp0, np.asarray(system.scale), F, *whole]
+    tables = [part for one in (system.assembly, full.assembly) for part in (one.numbering.workspace(), one.offset, one.weights)]
+    return [system.y0, system.yp0, np.asarray(system.scale), F, *whole, *tables, full.y0, full.yp0, np.asarray(full.scale)]
 
 
 def from_nothing(scene: Any, choice: Any) -> Any:

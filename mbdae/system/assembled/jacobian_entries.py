@@ -57,8 +57,9 @@ class FormSpec:
     @property
     def shape(self) -> tuple[Any, ...]:
         """All but the values of its numbers."""
-        own = {name: value for name, value in vars(self).items() if name != "numbers"}
-        return *(tuple(value.items()) if isinstance(value, Mapping) else value for value in own.values()), *self.numbers
+        maps = *self.rows.items(), *self.index.items(), *self.numbers
+        return (self.label, self.outputs, self.blocks, self.derivatives, self.mixed, self.waves, self.loads_only,
+                self.eliminated, *maps)
 
     @property
     def multipliers(self) -> int:

@@ -71,9 +71,9 @@ class Model:
         return sum(n.kind.sizes[0] for n in self.nodes)
 
     @cached_property
-    def listed(self) -> list[float]:
+    def listed(self) -> Any:
         """The numbers of all laws one after the other, group by group."""
-        return [number for group in self.groups for number in group.numbers.ravel().tolist()]
+        return np.concatenate([np.zeros(0), *(group.numbers.ravel() for group in self.groups)])
 
     @cached_property
     def nu(self) -> int:
@@ -192,7 +192,7 @@ def _renewed(last: Model, scene: SceneData, kept: dict[str, str]) -> Model | Non
         return None
     bodies, connections = [b for b in scene.bodies if b.name in items], [c for c in scene.connections if c.name in items]
     alike = {b.name for b in bodies if drawn_as(b, theirs[b.name])}
-    alike |= {c.name for c in connections if carried_over(c, theirs[c.name])}
+    alike |= (connected := {c.name for c in connections if carried_over(c, theirs[c.name])})
     length = last.length if len(alike) == len(bodies) + len(connections) else scene_length(scene)
     joints = [c for c in connections if c.name not in alike]
     why = out_of_plane(scene, length, items - {c.name for c in connections if c.name in alike} if last.planar else None)
@@ -209,7 +209,7 @@ def _renewed(last: Model, scene: SceneData, kept: dict[str, str]) -> Model | Non
     for law, sides, item in _laws(scene, kept, {}, bodies, connections, ()):
         (g, i), ends = next(at[item], (-1, 0)), tuple(by_body.get(b) for b in sides)
         old, key = groups[g].instances[i], groups[g].key
-        if (instance := _carried(law, old, key, ends) if item in alike else None) is None:
+        if (instance := _carried(law, old, key, ends, item in connected) if item in alike else None) is None:
             key, instance = entry_of(scenery, law, sides, ends, item)
         if g < 0 or key != groups[g].key or (*instance.numbers, *instance.timed) != (*old.numbers, *old.timed):
             return None
@@ -236,13 +236,13 @@ def _renewed(last: Model, scene: SceneData, kept: dict[str, str]) -> Model | Non
     return made
 
 
-def _carried(law: Any, old: Instance, key: Key, ends: tuple[Node | None, ...]) -> Instance | None:
-    """The instance, in place of an old one, of a law whose item is drawn as before, so that its parameters alone may be others;
-    None where it has other equations or reads other items."""
-    stated = {p: v for p in law.params if isinstance(v := getattr(law, p), float)}
-    if key != (type(law), law.structure(frozenset(old.timed)), key[2]) or not stated.keys() <= old.numbers.keys():
+def _carried(law: Any, old: Instance, key: Key, ends: tuple[Node | None, ...], same: bool) -> Instance | None:
+    """The instance, in place of an old one, of a law whose item is drawn as before; None where it has other equations or reads
+    other items. same: whether it states the same, on bodies that may be others; else its parameters may be."""
+    stated = {} if same else {p: v for p in law.params if isinstance(v := getattr(law, p), float)}
+    if not same and (key != (type(law), law.structure(frozenset(old.timed)), key[2]) or not stated.keys() <= old.numbers.keys()):
         return None
-    return replace(old, law=law, nodes=(*ends, *old.nodes[len(ends) :]), numbers=old.numbers | stated)
+    return Instance(law, (*ends, *old.nodes[len(ends) :]), old.numbers | stated, old.timed, old.item, old.states, old.signals)
 
 
 def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) -> Model:

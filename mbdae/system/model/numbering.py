@@ -117,7 +117,7 @@ class Numbering:
         self.form_numbers = dict(numbers or {})
         self._clock_values = self._collect_prescribed()
         self._first_constant = self.first_input + len(self._clock_values)
-        self._constants: list[float] = []
+        self._constants: Any = []  # a list, of which others of the same shape have an array
         self._collect_numbers()
         self.further = self._add(constants)
         self._at = {name: self._add(position) for name, position in self._sharing.fixed_position.items()}
@@ -158,7 +158,7 @@ class Numbering:
         made = object.__new__(type(self))
         vars(made).update(vars(self), model=model, form_numbers=dict(numbers or {}))
         vars(made).pop("_scaling", None)
-        made._constants = [*model.listed, *made.form_numbers.values(), *constants]
+        made._constants = np.concatenate([model.listed, [*made.form_numbers.values()], constants])
         return made
 
     def workspace(self) -> Array:
