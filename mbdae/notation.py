@@ -9,12 +9,11 @@ import base64
 import html
 import re
 from collections.abc import Callable, Iterable, Sequence
-from itertools import groupby
+from itertools import count, groupby
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 UNITS: dict[str, str] = {}  #: quantity of sensors -> its SI unit, "" where it has none; `quantity` enters them
-SENTENCE = 80  #: letters from which on a line without columns is a sentence that may break
 LOOPS: set[str] = {"drive"}  #: those that follow from accelerations and reactions, so that no load can read them
 
 
@@ -43,6 +42,7 @@ def together(parts: Sequence[str]) -> str:
 
 
 STYLE = "text-align:left;vertical-align:top;padding:2px 12px 2px 0"
+WIDE = 5  #: smallest number of columns of a table whose rows become lists in a narrow window
 PLAYER_HEIGHT = 660  #: height of a page inside of a notebook, px
 
 
@@ -74,6 +74,22 @@ def lines(text: str) -> str:
     return rows(found)
 
 
+def labelled(table: str) -> str:
+    """HTML of a table. Of many columns it gets the class `many`, and every cell the head of its column, so that a style can show
+    a row as a list in a narrow window."""
+    head, row, body = table.partition("</thead>")
+    names = [html.escape(html.unescape(re.sub(r"<[^>]+>", "", cell)).strip(), quote=True)
+             for cell in re.findall(r"<th\b[^>]*>(.*?)</th>", head, re.DOTALL)]
+    if len(names) < WIDE or "colspan" in table or "rowspan" in table:
+        return table
+
+    def cells(found: re.Match[str]) -> str:
+        column = count()
+        return re.sub(r"<t[dh]\b", lambda cell: f'{cell[0]} data-label="{names[next(column) % len(names)]}"', found[0])
+
+    return head.replace('class="', 'class="many ', 1) + row + re.sub(r"<tr\b.*?</tr>", cells, body, flags=re.DOTALL)
+
+
 def whole(page: str) -> str:
     """HTML whose numbers, such as 1e-6, stay on one line, by the class `kept`."""
     elsewhere = "span|code|pre|text|tspan|title|style|script|m[a-z]+"  # elements that keep what they hold
@@ -83,7 +99,7 @@ def whole(page: str) -> str:
 def plain(text: str) -> str:
     """Text with its line breaks; columns stay side by side and scroll where they are wider than their box, sentences break."""
     shown = {True: "pre-wrap", False: "pre;overflow-x:auto"}
-    blocks = groupby(text.splitlines(), lambda line: len(line) > SENTENCE and "  " not in line.strip())
+    blocks = groupby(text.splitlines(), lambda line: "  " not in line.strip())
     return "".join(f'<pre style="margin:0;white-space:{shown[said]}">{html.escape(chr(10).join(block))}</pre>'
                    for said, block in blocks)
 
