@@ -42,8 +42,10 @@ def together(parts: Sequence[str]) -> str:
 
 
 STYLE = "text-align:left;vertical-align:top;padding:2px 12px 2px 0"
-WIDE = 5  #: smallest number of columns of a table whose rows become lists in a narrow window
+WIDE = 4  #: smallest number of columns of a table whose rows become lists in a narrow window
 PLAYER_HEIGHT = 660  #: height of a page inside of a notebook, px
+#: of a frame that becomes as high as its page, where the browser lets it be read
+FITTING = ' onload="const d = this.contentDocument; if (d) this.style.height = d.documentElement.offsetHeight + 2 + \'px\'"'
 
 
 def titled(title: str, *parts: str) -> str:
@@ -109,6 +111,7 @@ def picture(file: bytes, kind: str = "png") -> str:
     return f'<img style="max-width:100%" src="data:image/{kind};base64,{base64.b64encode(file).decode("ascii")}">'
 
 
-def framed(page: str, height: int = PLAYER_HEIGHT) -> str:
-    """A whole page in a frame of some height (px), so that its scripts and styles do not mix with those around it."""
-    return f'<iframe srcdoc="{html.escape(page)}" style="width:100%;height:{height}px;border:0"></iframe>'
+def framed(page: str, fitting: bool = False) -> str:
+    """A whole page in a frame, so that its scripts and styles do not mix with those around it; fitting: of its own height."""
+    return (f'<iframe srcdoc="{html.escape(page)}" style="width:100%;height:{PLAYER_HEIGHT}px;border:0"'
+            f"{FITTING if fitting else ''}></iframe>")

@@ -305,7 +305,7 @@ def page(a: Arena) -> str:
         parts.append(section("scenes", NOTES["scenes"][0], f'{note}<div class="scenes">{scenes}</div>\n'))
     if failed := [f"{e.name}: {e.error}" for e in a.entries if e.error]:
         parts.append(section("failed", "Not compared", bullets(failed)))
-    hashes = [html_row(e.name, [f"<td>{escape(e.hashes.get(of, '-')[:16])}</td>" for of in ("statements", "equations")])
+    hashes = [html_row(e.name, [f"<td>{escape(e.hashes.get(of, '-')[:12])}</td>" for of in ("statements", "equations")])
               for e in a.entries]
     parts.append(section("hashes", "Hashes", html_table("hashes", headings(("scene", "statements", "equations in C")), hashes)
                          + '<p class="note">First digits of SHA-256; whole ones are in arena.json.</p>\n'))

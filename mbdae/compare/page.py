@@ -54,12 +54,13 @@ def page(w: ComparisonData) -> str:
 
 
 def _runs(w: ComparisonData) -> str:
-    names = [*list(COLUMNS)[:-1], "front"]
-    head = "".join(f'<th scope="col" title="{escape(meaning)}"><button type="button">{escape(name)}</button></th>'
-                   for name, meaning in zip(names, COLUMNS.values(), strict=True))
+    told = zip(COLUMNS, zip(*map(cells, w.runs), strict=True), strict=True)
+    columns = {name: column for name, column in told if {*column} != {"-"}}
+    head = "".join(f'<th scope="col" title="{escape(COLUMNS[name])}"><button type="button">{name or "front"}</button></th>'
+                   for name in columns)
     kinds = [' class="failed"' if run.failure else ' class="front"' if run.pareto else "" for run in w.runs]
-    rows = [_row(cells(run), kind) for run, kind in zip(w.runs, kinds, strict=True)]
-    meanings = "; ".join(f"{name}: {meaning}" for name, meaning in COLUMNS.items() if name not in ("run", ""))
+    rows = [_row(row, kind) for row, kind in zip(zip(*columns.values(), strict=True), kinds, strict=True)]
+    meanings = "; ".join(f"{name}: {COLUMNS[name]}" for name in columns if name not in ("run", ""))
     note = escape(f"front: {COLUMNS['']}; {meanings}.")
     return section("runs", "Runs", html_table("runs", head, rows, "Every run; a heading sorts") + f'<p class="note">{note}</p>\n')
 

@@ -40,7 +40,10 @@ table.map tbody th { position: sticky; left: 0; background: var(--ground); }
 .swatch { flex: none; min-width: 6.2rem; text-align: center; border-radius: 2px; padding: .1rem .4rem; font-size: .875rem; }
 .holds { font-weight: 600; }
 details { max-width: 60rem; } summary { cursor: pointer; min-height: 24px; }
-@media screen and (max-width: 700px) { table.map td { padding: .15rem .3rem; min-width: 0; } }
+@media screen and (max-width: 700px) {
+  table.map td { padding-inline: .2rem; min-width: 0; white-space: nowrap; }
+  table.map.many tbody tr { grid-template-columns: repeat(auto-fill, minmax(3.9rem, 1fr)); gap: .2rem; }
+}
 @media print { td, .swatch { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
 

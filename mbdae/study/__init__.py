@@ -31,11 +31,11 @@ ul { padding-left: 1.25rem; }
 .scroll:focus-visible, button:focus-visible { outline: 2px solid #0072b2; outline-offset: 2px; }
 table { border-collapse: collapse; font-size: .875rem; font-variant-numeric: tabular-nums; white-space: nowrap; }
 caption { text-align: left; padding-bottom: .4rem; color: #444; }
-.many { font-size: .8rem; }
 th, td { padding: .2rem .5rem; text-align: right; border-bottom: 1px solid #e2e2e2; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 thead th { border-bottom: 1px solid #999; font-weight: 600; vertical-align: bottom; }
 tbody th { font-weight: 400; }
+.many { font-size: .75rem; } .many :is(th, td) { padding-inline: .3rem 0; } .many tbody th { white-space: normal; }
 tr.front { background: #eef5fb; }
 tr.failed td, tr.failed th { color: #8a2b06; }
 th button { font: inherit; color: inherit; background: none; border: 0; padding: 0; cursor: pointer; min-height: 24px; }
@@ -57,9 +57,11 @@ dd { margin: 0; }
   .many thead tr { display: flex; flex-wrap: wrap; gap: 0 .9rem; } .many thead th { border: 0; padding: 0; }
   .many tbody tr { display: grid; grid-template-columns: repeat(auto-fill, minmax(5rem, 1fr)); gap: .2rem .6rem; align-items: end;
     padding: .45rem 0; border-bottom: 1px solid #999; }
+  .scroll:has(.many) { width: auto; border: 0; } .many { font-size: .8rem; }
   .many tbody :is(th, td) { border: 0; padding: 0; text-align: left; line-height: 1.3; }
+  .many td:empty { display: none; }
   .many tbody th { grid-column: 1 / -1; font-weight: 600; }
-  .many td:not([data-label=""])::before { content: attr(data-label); display: block; opacity: .75; }
+  .many td::before { content: attr(data-label); display: block; opacity: .75; }
 }
 @media screen and (prefers-color-scheme: dark) {
   :root { --ground: #16181b; } body { color: #e4e4e4; } a { color: #7cc0f5; } caption, .note { color: #b5b5b5; }
