@@ -13,7 +13,7 @@ from mbdae.notation import labelled, whole
 def table(found: re.Match[str]) -> str:
     """A table whose names may break behind their marks; of many columns, with their heads at the cells."""
     def broken(name: re.Match[str]) -> str:
-        return re.sub(r"([_/.,=(]+)(?=\w)", r"\1<wbr>", name[0])
+        return re.sub(r"([_/.,=(]+)(?=\w)|(?<=\b[0-9a-f]{16})(?=[0-9a-f]{16})", r"\g<0><wbr>", name[0])
 
     return labelled(re.sub(r'(?<=<span class="pre">)[^<]*', broken, found[0]))
 

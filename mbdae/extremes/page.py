@@ -41,7 +41,7 @@ table.map tbody th { position: sticky; left: 0; background: var(--ground); }
 .holds { font-weight: 600; }
 details { max-width: 60rem; } summary { cursor: pointer; min-height: 24px; }
 @media screen and (max-width: 700px) {
-  table.map td { padding-inline: .2rem; min-width: 0; white-space: nowrap; }
+  table.map td { padding-inline: .2rem; min-width: 0; } table.map:not(.many) td { white-space: nowrap; }
   table.map.many tbody tr { grid-template-columns: repeat(auto-fill, minmax(3.9rem, 1fr)); gap: .2rem; }
 }
 @media print { td, .swatch { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }

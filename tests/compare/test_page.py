@@ -26,6 +26,7 @@ def w():
 
 
 def text_of(html):
+    html = re.sub(r'<span class="kept">([^<]*)</span>', r"\1", html)  # numbers that stay on one line
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", html)).split())
 
 
