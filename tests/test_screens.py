@@ -178,11 +178,12 @@ def site(tmp_path_factory):
     docs = tmp_path_factory.mktemp("site") / "docs"
     for name in ("_ext", "_static", "img"):
         shutil.copytree(ROOT / "docs" / name, docs / name)
+    (docs / "made" / "site").mkdir(parents=True)
     for name in ("conf.py", *(f"{page}.md" for page in SITE)):
         shutil.copy(ROOT / "docs" / name, docs)
     (docs / "index.md").write_text("# Pages\n\n```{toctree}\n" + "\n".join(SITE) + "\n```\n", encoding="utf-8")
     build = [sys.executable, "-m", "sphinx", "-q", "-D", "extensions=myst_nb,sphinx.ext.autodoc,formulas,docstrings,narrow",
-             "-D", "html_extra_path=", "-b", "html", str(docs), str(docs / "out")]
+             "-b", "html", str(docs), str(docs / "out")]
     done = subprocess.run(build, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}, timeout=300)
     assert done.returncode == 0, done.stderr
     return docs / "out"
