@@ -12,12 +12,11 @@ import html
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from inspect import Parameter, Signature
-from itertools import groupby
+from itertools import count, groupby
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 UNITS: dict[str, str] = {}  #: quantity of sensors -> its SI unit, "" where it has none; `quantity` enters them
-SENTENCE = 80  #: letters from which on a line without columns is a sentence that may break
 LOOPS: set[str] = {"drive"}  #: those that follow from accelerations and reactions, so that no load can read them
 
 
@@ -46,7 +45,10 @@ def together(parts: Sequence[str]) -> str:
 
 
 STYLE = "text-align:left;vertical-align:top;padding:2px 12px 2px 0"
+WIDE = 4  #: smallest number of columns of a table whose rows become lists in a narrow window
 PLAYER_HEIGHT = 660  #: height of a page inside of a notebook, px
+#: of a frame that becomes as high as its page, where the browser lets it be read
+FITTING = ' onload="const d = this.contentDocument; if (d) this.style.height = d.documentElement.offsetHeight + 2 + \'px\'"'
 
 
 def titled(title: str, *parts: str) -> str:
@@ -77,6 +79,22 @@ def lines(text: str) -> str:
     return rows(found)
 
 
+def labelled(table: str) -> str:
+    """HTML of a table. Of many columns it gets the class `many`, and every cell the head of its column, so that a style can show
+    a row as a list in a narrow window."""
+    head, row, body = table.partition("</thead>")
+    names = [html.escape(html.unescape(re.sub(r"<[^>]+>", "", cell)).strip(), quote=True)
+             for cell in re.findall(r"<th\b[^>]*>(.*?)</th>", head, re.DOTALL)]
+    if len(names) < WIDE or "colspan" in table or "rowspan" in table:
+        return table
+
+    def cells(found: re.Match[str]) -> str:
+        column = count()
+        return re.sub(r"<t[dh]\b", lambda cell: f'{cell[0]} data-label="{names[next(column) % len(names)]}"', found[0])
+
+    return head.replace('class="', 'class="many ', 1) + row + re.sub(r"<tr\b.*?</tr>", cells, body, flags=re.DOTALL)
+
+
 def whole(page: str) -> str:
     """HTML whose numbers, such as 1e-6, stay on one line, by the class `kept`."""
     elsewhere = "span|code|pre|text|tspan|title|style|script|m[a-z]+"  # elements that keep what they hold
@@ -86,7 +104,7 @@ def whole(page: str) -> str:
 def plain(text: str) -> str:
     """Text with its line breaks; columns stay side by side and scroll where they are wider than their box, sentences break."""
     shown = {True: "pre-wrap", False: "pre;overflow-x:auto"}
-    blocks = groupby(text.splitlines(), lambda line: len(line) > SENTENCE and "  " not in line.strip())
+    blocks = groupby(text.splitlines(), lambda line: "  " not in line.strip())
     return "".join(f'<pre style="margin:0;white-space:{shown[said]}">{html.escape(chr(10).join(block))}</pre>'
                    for said, block in blocks)
 
@@ -96,9 +114,10 @@ def picture(file: bytes, kind: str = "png") -> str:
     return f'<img style="max-width:100%" src="data:image/{kind};base64,{base64.b64encode(file).decode("ascii")}">'
 
 
-def framed(page: str, height: int = PLAYER_HEIGHT) -> str:
-    """A whole page in a frame of some height (px), so that its scripts and styles do not mix with those around it."""
-    return f'<iframe srcdoc="{html.escape(page)}" style="width:100%;height:{height}px;border:0"></iframe>'
+def framed(page: str, fitting: bool = False) -> str:
+    """A whole page in a frame, so that its scripts and styles do not mix with those around it; fitting: of its own height."""
+    return (f'<iframe srcdoc="{html.escape(page)}" style="width:100%;height:{PLAYER_HEIGHT}px;border:0"'
+            f"{FITTING if fitting else ''}></iframe>")
 
 
 class Arguments:

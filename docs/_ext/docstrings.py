@@ -42,7 +42,7 @@ def written(lines: list[str]) -> list[str]:
 
 def rewrite(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """A listener of autodoc."""
-    lines[:] = written(lines)
+    lines[:] = [] if lines[:1] and lines[0].startswith("Alias for field number") else written(lines)  # Python's own of tuples
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -24,6 +24,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from cards import CARDS, GALLERY, moving, said
 
+from mbdae.notation import FITTING
+
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES, MADE, IMAGES = ROOT / "examples", ROOT / "docs" / "made", ROOT / "docs" / "img"
 #: pages of theory: title, and what `mb.report` is asked for (an expression)
@@ -71,7 +73,7 @@ def example(name: str) -> None:
 {card.lesson}
 
 ```{{raw}} html
-<iframe class="player" src="../players/{name}.html" title="{card.title} in motion" loading="lazy"></iframe>
+<iframe class="player" src="../players/{name}.html" title="{card.title} in motion" loading="lazy"{FITTING}></iframe>
 ```
 
 **{number}.**

@@ -5,28 +5,17 @@ from __future__ import annotations
 
 import html
 import re
-from itertools import count
 from typing import Any
 
-from mbdae.notation import whole
-
-WIDE = 5  #: smallest number of columns of a table whose rows become lists in a narrow window
+from mbdae.notation import labelled, whole
 
 
 def table(found: re.Match[str]) -> str:
     """A table whose names may break behind their marks; of many columns, with their heads at the cells."""
-    text = re.sub(r'(?<=<span class="pre">)[^<]*', lambda name: re.sub(r"([_/.,=(]+)(?=\w)", r"\1<wbr>", name[0]), found[0])
-    head, row, body = text.partition("</thead>")
-    names = [html.escape(html.unescape(re.sub(r"<[^>]+>", "", cell)).strip(), quote=True)
-             for cell in re.findall(r"<th\b[^>]*>(.*?)</th>", head, re.DOTALL)]
-    if len(names) < WIDE or "colspan" in text or "rowspan" in text:
-        return text
+    def broken(name: re.Match[str]) -> str:
+        return re.sub(r"([_/.,=(]+)(?=\w)|(?<=\b[0-9a-f]{16})(?=[0-9a-f]{16})", r"\g<0><wbr>", name[0])
 
-    def cells(found: re.Match[str]) -> str:
-        column = count()
-        return re.sub(r"<td\b", lambda _: f'<td data-label="{names[next(column) % len(names)]}"', found[0])
-
-    return head.replace('class="', 'class="many ', 1) + row + re.sub(r"<tr\b.*?</tr>", cells, body, flags=re.DOTALL)
+    return labelled(re.sub(r'(?<=<span class="pre">)[^<]*', broken, found[0]))
 
 
 def code(found: re.Match[str]) -> str:

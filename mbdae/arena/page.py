@@ -37,10 +37,6 @@ FURTHER = ("#E69F00", "#56B4E9", "#882255", "#999933")
 STYLE = """
 .scenes { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(26rem, 100%), 1fr)); gap: 1rem 1.5rem; }
 .missed :is(th, td):last-child, .stays :is(th, td):is(:nth-child(2), :last-child) { text-align: left; }
-@media (max-width: 700px) {
-  :is(.programs, .missed, .stays) :is(th, td) { white-space: normal; overflow-wrap: normal; padding-inline: .3rem; }
-  :is(.programs, .missed, .stays) td:not(:last-child), .programs td { white-space: nowrap; }
-}
 .scenes h3 { font-size: 1rem; margin: .5rem 0 0; } .scenes figure { margin: .25rem 0; } .scenes details { font-size: .875rem; }
 """
 
@@ -301,7 +297,7 @@ def page(a: Arena) -> str:
         if rows:
             cells = [html_row(str(first), [f"<td>{escape(str(value))}</td>" for value in rest])
                      for first, *rest in (row.values() for row in rows)]
-            table = html_table(key, headings(tuple(rows[0])), cells, attributes=f' class="{key}"')
+            table = html_table(key, headings(tuple(rows[0])), cells, kind=key)
             parts.append(section(key, NOTES[key][0], f'{table}<p class="note">{escape(NOTES[key][1])}</p>\n'))
     scenes = "".join(_scene(n, *pair) for n, pair in enumerate(done))
     if done:
@@ -309,7 +305,7 @@ def page(a: Arena) -> str:
         parts.append(section("scenes", NOTES["scenes"][0], f'{note}<div class="scenes">{scenes}</div>\n'))
     if failed := [f"{e.name}: {e.error}" for e in a.entries if e.error]:
         parts.append(section("failed", "Not compared", bullets(failed)))
-    hashes = [html_row(e.name, [f"<td>{escape(e.hashes.get(of, '-')[:16])}</td>" for of in ("statements", "equations")])
+    hashes = [html_row(e.name, [f"<td>{escape(e.hashes.get(of, '-')[:12])}</td>" for of in ("statements", "equations")])
               for e in a.entries]
     parts.append(section("hashes", "Hashes", html_table("hashes", headings(("scene", "statements", "equations in C")), hashes)
                          + '<p class="note">First digits of SHA-256; whole ones are in arena.json.</p>\n'))

@@ -54,12 +54,13 @@ def page(w: ComparisonData) -> str:
 
 
 def _runs(w: ComparisonData) -> str:
-    names = [*list(COLUMNS)[:-1], "front"]
-    head = "".join(f'<th scope="col" title="{escape(meaning)}"><button type="button">{escape(name)}</button></th>'
-                   for name, meaning in zip(names, COLUMNS.values(), strict=True))
+    told = zip(COLUMNS, zip(*map(cells, w.runs), strict=True), strict=True)
+    columns = {name: column for name, column in told if {*column} != {"-"}}
+    head = "".join(f'<th scope="col" title="{escape(COLUMNS[name])}"><button type="button">{name or "front"}</button></th>'
+                   for name in columns)
     kinds = [' class="failed"' if run.failure else ' class="front"' if run.pareto else "" for run in w.runs]
-    rows = [_row(cells(run), kind) for run, kind in zip(w.runs, kinds, strict=True)]
-    meanings = "; ".join(f"{name}: {meaning}" for name, meaning in COLUMNS.items() if name not in ("run", ""))
+    rows = [_row(row, kind) for row, kind in zip(zip(*columns.values(), strict=True), kinds, strict=True)]
+    meanings = "; ".join(f"{name}: {COLUMNS[name]}" for name in columns if name not in ("run", ""))
     note = escape(f"front: {COLUMNS['']}; {meanings}.")
     return section("runs", "Runs", html_table("runs", head, rows, "Every run; a heading sorts") + f'<p class="note">{note}</p>\n')
 
@@ -211,11 +212,15 @@ def own_look(i: int) -> tuple[dict[str, Any], str]:
 
 
 def ticks(axis: Any) -> None:
-    """Label the ticks at 1, 2 and 5 times every power of ten with plain numbers; only the powers of ten where there are many."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    """Label the ticks with plain numbers: at 1, 2 and 5 times every power of ten, at the powers of ten where there are many,
+    at even steps where there are few."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     low, high = axis.get_xlim()
-    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,)))
+    if high < 4 * low:  # no two of these ticks may lie in it
+        axis.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    else:
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,)))
     axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())
 

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 # -- Small vector drawings of lines, dots and letters, written as TikZ for LaTeX and as SVG for HTML pages (`html.svg`)
 
 
-COLOURS = {"#333": "black!80", "#999": "black!40", "#0072b2": "blue!70!black", "#d55e00": "orange!80!black",
-           "#009e73": "green!50!black"}
+COLOURS = {"#333": "black!80", "#999": "black!40", "#0072b2": "blue!70!black", "#bf5400": "orange!80!black",
+           "#008060": "green!50!black"}
 Point = tuple[float, float]
 
 

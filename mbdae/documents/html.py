@@ -10,6 +10,7 @@ from html import escape
 
 from mbdae.documents.blocks import Block, Code, Drawing, Equation, Paragraph, Picture, Point, Section, Table, split_text, tokens
 from mbdae.documents.mathml import GREEK, FormulaError, display, inline
+from mbdae.notation import whole
 
 FONT = "system-ui, Liberation Sans, sans-serif"
 
@@ -122,7 +123,7 @@ figcaption { color: #444; font-size: .9rem; }
   a, details summary { color: #7db8f0; } .tex, .tex summary, .equation .number { color: #a4a8ad; }
   .tex code, pre { background: #23272c; } .equation { border-color: #3a4350; }
   th, td { border-color: #3a3e44; } thead th { border-color: #8a8e94; }
-  figure svg, figure img { background: #fff; border-radius: 4px; }
+  figure svg, figure img { background: #fff; filter: invert(.92) hue-rotate(180deg); }
 }
 @media print {
   body { max-width: none; padding: 0; font-size: 10pt; } nav { display: none; }
@@ -141,7 +142,7 @@ def html(title: str, blocks: Sequence[Block]) -> str:
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
             f"<title>{escape(_plain(title))}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
-            f"<h1>{_text(title)}</h1>\n{contents}{body}</main>\n</body>\n</html>\n")
+            f"<h1>{_text(title)}</h1>\n{contents}{whole(body)}</main>\n</body>\n</html>\n")
 
 
 def _plain(text: str) -> str:

@@ -40,7 +40,10 @@ table.map tbody th { position: sticky; left: 0; background: var(--ground); }
 .swatch { flex: none; min-width: 6.2rem; text-align: center; border-radius: 2px; padding: .1rem .4rem; font-size: .875rem; }
 .holds { font-weight: 600; }
 details { max-width: 60rem; } summary { cursor: pointer; min-height: 24px; }
-@media (max-width: 700px) { table.map tbody th { white-space: normal; min-width: 8.5rem; max-width: 9rem; } }
+@media screen and (max-width: 700px) {
+  table.map td { padding-inline: .2rem; min-width: 0; } table.map:not(.many) td { white-space: nowrap; }
+  table.map.many tbody tr { grid-template-columns: repeat(auto-fill, minmax(3.9rem, 1fr)); gap: .2rem; }
+}
 @media print { td, .swatch { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
 
@@ -173,7 +176,7 @@ def notes(block: Block) -> list[str]:
 def _block(i: int, block: Block) -> str:
     head = headings(["way \\ value", *(f"{value:g}" for value in block.values)])
     rows = [html_row(label, [_cell(block.at(label, value)) for value in block.values]) for label in block.labels]
-    return section(f"b{i}", block.parameter, html_table(f"b{i}", head, rows, attributes=' class="map"') + _remarks(block))
+    return section(f"b{i}", block.parameter, html_table(f"b{i}", head, rows, kind="map") + _remarks(block))
 
 
 def _cell(cell: Cell | None) -> str:

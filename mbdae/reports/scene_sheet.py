@@ -330,7 +330,7 @@ def _modes_drawn(body: ReducedBody, shown: int) -> Drawing:
             for arm in (cross + np.cross(w, cross)) @ VIEW.T:
                 found.line([at + scale * (place - arm), at + scale * (place + arm)], "#0072b2")
         for x, y in (at + scale * VIEW @ (place - body.center) for place in body.interfaces.values()):
-            found.line([(x - 1, y), (x + 1, y)], "#d55e00", 5)
+            found.line([(x - 1, y), (x + 1, y)], "#bf5400", 5)
         found.text(at[0], at[1] + scale * np.max(rest[:, 1]) + 36, f"mode {i + 1}: {frequency:.4g} Hz")
     found.fit()
     return found

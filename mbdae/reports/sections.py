@@ -27,7 +27,7 @@ from mbdae.symbolic.vectors import UNIT, Expr
 #: rightward and upward direction of the drawing in inertial axes, with z up
 VIEW = np.array([[0.86, 0.5, 0.0], [-0.29, 0.5, 0.82]])
 ANGLE, LENGTH = 0.6, 0.9  #: values of coordinates in the drawing: angles in rad, displacements in axis lengths
-COLOURS = ("#d55e00", "#009e73", "#0072b2")
+COLOURS = ("#bf5400", "#008060", "#0072b2")
 
 
 def figure_of(s: ReportedLaw) -> list[Block]:

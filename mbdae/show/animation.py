@@ -36,7 +36,7 @@ class Animation:
         return f"<Animation of '{self.name}'{'' if self.path is None else f', {self.path}'}{without}>"
 
     def _repr_html_(self) -> str:
-        return self.html if self.path is not None and self.path.suffix.lower() == ".gif" else framed(self.html)
+        return self.html if self.path is not None and self.path.suffix.lower() == ".gif" else framed(self.html, fitting=True)
 
 
 def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any,

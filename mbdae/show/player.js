@@ -193,7 +193,7 @@ function drawLines(c, f, poses, see) {
 function drawView(f) {
   const across = view.clientWidth, tall = film.planar ? 68 + (across - 68) * extent[1] / (extent[0] || 1) : 0;
   const wanted = tall || (across < 500 ? 0.95 : 0.72) * across;
-  const {c, width, height} = fitted(view, Math.round(Math.max(240, Math.min(wanted, 0.62 * window.innerHeight, 720))));
+  const {c, width, height} = fitted(view, Math.round(Math.max(240, Math.min(wanted, 0.62 * (top === window ? innerHeight : 660), 720))));
   const poses = {};
   for (const name in film.bodies) poses[name] = pose(name, f);
   const followed = poses[el("follow").value], eyeing = lens(width, height, followed ? followed.r : middle);

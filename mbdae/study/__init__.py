@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError
 from mbdae.files import write_file
-from mbdae.notation import counted, plain, titled
+from mbdae.notation import counted, labelled, plain, titled, whole
 from mbdae.values import Array, array, file_to_write, number, option, optional, sequence, shown, text
 
 STYLE = """
@@ -35,6 +35,7 @@ th, td { padding: .2rem .5rem; text-align: right; border-bottom: 1px solid #e2e2
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 thead th { border-bottom: 1px solid #999; font-weight: 600; vertical-align: bottom; }
 tbody th { font-weight: 400; }
+.many { font-size: .75rem; } .many :is(th, td) { padding-inline: .3rem 0; } .many tbody th { white-space: normal; }
 tr.front { background: #eef5fb; }
 tr.failed td, tr.failed th { color: #8a2b06; }
 th button { font: inherit; color: inherit; background: none; border: 0; padding: 0; cursor: pointer; min-height: 24px; }
@@ -47,7 +48,21 @@ figure svg { display: block; width: 100%; height: auto; }
 .note { color: #444; font-size: .875rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem; font-size: .875rem; }
 dd { margin: 0; }
+.kept { white-space: nowrap; }
 @media (max-width: 700px) { .wide { display: none; } .narrow { display: block; } body { padding: .5rem .9rem 2rem; } }
+@media screen and (max-width: 700px) {
+  table { white-space: normal; overflow-wrap: normal; } th, td { padding-inline: .3rem; }
+  /* a row of many columns is a block: its name, and below it each value under the head of its column; heads that sort stay */
+  .many, .many caption, .many :is(thead, tbody) { display: block; } .many thead:not(:has(button)) { display: none; }
+  .many thead tr { display: flex; flex-wrap: wrap; gap: 0 .9rem; } .many thead th { border: 0; padding: 0; }
+  .many tbody tr { display: grid; grid-template-columns: repeat(auto-fill, minmax(5rem, 1fr)); gap: .2rem .6rem; align-items: end;
+    padding: .45rem 0; border-bottom: 1px solid #999; }
+  .scroll:has(.many) { width: auto; border: 0; } .many { font-size: .8rem; }
+  .many tbody :is(th, td) { border: 0; padding: 0; text-align: left; line-height: 1.3; }
+  .many td:empty { display: none; }
+  .many tbody th { grid-column: 1 / -1; font-weight: 600; }
+  .many td::before { content: attr(data-label); display: block; opacity: .75; }
+}
 @media screen and (prefers-color-scheme: dark) {
   :root { --ground: #16181b; } body { color: #e4e4e4; } a { color: #7cc0f5; } caption, .note { color: #b5b5b5; }
   th, td { border-bottom-color: #34383d; } .scroll, thead th { border-bottom-color: #777; }
@@ -67,7 +82,7 @@ def document(title: str, style: str, parts: Sequence[str], script: str = "") -> 
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
             f"<title>{escape(title)}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n<main>\n"
-            f"<h1>{escape(title)}</h1>\n{''.join(parts)}</main>\n{scripts}</body>\n</html>\n")
+            f"<h1>{escape(title)}</h1>\n{whole(''.join(parts))}</main>\n{scripts}</body>\n</html>\n")
 
 
 def section(name: str, title: str, content: str) -> str:
@@ -80,12 +95,12 @@ def bullets(lines: Sequence[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(line)}</li>\n" for line in lines) + "</ul>\n"
 
 
-def html_table(labelled_by: str, head: str, rows: Sequence[str], caption: str = "", attributes: str = "") -> str:
+def html_table(labelled_by: str, head: str, rows: Sequence[str], caption: str = "", kind: str = "") -> str:
     """A table that scrolls in its own box, also by keyboard. labelled_by: id of the heading that names it; head, rows: HTML of
-    the table rows; attributes: of the <table> element."""
+    the table rows; kind: class of the <table> element."""
     captions = f"<caption>{escape(caption)}</caption>" if caption else ""
-    return (f'<div class="scroll" role="region" aria-labelledby="{labelled_by}" tabindex="0"><table{attributes}>'
-            f"{captions}<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody></table></div>\n")
+    table = f'<table class="{kind}">{captions}<thead><tr>{head}</tr></thead>\n<tbody>\n{"".join(rows)}</tbody></table>'
+    return f'<div class="scroll" role="region" aria-labelledby="{labelled_by}" tabindex="0">{labelled(table)}</div>\n'
 
 
 def html_row(label: str, cells: Sequence[str], attributes: str = "") -> str:

@@ -29,6 +29,7 @@ def m():
 
 
 def shown(html):
+    html = re.sub(r'<span class="kept">([^<]*)</span>', r"\1", html)  # numbers that stay on one line
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", html)).split())
 
 

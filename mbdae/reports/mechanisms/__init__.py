@@ -126,7 +126,7 @@ def curve(x: Any, period: float, under: str, item: str, force: Any, dots: Any) -
             drawing.line([(float(a), float(b)) for a, b in piece], "#0072b2", 1.5)
     for i in range(0, len(x), max(1, len(x) // 40)):
         a, b = (at[i] - low) / size * wide, high * (1 - dots[i] / top)
-        drawing.line([(a + 3 * np.cos(w), b + 3 * np.sin(w)) for w in np.linspace(0, 2 * np.pi, 13)], "#d55e00")
+        drawing.line([(a + 3 * np.cos(w), b + 3 * np.sin(w)) for w in np.linspace(0, 2 * np.pi, 13)], "#bf5400")
     drawing.text(0, -8, f"{top:.4g} N", "start")
     drawing.text(wide, high + 18, f"{low + size:.4g}", "end")
     drawing.text(wide / 2, high + 18, under)
