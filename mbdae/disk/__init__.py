@@ -21,7 +21,6 @@ import stat
 import sys
 import time
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -274,7 +273,7 @@ def surroundings() -> str:
     """A hash of code, versions and machine; "" where one of them cannot be determined, so that nothing is stored."""
     try:
         parts = [sources(PACKAGE), *releases(), *machine()]
-    except (OSError, ImportError, AttributeError):
+    except (OSError, ImportError, LookupError):
         return ""
     return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()
 
@@ -292,10 +291,11 @@ def releases() -> list[str]:
 
 def machine() -> list[str]:
     """Operating system, processor type and its instruction sets."""
-    features_of: Any = import_module("numpy._core._multiarray_umath")
+    import numpy
+
+    features: Any = numpy.show_config(mode="dicts")
     kind = os.uname().machine if hasattr(os, "uname") else os.environ.get("PROCESSOR_IDENTIFIER", "")
-    features = sorted(name for name, there in features_of.__cpu_features__.items() if there)
-    return [sys.platform, sys.byteorder, str(sys.maxsize), kind, *features, *_processor()]
+    return [sys.platform, sys.byteorder, str(sys.maxsize), kind, repr(features["SIMD Extensions"]), *_processor()]
 
 
 def _processor() -> list[str]:

@@ -170,7 +170,7 @@ def _short(text: str) -> str:
 def code_key(symbols: Sequence[Any], expressions: Sequence[Any], level: int | None) -> str | None:
     """The key of compiled code, computed from symbols and expressions (not from a law) and from the compiler's optimisation
     level; None where nothing is stored."""
-    if not store().used:
+    if not (store().used and surroundings()):
         return None
     try:
         return key_of("code", Digests().of([list(symbols), list(expressions), level]))

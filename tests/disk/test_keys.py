@@ -240,6 +240,7 @@ def test_any_change_of_the_sources_changes_their_hash(kept, tmp_path):
 
 def test_releases_and_processor_are_in_every_key(kept, monkeypatch):
     first = around.surroundings()
+    assert first, "what is derived and compiled is stored with every release of the libraries that is supported"
     for name in ("releases", "machine", "sources"):
         around.surroundings.cache_clear()
         with monkeypatch.context() as m:
