@@ -28,6 +28,7 @@ import tarfile
 import tempfile
 import time
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -225,6 +226,8 @@ def tried(name: str, folder: Path, whole: bool, smoke: bool = False) -> Outcome:
     if base is None:
         outcome.said = "not found: no such Python, or without its module venv"
         return outcome
+    if (folder / name).exists():
+        shutil.rmtree(folder / name)
     environment = Environment(folder / name)
     try:
         extra, needed = "" if smoke else "dev" if name == TOOLS else "test", {*requirements(stated), "hatchling"}
@@ -271,11 +274,10 @@ def main() -> int:
     folder = Path(a.keep or tempfile.mkdtemp(prefix="mbdae-versions-")).resolve()
     outcomes = []
     try:
-        for name in a.names or (SMOKED if a.smoke else KNOWN):
-            if (folder / name).exists():
-                shutil.rmtree(folder / name)
-            outcomes.append(tried(name, folder, a.whole, a.smoke))
-            print(f"{outcomes[-1].name}: {outcomes[-1].said}", flush=True)
+        with ThreadPoolExecutor(2 if a.smoke else 1) as pool:  # tests take all processors by themselves
+            for done in pool.map(lambda name: tried(name, folder, a.whole, a.smoke), a.names or (SMOKED if a.smoke else KNOWN)):
+                outcomes.append(done)
+                print(f"{done.name}: {done.said}", flush=True)
     finally:
         if a.keep is None:
             shutil.rmtree(folder, ignore_errors=True)
