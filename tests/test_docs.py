@@ -97,7 +97,7 @@ def made_pages() -> set[str]:
 
 def test_every_public_name_is_in_the_reference() -> None:
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "reference").glob("*.md"))
-    named = set(re.findall(r"^.. auto\w+:: mbdae\.(\w+)$", text, re.MULTILINE))
+    named = set(re.findall(r"^\.\. (?:auto\w+|py:data):: mbdae\.(\w+)$", text, re.MULTILINE))
     assert named == set(mb.__all__)
 
 
