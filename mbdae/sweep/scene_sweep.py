@@ -38,7 +38,7 @@ from mbdae.system.prepare import modelled
 from mbdae.system.scene_system import begun
 from mbdae.values import option, sequence, shown, text, whole
 
-FORMAT = "mbdae sweep of a scene 6"
+FORMAT = "mbdae sweep of a scene 7"
 #: largest number of points per part: PART in native batches, ALONE where every point is a run of its own; a part that failed is
 #: divided into PIECES
 PART, ALONE, PIECES = 512, 8, 8
@@ -117,14 +117,23 @@ class SceneSweep(ListsAttributes):
 
     def peaks(self, name: str) -> Peaks:
         """The largest magnitudes of a quantity that was asked for; OptionError for another one."""
+        return Peaks(*self._read_peaks(name)[:3])
+
+    def errors(self, name: str) -> Array:
+        """Estimated errors of a quantity that was asked for, over the run of every point, in its unit, on the grid; nan where
+        they are not known. OptionError for another quantity; `estimate` has the errors of the motion."""
+        return np.asarray(self._read_peaks(name)[3])
+
+    def _read_peaks(self, name: str) -> list[Array]:
+        """Largest magnitudes of a quantity, their times, their errors, and the errors over the run, each on the grid."""
         name = option("name", name, text, "give a quantity of `of`")
         if name not in self.of:
             raise OptionError(f"name = '{name}' was not asked for: there are {', '.join(self.of) or 'none'}; give mb.sweep(..., "
                               f"of=['{name}'])")
-        out = np.full((len(self.grid), 3), np.nan)
+        out = np.full((len(self.grid), 4), np.nan)
         for (first, last), part in self._all():
             out[first:last] = part["peaks"][:, self.of.index(name)]
-        return Peaks(*(column.reshape(self.grid.shape) for column in out.T))
+        return [column.reshape(self.grid.shape) for column in out.T]
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row for every point: its numbers, the estimated error of the run, of every quantity asked for
@@ -304,7 +313,7 @@ def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[in
 def _failed(error: str | None, outputs: int, quantities: int) -> dict[str, Any]:
     """The results of a part that consists of one failed point."""
     return {"names": [], "y": np.full((1, outputs, 0), np.nan), "estimate": np.array([np.nan]), "errors": [error], "warnings": {},
-            "of": {}, "peaks": np.full((1, quantities, 3), np.nan)}
+            "of": {}, "peaks": np.full((1, quantities, 4), np.nan)}
 
 
 def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, str]:

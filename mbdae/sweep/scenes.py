@@ -283,21 +283,21 @@ def _batches(job: SceneJob) -> Batches:
 def solved(job: SceneJob, values: Array) -> dict[str, Any]:
     """Run the points (k, names). Returns {"names": of the unknowns, "y": (k, m, n) at the outputs, "estimate": (k,) of the error,
     "errors": message of every point that failed, else None, "warnings": by the number of the point, "of": {quantity:
-    (k, m, ...)}, "peaks": (k, quantities, 3) with values, times (s) and errors}."""
+    (k, m, ...)}, "peaks": (k, quantities, 4) with values, times (s), errors, errors over the run}."""
     if job.lines is None:
         return _each(job, values)
     batches = _batches(job)
     runs = batches.run(numbers=batches.read(job.numbers(values)))
     warned = {str(i): text for i, text in runs.warnings.items() if runs.batch.errors[i] is None}
     return {"names": list(runs.names), "y": runs.batch.y, "estimate": runs.estimate, "errors": list(runs.batch.errors),
-            "warnings": warned, "of": {}, "peaks": np.zeros((len(values), 0, 3))}
+            "warnings": warned, "of": {}, "peaks": np.zeros((len(values), 0, 4))}
 
 
 def _each(job: SceneJob, values: Array) -> dict[str, Any]:
     """The same results as of `solved`, by one scene and one run per point."""
     names: tuple[str, ...] = ()
     errors, warned, y = list[str | None](), dict[str, str](), list[Any]()
-    estimate, peaks = np.full(len(values), np.nan), np.full((len(values), len(job.of), 3), np.nan)
+    estimate, peaks = np.full(len(values), np.nan), np.full((len(values), len(job.of), 4), np.nan)
     read: dict[str, list[Any]] = {name: [] for name in (*job.of, *(by(q, p, x) for q in job.of for p in job.to for x in SLOPES))}
     for i, point in enumerate(values):
         y.append(None)
@@ -310,7 +310,7 @@ def _each(job: SceneJob, values: Array) -> dict[str, Any]:
                                            of=list(job.of) or None, derivatives=bool(job.to), **job.options)
                 for k, name in enumerate(job.of):
                     read[name][i], peak = r.value(name), r.peak(name, t=r.solution.t[[0, -1]])  # of the whole run
-                    peaks[i, k] = peak.value, peak.t, np.nan if peak.error is None else peak.error
+                    peaks[i, k] = np.array([peak.value, peak.t, peak.error, r.error(name)], dtype=float)
             slopes, told = _slopes(r, job) if job.to else ({}, [])
             for name in slopes:
                 read[name][i] = slopes[name]

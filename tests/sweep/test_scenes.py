@@ -83,7 +83,10 @@ def test_quantities_are_read_of_every_run_with_their_peaks(tmp_path):
     assert not found.batched
     assert found.array("A.force").shape == (3, 2, 3)
     r = changed(arm(), "a.mass", 1.7)[0].simulate(1.0, accuracy=1e-9, outputs=OUTPUTS)
-    np.testing.assert_allclose(found.array("A.force")[1], r["A"].force, atol=2e-5)  # of 43 N
+    off, errors = np.max(np.linalg.norm(found.array("A.force")[1] - r["A"].force, axis=1)), found.errors("A.force")
+    assert off <= errors[1] < 2e-5  # of 43 N
+    assert np.isfinite(errors[0])
+    assert np.isnan(errors[2])
     value, t, error = (column[1] for column in found.peaks("B.angle - A.angle"))
     best = r.peak("B.angle - A.angle")
     assert abs(value - best.value) <= error < 1e-6
@@ -96,7 +99,7 @@ def test_quantities_are_read_of_every_run_with_their_peaks(tmp_path):
     again = here(arm(), grid, accuracy=1e-6, of=["A.force", "B.angle - A.angle"], resume=tmp_path)
     np.testing.assert_array_equal(again.array("A.force"), found.array("A.force"))
     with pytest.raises(mb.OptionError, match="was not asked for"):
-        found.peaks("A.torque")
+        found.errors("A.torque")
     assert "there is no sensor" in here(arm(), {"a.mass": [1.0]}, of="A.nothing").failures[0]
 
 
