@@ -120,9 +120,14 @@ class Sweep(ListsAttributes):
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row for every point: its numbers, the values that the job returned (of an array every entry,
-        of a peak its error too), why the point failed, and its warnings."""
-        told = [{"failure": row.error or "", "warnings": "\n".join(row.warnings)} for row in self.rows]
-        table = [row.point | _entries("", row.values or {}) | said for row, said in zip(self.rows, told, strict=True)]
+        of a peak its error too), why the point failed, and its warnings. A value that is named as one of the other columns
+        stands in "... returned"."""
+        table = []
+        for row in self.rows:
+            others = row.point | {"failure": row.error or "", "warnings": "\n".join(row.warnings)}
+            returned = _entries("", row.values or {}).items()
+            values = {f"{name} returned" if name in others else name: value for name, value in returned}
+            table.append(row.point | values | others)
         return library("pandas").DataFrame(table)
 
     def __repr__(self) -> str:

@@ -27,6 +27,15 @@ import jobs
 GRID = {"a": [1, 2, 3], "b": np.linspace(0, 1, 2)}
 
 
+def test_a_table_keeps_what_is_returned_under_the_name_of_another_column() -> None:
+    pytest.importorskip("pandas")
+    frame = mb.sweep(lambda a: {"a": 2 * a, "failure": 7}, {"a": [1, 2]}, ThreadPoolExecutor(1)).to_dataframe()
+    assert list(frame["a"]) == [1, 2]
+    assert list(frame["a returned"]) == [2, 4]
+    assert list(frame["failure returned"]) == [7, 7]
+    assert list(frame["failure"]) == ["", ""]
+
+
 def test_rows_arrays_and_failures() -> None:
     seen: list[tuple[int, int]] = []
     found = mb.sweep(jobs.product, GRID, workers=2, progress=lambda done, total: seen.append((done, total)))
