@@ -117,7 +117,8 @@ def continued(story: Story, base: Result) -> Other | None:
         return None
     later = round(0.7 * story.t_end, 6)
     still = tuple(_still(a) for a in story.statements if a.verb not in ("force", "torque", "contact", "own"))
-    before = attempt(story.but(gravity=(0.0, 0.0, 0.0), statements=still, t_end=later, options={}))
+    space = "planar" if base.prepared.model.planar else "spatial"  # it may rest in the plane, and leave it later
+    before = attempt(story.but(gravity=(0.0, 0.0, 0.0), statements=still, t_end=later, options={}, space=space))
     if isinstance(before, Verdict):
         return before, NONE, False
     shifted = story.but(t_end=story.t_end + later, statements=tuple(_later(a, later) for a in story.statements))
