@@ -87,7 +87,7 @@ def circle(of: dict[str, set[str]]) -> list[str]:
 
 
 def test_the_page_on_the_architecture_has_these_layers() -> None:
-    page = (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parent.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
     lines = page.rpartition("```text\n")[2].partition("```")[0].splitlines()
     assert [set(line.partition("   ")[0].split(", ")) for line in lines] == [
         names for names in LAYERS if names not in ({"__main__"}, {"__init__"})]

@@ -49,7 +49,8 @@ def test_unknown_name() -> None:
 ])
 def test_a_run_imports_neither_scipy_nor_masked_arrays(statement: str, t_end: float) -> None:
     """Stiff, flexible and with contacts: SciPy takes 0.1 to 0.2 s to be imported, as long as many runs."""
-    code = f"import sys; sys.path.insert(0, 'examples'); {statement}; scene().simulate({t_end}, accuracy=1e-3)"
+    examples = str(Path(__file__).parent.parent / "examples")
+    code = f"import sys; sys.path.insert(0, {examples!r}); {statement}; scene().simulate({t_end}, accuracy=1e-3)"
     code += "; print([m for m in ('scipy', 'numpy.ma', 'numpy.random') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[]"

@@ -314,7 +314,8 @@ def _converged(system: SceneSystem, directions: Departures, period: float, ends:
 def _in_steps(system: SceneSystem, directions: Departures, period: float, ends: Array) -> Monodromy:
     orbit = followed(system, period, ends)
     matrix = directions.read(propagated(system, orbit, directions.start))
-    values, left, vectors = scipy.linalg.eig(matrix, left=True)
+    found: Any = scipy.linalg.eig(matrix, left=True) if len(matrix) else (np.zeros(0), matrix, matrix)  # of 0 rows: SciPy 1.14
+    values, left, vectors = found
     overlap = np.maximum(np.abs(np.einsum("nk,nk->k", left.conj(), vectors)), np.finfo(float).eps)
     rounding = 4 * np.finfo(float).eps * np.linalg.norm(matrix) / overlap / np.maximum(np.abs(values), np.finfo(float).tiny)
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))

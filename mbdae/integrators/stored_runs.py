@@ -42,8 +42,9 @@ def write_tree(path: Path, tree: Tree) -> None:
     arrays: dict[str, Any] = {}
     text = json.dumps(packed(tree, arrays))
     arrays[DIGEST] = np.frombuffer(_digest(text, arrays), dtype=np.uint8)
+    arrays[TEXT] = np.frombuffer(text.encode(), dtype=np.uint8)
     with replacing(path) as part, part.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays, **{TEXT: np.frombuffer(text.encode(), dtype=np.uint8)})
+        np.savez(file, **arrays)
 
 
 def read_tree(path: Path) -> Tree:

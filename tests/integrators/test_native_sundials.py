@@ -23,12 +23,12 @@ from mbdae.errors import OptionError, SolverError
 from mbdae.formulations import system_for
 from mbdae.integrators.constant import rate_jacobian
 from mbdae.native import sundials, sundials_library
-from mbdae.native.build import HERE
 from mbdae.native.equations import CEquations, Equations, Pointer
 from mbdae.process import Signals
 from mbdae.system.dae import DAE
 from mbdae.system.prepare import prepare
 
+HERE = Path(__file__).parents[2] / "mbdae" / "native"  #: sources in C, which a wheel leaves out
 posix = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="timers of POSIX")
 
 HARMONIC = """
