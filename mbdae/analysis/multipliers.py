@@ -314,7 +314,8 @@ def _converged(system: SceneSystem, directions: Departures, period: float, ends:
 def _in_steps(system: SceneSystem, directions: Departures, period: float, ends: Array) -> Monodromy:
     orbit = followed(system, period, ends)
     matrix = directions.read(propagated(system, orbit, directions.start))
-    found: Any = scipy.linalg.eig(matrix, left=True) if len(matrix) else (np.zeros(0), matrix, matrix)  # of 0 rows: SciPy 1.14
+    # SciPy below 1.14 finds no eigenvalues of a matrix without rows, as of a motion without freedoms
+    found: Any = scipy.linalg.eig(matrix, left=True) if len(matrix) else (np.zeros(0), matrix, matrix)
     values, left, vectors = found
     overlap = np.maximum(np.abs(np.einsum("nk,nk->k", left.conj(), vectors)), np.finfo(float).eps)
     rounding = 4 * np.finfo(float).eps * np.linalg.norm(matrix) / overlap / np.maximum(np.abs(values), np.finfo(float).tiny)

@@ -101,6 +101,7 @@ def glb(film: Film, meshed: frozenset[str]) -> bytes:
     upright = Rotation.align_vectors([[0, 1, 0]], [-seen.gravity])[0] if not seen.planar and np.any(seen.gravity) else \
         Rotation.from_euler("x", 0 if seen.planar else -90, degrees=True)
     root = file.parts["nodes"][file.add("nodes", name=seen.name, rotation=upright.as_quat().tolist())]
+    # copies: SciPy below 1.14 takes no arrays that are read-only
     turns = {name: _steady(Rotation.from_matrix(np.array(pose.rotation))) for name, pose in seen.poses.items()}
     bodies = {name: file.node(name, root, {"translation": pose.position, "rotation": turns[name]})
               for name, pose in seen.poses.items()}
